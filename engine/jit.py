@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one decorator every compiled function wears, and where its machine code is kept.
+
+`kernel` differs from a bare `numba.njit` in three ways:
+
+- a float literal in a kernel is float32 (numba would promote every expression it touches to float64);
+- divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
+- the cache on disk is keyed by the sources a kernel is made of, imports included: numba's own cache does not see
+  an edited callee in another file.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+#: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
+#: never occur: rejects are counted by looking for them.
+SAFE_FASTMATH = frozenset({"contract", "reassoc", "arcp", "nsz", "afn"})
+
+_PACKAGE = __package__ or "engine"
+_ROOT = Path(__file__).resolve().parent
+
+
+def cache_root() -> Path:
+    """Folder of compiled kernels: `NEURALGUIDE_KERNEL_CACHE`, else the user's cache folder."""
+    chosen = os.environ.get("NEURALGUIDE_KERNEL_CACHE")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
+    return Path(base) / "neuralguide" / "kernels"
+
+
+@cache
+def _module_file(name: str) -> Path | None:
+    """Source file of `name` if it belongs to the engine, else None."""
+    if not name.startswith(_PACKAGE):
+        return None
+    parts = name.removeprefix(_PACKAGE).strip(".")
+    base = _ROOT.joinpath(*parts.split(".")) if parts else _ROOT
+    for file in (base.with_suffix(".py"), base / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
+
+
+@cache
+def _imports(name: str) -> frozenset[str]:
+    """Engine modules that module `name` imports, read from its source without running it."""
+    file = _module_file(name)
+    if file is None:
+        return frozenset()
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            relative = "." * node.level + (node.module or "")
+            base = importlib.util.resolve_name(relative, package) if node.level else node.module or ""
+            found.add(base)
+            found.update(f"{base}.{alias.name}" for alias in node.names)
+    return frozenset(module for module in found if _module_file(module) is not None)
+
+
+@cache
+def source_hash(name: str) -> str:
+    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed."""
+    seen: set[str] = set()
+    pending = [name]
+    while pending:
+        module = pending.pop()
+        if module not in seen:
+            seen.add(module)
+            pending.extend(_imports(module))
+    digest = hashlib.sha256(f"{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
+    for module in sorted(seen):
+        file = _module_file(module)
+        if file is not None:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _float32_constants(value: Any) -> Any:
+    if type(value) is float:
+        return np.float32(value)
+    if type(value) is tuple:
+        return tuple(_float32_constants(item) for item in value)
+    return value
+
+
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    forceinline: bool = False,
+    fastmath: frozenset[str] | bool = SAFE_FASTMATH,
+    float64_literals: bool = False,
+) -> Any:
+    """Compile a function with numba; see the module's docstring for what differs from `numba.njit`.
+
+    Parameters
+    ----------
+    function : callable
+        Plain Python over scalars, tuples and arrays; it must not raise.
+    forceinline : bool
+        Ask LLVM to inline every call: for helpers that take many arrays and are called from one or two places.
+    fastmath : set of str or bool
+        LLVM fast-math flags, if `SAFE_FASTMATH` does not suit.
+    float64_literals : bool
+        Leave float literals double: for the few kernels that accumulate in float64.
+    """
+
+    def decorate(target: Callable[..., Any]) -> Any:
+        if not float64_literals:
+            code = target.__code__
+            target.__code__ = code.replace(co_consts=_float32_constants(code.co_consts))
+        module = target.__module__
+        previous = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{source_hash(module)}")
+        try:
+            return numba.njit(
+                nogil=True,
+                cache=True,
+                error_model="numpy",
+                fastmath=set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
+                forceinline=forceinline,
+            )(target)
+        finally:
+            numba.config.CACHE_DIR = previous
+
+    return decorate if function is None else decorate(function)

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""float32 constants for kernels (a global float would be float64; a literal inside a kernel is float32 already)."""
+
+import numpy as np
+
+PI = np.float32(np.pi)
+TWO_PI = np.float32(2.0 * np.pi)
+HALF_PI = np.float32(0.5 * np.pi)
+INV_PI = np.float32(1.0 / np.pi)
+INV_TWO_PI = np.float32(0.5 / np.pi)
+INV_FOUR_PI = np.float32(0.25 / np.pi)
+INFINITY = np.float32(np.inf)
+FLOAT_MAX = np.float32(3.4e38)
+ONE_MINUS_EPSILON = np.float32(1.0 - 2.0**-24)
+
+#: Rec.709 luminance weights.
+LUMINANCE_R = np.float32(0.2126729)
+LUMINANCE_G = np.float32(0.7151522)
+LUMINANCE_B = np.float32(0.0721750)

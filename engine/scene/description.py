@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a host hands to the engine: plain data, no Blender type, in Blender's own units and conventions.
+
+World space is right-handed with z up; matrices are float32 (4, 4), object to world, acting on column vectors; colours
+are linear in the scene's working space (Rec.709 unless the host says otherwise); row 0 of an image is its bottom.
+`engine.scene.build` validates a `SceneDescription` and flattens it into the arrays that kernels read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Float32Array = npt.NDArray[np.float32]
+Int32Array = npt.NDArray[np.int32]
+Uint32Array = npt.NDArray[np.uint32]
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
+
+VISIBLE_CAMERA = 1
+VISIBLE_DIFFUSE = 2
+VISIBLE_GLOSSY = 4
+VISIBLE_TRANSMISSION = 8
+VISIBLE_VOLUME = 16
+VISIBLE_SHADOW = 32
+VISIBLE_ALL = 63
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something that could not be exported as it is, and what was done instead.
+
+    `subject` names the object, material and node ("Cube / Glass / Wave Texture"), `problem` what is not supported,
+    `fallback` what the picture shows instead. Reported once each at the end of export.
+    """
+
+    subject: str
+    problem: str
+    fallback: str
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Materials: a host-neutral node graph, compiled by `engine.shaders.compiler`.
+
+
+@dataclass(frozen=True)
+class Link:
+    """Reference to output `output` (socket identifier) of node `node` (index into `NodeGraph.nodes`)."""
+
+    node: int
+    output: str
+
+
+@dataclass
+class Node:
+    """One node: groups, reroutes, frames and muted nodes are already resolved by the host.
+
+    Attributes
+    ----------
+    kind : str
+        The host's node type, such as `'ShaderNodeBsdfPrincipled'`.
+    name : str
+        Shown in messages.
+    inputs : dict
+        Socket identifier to `Link`, or to its unlinked value: float, or tuple of 3 or 4 floats, int, bool or str.
+        A socket of type vector that is unlinked and takes a default from the surface (Normal, texture coordinates)
+        is absent. A socket identifier is Blender 5.0's `socket.identifier` (older hosts translate).
+    properties : dict
+        The node's own settings by their RNA names (`operation`, `blend_type`, `interpolation`, ...); ramps and
+        curves as float32 tables under `'ramp'` (256, 4) and `'curves'` (256, 3 or 4), images as an index into
+        `SceneDescription.images` under `'image'` (-1 = missing).
+    """
+
+    kind: str
+    name: str
+    inputs: dict[str, Any] = field(default_factory=dict)
+    properties: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class NodeGraph:
+    """A material's, light's or world's nodes. `surface` is None where nothing is linked to the output."""
+
+    nodes: list[Node] = field(default_factory=list)
+    surface: Link | None = None
+    volume: Link | None = None
+    displacement: Link | None = None
+
+
+@dataclass
+class Material:
+    """A surface material. `key` is stable between frames; `graph` None means Blender's default grey diffuse."""
+
+    key: Hashable
+    name: str
+    graph: NodeGraph | None
+    pass_index: int = 0
+    use_backface_culling: bool = False
+    use_bump_map_correction: bool = True
+    use_transparent_shadow: bool = True
+    #: 'AUTO', 'NONE', 'FRONT', 'BACK', 'FRONT_BACK': whether emission is sampled as a light.
+    emission_sampling: str = "AUTO"
+
+
+@dataclass
+class Image:
+    """Pixels of an image texture.
+
+    Attributes
+    ----------
+    pixels : uint8 or float32, shape (height, width, 4), row 0 at the bottom
+        Straight or associated alpha as `is_associated` says.
+    encoding : str
+        How stored values become scene-linear: `'LINEAR'` (they are), `'SRGB'` (after filtering, as Cycles does with
+        byte images) or `'RAW'` (non-colour data).
+    """
+
+    key: Hashable
+    name: str
+    pixels: npt.NDArray[np.uint8] | Float32Array
+    encoding: str = "SRGB"
+    is_associated: bool = False
+    alpha_mode: str = "STRAIGHT"
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Geometry
+
+
+@dataclass
+class Attribute:
+    """Values on a mesh. `domain` is 'POINT', 'FACE' (triangle), 'CORNER' (3 per triangle) or 'MESH' (one value).
+
+    data : float32, shape (vertices | triangles | 3 * triangles | 1, 1..4)
+    """
+
+    domain: str
+    data: Float32Array
+
+
+@dataclass
+class Mesh:
+    """Triangles in object space, shared by any number of instances.
+
+    Attributes
+    ----------
+    key : hashable
+        Changes whenever the content does; equal keys in two frames mean nothing needs rebuilding.
+    vertices : float32 (V, 3)
+    triangles : uint32 (T, 3)
+    corner_normals : float32 (T, 3, 3) or None
+        Unit split normals; None where every face is flat.
+    material_slots : int32 (T,)
+        Index into the material list of the instance.
+    attributes : dict
+        By name; UV maps are `CORNER` attributes of width 2, tangents for map `X` are `'X.tangent'`, width 4.
+    default_uv, default_color : str
+        Names of the render-active UV map and colour attribute, '' if none.
+    texture_space : float32 (2, 3)
+        Centre and half size of Blender's texture space, for Generated coordinates.
+    """
+
+    key: Hashable
+    name: str
+    vertices: Float32Array
+    triangles: Uint32Array
+    corner_normals: Float32Array | None
+    material_slots: Int32Array
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+    default_uv: str = ""
+    default_color: str = ""
+    texture_space: Float32Array | None = None
+
+
+@dataclass
+class Instances:
+    """Every appearance of a mesh, structure of arrays, N instances."""
+
+    mesh: Int32Array  # (N,) index into SceneDescription.meshes
+    transform: Float32Array  # (N, 4, 4) object to world
+    material_offset: Int32Array  # (N,) first entry in `materials` for this instance; slots follow
+    materials: Int32Array  # indices into SceneDescription.materials, -1 = default material
+    visibility: Uint32Array  # (N,) VISIBLE_* bits
+    pass_index: Int32Array  # (N,) object index pass
+    random: Float32Array  # (N,) in [0, 1): Object Info > Random
+    color: Float32Array  # (N, 4) object colour, linear
+    is_holdout: npt.NDArray[np.bool_]  # (N,)
+    name: list[str]  # (N,) object names, for messages
+    #: (N, 3) Generated and UV coordinates of the instancer (particles, geometry nodes), zero elsewhere.
+    dupli_generated: Float32Array
+    dupli_uv: Float32Array  # (N, 2)
+    is_shadow_catcher: npt.NDArray[np.bool_]  # (N,)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Lights: Blender's units; engine.scene.lights converts.
+
+
+@dataclass
+class Light:
+    """A light object.
+
+    Attributes
+    ----------
+    kind : str
+        'POINT', 'SPOT', 'SUN' or 'AREA'.
+    transform : float32 (4, 4)
+        Local -z is the direction of emission.
+    color : tuple of 3 floats
+        Linear, temperature and exposure already multiplied in.
+    energy : float
+        [W], or [W m^-2] for suns.
+    is_normalized : bool
+        False: `energy` does not shrink as the light grows (Blender 4.5's "Normalize" unchecked).
+    radius : float
+        [m] soft size of points and spots.
+    angle : float
+        [rad] angular diameter of suns.
+    spot_angle, spot_blend : float
+        [rad] full cone angle, and blend in [0, 1].
+    shape : str
+        Area: 'SQUARE', 'RECTANGLE', 'DISK' or 'ELLIPSE', of `size_x` by `size_y` [m] before the transform.
+    spread : float
+        [rad] area: pi = all directions.
+    graph : NodeGraph or None
+        Emission multiplies the light's strength; None = plain.
+    """
+
+    key: Hashable
+    name: str
+    kind: str
+    transform: Float32Array
+    color: tuple[float, float, float]
+    energy: float
+    is_normalized: bool = True
+    radius: float = 0.0
+    angle: float = 0.0
+    spot_angle: float = 0.785
+    spot_blend: float = 0.15
+    shape: str = "SQUARE"
+    size_x: float = 1.0
+    size_y: float = 1.0
+    spread: float = float(np.pi)
+    use_soft_falloff: bool = True
+    cast_shadow: bool = True
+    use_mis: bool = True
+    max_bounces: int = 1024
+    visibility: int = VISIBLE_ALL
+    graph: NodeGraph | None = None
+    random: float = 0.0
+
+
+@dataclass
+class World:
+    """Background. `color` is used where `graph` is None."""
+
+    key: Hashable
+    name: str
+    graph: NodeGraph | None
+    color: tuple[float, float, float] = (0.05, 0.05, 0.05)
+    visibility: int = VISIBLE_ALL & ~VISIBLE_SHADOW
+    #: 'AUTOMATIC', 'MANUAL' or 'NONE': how the world is importance sampled, and the map's width when manual.
+    sampling: str = "AUTOMATIC"
+    map_resolution: int = 1024
+    max_bounces: int = 1024
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Camera and frame
+
+
+@dataclass
+class Camera:
+    """Blender's camera; `engine.scene.camera` turns it into rays as Cycles does.
+
+    transform : float32 (4, 4), camera to world, looking along local -z, without scale.
+    """
+
+    kind: str = "PERSP"  # 'PERSP', 'ORTHO' or 'PANO_EQUIRECTANGULAR'
+    transform: Float32Array = field(default_factory=lambda: np.eye(4, dtype=np.float32))
+    lens: float = 50.0  # [mm]
+    sensor_width: float = 36.0  # [mm]
+    sensor_height: float = 24.0  # [mm]
+    sensor_fit: str = "AUTO"  # 'AUTO', 'HORIZONTAL' or 'VERTICAL'
+    ortho_scale: float = 6.0  # [m]
+    shift_x: float = 0.0
+    shift_y: float = 0.0
+    clip_start: float = 0.1
+    clip_end: float = 1000.0
+    use_dof: bool = False
+    focus_distance: float = 10.0  # [m]
+    aperture_fstop: float = 2.8
+    aperture_blades: int = 0
+    aperture_rotation: float = 0.0  # [rad]
+    aperture_ratio: float = 1.0
+    #: Equirectangular ranges [rad].
+    latitude_min: float = float(-np.pi / 2)
+    latitude_max: float = float(np.pi / 2)
+    longitude_min: float = float(-np.pi)
+    longitude_max: float = float(np.pi)
+
+
+@dataclass
+class Frame:
+    """The image: `width` x `height` full pixels, of which the engine renders the region (x0, y0, x1, y1).
+
+    y counts from the bottom. Without a border the region is the whole image.
+    """
+
+    width: int
+    height: int
+    region: tuple[int, int, int, int]
+    pixel_aspect_x: float = 1.0
+    pixel_aspect_y: float = 1.0
+    exposure: float = 1.0  # film exposure: a factor on radiance
+
+
+@dataclass
+class SceneDescription:
+    """One view layer at one frame."""
+
+    camera: Camera
+    frame: Frame
+    meshes: list[Mesh]
+    instances: Instances
+    materials: list[Material]
+    images: list[Image]
+    lights: list[Light]
+    world: World | None
+    notices: list[Notice] = field(default_factory=list)
+    working_space: str = "Rec.709"
+    #: 3x3 from the working space to CIE XYZ (D65), for blackbody and luminance; None means Rec.709.
+    to_xyz: Float32Array | None = None
+    frame_current: float = 0.0

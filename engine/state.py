@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one schema of per-path data: structure-of-arrays batches, one per thread, allocated once.
+
+`channels` is a tuple whose *length* is the spectrum's width (3 for RGB, 4 for hero wavelengths). Numba types a tuple by
+its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.scene.arrays import Float32Array, Int32Array, Uint32Array
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Path flags (bits of PathState.flags). The first five are the visibility bits of scene.description.
+
+RAY_CAMERA = 1
+RAY_DIFFUSE = 2
+RAY_GLOSSY = 4
+RAY_TRANSMIT = 8
+RAY_VOLUME = 16
+RAY_SHADOW = 32
+RAY_VISIBILITY = 63
+RAY_REFLECT = 64
+RAY_SINGULAR = 128
+#: Passed through a transparent surface since the last scattering.
+RAY_TRANSPARENT = 256
+#: The last scattering was a delta lobe or the camera: emission it finds is counted whole, no MIS.
+RAY_MIS_SKIP = 512
+#: The surface scattered from had a transmissive lobe (the light tree's importance differs there).
+RAY_MIS_HAD_TRANSMISSION = 1024
+RAY_DIFFUSE_ANCESTOR = 2048
+#: A limit was reached: the next surface only emits, unless it is transparent.
+RAY_TERMINATE_AFTER_TRANSPARENT = 4096
+RAY_TERMINATE_ON_NEXT_SURFACE = 8192
+#: Only transparent surfaces since the camera: what is behind counts into alpha.
+RAY_TRANSPARENT_BACKGROUND = 16384
+#: Set by the shader's evaluation only: emission wanted, nothing else.
+RAY_EMISSION = 32768
+#: Passes of the first surface have been written.
+RAY_PASSES_DONE = 65536
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
+# and POINT_FLAG_BACKFACING is set.
+
+POINT_P = 0  # world position [m]
+POINT_WO = 3  # unit, towards the viewer
+POINT_NG = 6  # geometric normal
+POINT_NS = 9  # shading normal
+POINT_U = 12  # barycentrics as Embree: P = (1 - u - v) v0 + u v1 + v v2
+POINT_V = 13
+POINT_RAY_LENGTH = 14
+POINT_RADIUS = 15  # footprint radius of the ray at P [m] (compact ray differential)
+POINT_RANDOM = 16  # uniform in [0, 1), for stochastic nodes
+POINT_TIME = 17
+POINT_REAL_WIDTH = 18
+
+# Columns of ShadePoints.integer (int32).
+POINT_INSTANCE = 0  # -1: none (background or analytic light)
+POINT_TRIANGLE = 1  # row of GeometryArrays.triangles
+POINT_PROGRAM = 2  # row of ShaderArrays.programs
+POINT_RAY_FLAGS = 3
+POINT_FLAGS = 4
+POINT_DEPTH = 5
+POINT_DIFFUSE_DEPTH = 6
+POINT_GLOSSY_DEPTH = 7
+POINT_TRANSMISSION_DEPTH = 8
+POINT_TRANSPARENT_DEPTH = 9
+POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
+POINT_INTEGER_WIDTH = 11
+
+POINT_FLAG_BACKFACING = 1
+
+
+class ShadePoints(NamedTuple):
+    """Points at which shader programs run: surface hits, light samples, background directions, shadow hits.
+
+    real : float32 (L, POINT_REAL_WIDTH)
+    integer : int32 (L, POINT_INTEGER_WIDTH)
+    """
+
+    real: Float32Array
+    integer: Int32Array
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Closures: the result of a shader program at a point.
+
+MAX_CLOSURES = 16
+CLOSURE_WIDTH = 32
+CLOSURE_CHANNELS = 4
+
+# Columns of Closures.param common to all kinds; the rest belongs to the kind (engine/kernels/bsdf).
+CLOSURE_WEIGHT = 0  # 4 channels
+CLOSURE_N = 4  # unit normal, on the viewer's side
+CLOSURE_SAMPLE_WEIGHT = 7  # unnormalised selection probability
+CLOSURE_KIND_PARAMS = 8
+
+
+class Closures(NamedTuple):
+    """Weighted lobes per lane.
+
+    kind : int32 (L, MAX_CLOSURES), engine.kernels.bsdf.kinds
+    param : float32 (L, MAX_CLOSURES, CLOSURE_WIDTH)
+    count : int32 (L,)
+    emission : float32 (L, 4), radiance emitted towards wo, per channel
+    transparency : float32 (L, 4), summed weight of transparent closures
+    holdout : float32 (L,), weight of holdout closures
+    channels : tuple of ints, its length is the spectrum's width
+    """
+
+    kind: Int32Array
+    param: Float32Array
+    count: Int32Array
+    emission: Float32Array
+    transparency: Float32Array
+    holdout: Float32Array
+    channels: tuple[int, ...]
+
+
+def allocate_points(lane_count: int) -> ShadePoints:
+    """Zeroed `ShadePoints` for `lane_count` lanes."""
+    return ShadePoints(
+        np.zeros((lane_count, POINT_REAL_WIDTH), np.float32), np.zeros((lane_count, POINT_INTEGER_WIDTH), np.int32)
+    )
+
+
+def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
+    """Zeroed `Closures` for `lane_count` lanes of a spectrum of `channel_count`."""
+    return Closures(
+        np.zeros((lane_count, MAX_CLOSURES), np.int32),
+        np.zeros((lane_count, MAX_CLOSURES, CLOSURE_WIDTH), np.float32),
+        np.zeros(lane_count, np.int32),
+        np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
+        np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
+        np.zeros(lane_count, np.float32),
+        tuple(range(channel_count)),
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Paths
+
+
+class PathState(NamedTuple):
+    """A batch of paths in flight, L lanes.
+
+    pixel : int32, index into the film; sample : int32
+    rng : uint32, hash of (seed, pixel); dimension : int32, next unused set of random numbers
+    origin, direction : float32 (L, 3), world; time : float32
+    throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
+    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter
+    mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
+    mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
+    min_pdf : float32, smallest scattering density so far (filter_glossy)
+    radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
+    alpha : float32, 1 - transparency seen by the camera so far
+    flags : int32 (RAY_*); depth counters : int32
+    hit_* : the closest hit: distance, barycentrics, instance (-1 = miss), triangle, ng unnormalised
+    """
+
+    pixel: Int32Array
+    sample: Int32Array
+    rng: Uint32Array
+    dimension: Int32Array
+    origin: Float32Array
+    direction: Float32Array
+    time: Float32Array
+    throughput: Float32Array
+    radiance: Float32Array
+    mis_pdf: Float32Array
+    mis_origin: Float32Array
+    mis_normal: Float32Array
+    mis_distance: Float32Array
+    min_pdf: Float32Array
+    radius: Float32Array
+    spread: Float32Array
+    alpha: Float32Array
+    flags: Int32Array
+    depth: Int32Array
+    diffuse_depth: Int32Array
+    glossy_depth: Int32Array
+    transmission_depth: Int32Array
+    transparent_depth: Int32Array
+    hit_distance: Float32Array
+    hit_u: Float32Array
+    hit_v: Float32Array
+    hit_instance: Int32Array
+    hit_triangle: Int32Array
+    hit_ng: Float32Array
+    channels: tuple[int, ...]
+
+
+class ShadowRays(NamedTuple):
+    """Light samples waiting for their visibility, at most one a lane.
+
+    lane : int32, the path; count is kept by the stage
+    origin, direction : float32 (L, 3); distance : float32
+    radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
+    """
+
+    lane: Int32Array
+    origin: Float32Array
+    direction: Float32Array
+    distance: Float32Array
+    radiance: Float32Array
+    channels: tuple[int, ...]
+
+
+def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
+    """Zeroed `PathState` for `lane_count` lanes."""
+    real = np.float32
+
+    def scalars(dtype: type = np.float32) -> np.ndarray:
+        return np.zeros(lane_count, dtype)
+
+    def vectors() -> np.ndarray:
+        return np.zeros((lane_count, 3), real)
+
+    def spectra() -> np.ndarray:
+        return np.zeros((lane_count, channel_count), real)
+
+    integer = np.int32
+    return PathState(
+        pixel=scalars(integer),
+        sample=scalars(integer),
+        rng=scalars(np.uint32),
+        dimension=scalars(integer),
+        origin=vectors(),
+        direction=vectors(),
+        time=scalars(),
+        throughput=spectra(),
+        radiance=spectra(),
+        mis_pdf=scalars(),
+        mis_origin=vectors(),
+        mis_normal=vectors(),
+        mis_distance=scalars(),
+        min_pdf=scalars(),
+        radius=scalars(),
+        spread=scalars(),
+        alpha=scalars(),
+        flags=scalars(integer),
+        depth=scalars(integer),
+        diffuse_depth=scalars(integer),
+        glossy_depth=scalars(integer),
+        transmission_depth=scalars(integer),
+        transparent_depth=scalars(integer),
+        hit_distance=scalars(),
+        hit_u=scalars(),
+        hit_v=scalars(),
+        hit_instance=scalars(integer),
+        hit_triangle=scalars(integer),
+        hit_ng=vectors(),
+        channels=tuple(range(channel_count)),
+    )
+
+
+def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
+    """Zeroed `ShadowRays` for `lane_count` lanes."""
+    return ShadowRays(
+        np.zeros(lane_count, np.int32),
+        np.zeros((lane_count, 3), np.float32),
+        np.zeros((lane_count, 3), np.float32),
+        np.zeros(lane_count, np.float32),
+        np.zeros((lane_count, channel_count), np.float32),
+        tuple(range(channel_count)),
+    )
