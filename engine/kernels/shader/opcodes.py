@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ranges of opcodes. A group of instructions owns one range and numbers its opcodes in its own module."""
+
+INPUT_FIRST = 0  # engine/kernels/shader/ops_input.py
+CLOSURE_FIRST = 100  # engine/kernels/shader/ops_closure.py
+IMAGE_FIRST = 200  # engine/kernels/shader/ops_image.py
+MATH_FIRST = 300  # engine/kernels/shader/ops_math.py
+TEXTURE_FIRST = 400  # engine/kernels/shader/ops_texture.py
