@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Camera rays."""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.constants import TWO_PI
+from engine.kernels.vector import add, normalize, scale, subtract
+from engine.scene.camera import (
+    CAMERA_BLADE_ROTATION,
+    CAMERA_BLADES,
+    CAMERA_CLIP_END,
+    CAMERA_CLIP_START,
+    CAMERA_FOCUS,
+    CAMERA_INVERSE_RATIO,
+    CAMERA_KIND,
+    CAMERA_LENS_RADIUS,
+    CAMERA_OFFSET_X,
+    CAMERA_OFFSET_Y,
+    CAMERA_PIXEL_SPREAD,
+    CAMERA_SCALE_X,
+    CAMERA_SCALE_Y,
+    FILTER_TABLE_SIZE,
+    KIND_EQUIRECTANGULAR,
+    KIND_ORTHOGRAPHIC,
+    KIND_PERSPECTIVE,
+)
+
+
+@kernel
+def sample_filter(table, u):
+    """Offset from a pixel's centre [pixels], distributed as the filter whose inverse CDF is `table`."""
+    x = u * (FILTER_TABLE_SIZE - 1)
+    index = min(int(x), FILTER_TABLE_SIZE - 2)
+    fraction = x - index
+    return table[index] * (1.0 - fraction) + table[index + 1] * fraction
+
+
+@kernel
+def sample_aperture(camera, u, v):
+    """Point on the unit lens: a disc, or a regular polygon of as many sides as the iris has blades."""
+    blades = int(camera[CAMERA_BLADES])
+    if blades == 0:
+        angle = TWO_PI * u
+        radius = math.sqrt(v)
+        x = radius * math.cos(angle)
+        y = radius * math.sin(angle)
+    else:
+        corner = math.floor(u * camera[CAMERA_BLADES])
+        u = u * camera[CAMERA_BLADES] - corner
+        step = TWO_PI / camera[CAMERA_BLADES]
+        # Uniform in the triangle of two neighbouring corners and the centre.
+        root = math.sqrt(u)
+        along = v * root
+        a = 1.0 - root
+        first = camera[CAMERA_BLADE_ROTATION] + corner * step
+        # barycentrics (a: centre, along, rest)
+        rest = 1.0 - a - along
+        x = along * math.cos(first + step) + rest * math.cos(first)
+        y = along * math.sin(first + step) + rest * math.sin(first)
+    return x * camera[CAMERA_INVERSE_RATIO], y
+
+
+@kernel
+def _to_world(camera, d):
+    return (
+        camera[0] * d[0] + camera[1] * d[1] + camera[2] * d[2],
+        camera[4] * d[0] + camera[5] * d[1] + camera[6] * d[2],
+        camera[8] * d[0] + camera[9] * d[1] + camera[10] * d[2],
+    )
+
+
+@kernel
+def generate_ray(camera, x, y, lens_u, lens_v):
+    """Ray through film position (x, y) [pixels, from the bottom left].
+
+    Returns
+    -------
+    origin, direction : 3-tuples, world
+    near, far : float32, distances between which the camera sees
+    radius, spread : float32, compact ray differential
+    """
+    film_x = x * camera[CAMERA_SCALE_X] + camera[CAMERA_OFFSET_X]
+    film_y = y * camera[CAMERA_SCALE_Y] + camera[CAMERA_OFFSET_Y]
+    kind = int(camera[CAMERA_KIND])
+    position = (0.0, 0.0, 0.0)
+    near = camera[CAMERA_CLIP_START]
+    far = camera[CAMERA_CLIP_END]
+    radius = 0.0
+    spread = camera[CAMERA_PIXEL_SPREAD]
+    if kind == KIND_ORTHOGRAPHIC:
+        position = (film_x, film_y, 0.0)
+        direction = (0.0, 0.0, -1.0)
+        radius = camera[CAMERA_PIXEL_SPREAD]
+        spread = 0.0
+    elif kind == KIND_EQUIRECTANGULAR:
+        # Longitude 0 looks along local -z, growing to the right; latitude up.
+        horizontal = math.cos(film_y)
+        direction = (math.sin(film_x) * horizontal, math.sin(film_y), -math.cos(film_x) * horizontal)
+    else:
+        direction = (film_x, film_y, -1.0)
+    if camera[CAMERA_LENS_RADIUS] > 0.0:
+        lens_x, lens_y = sample_aperture(camera, lens_u, lens_v)
+        lens_x *= camera[CAMERA_LENS_RADIUS]
+        lens_y *= camera[CAMERA_LENS_RADIUS]
+        if kind == KIND_EQUIRECTANGULAR:
+            # The lens faces the view direction: its tangents are east and north there.
+            east = (math.cos(film_x), 0.0, math.sin(film_x))
+            north = (
+                -math.sin(film_x) * math.sin(film_y),
+                math.cos(film_y),
+                math.cos(film_x) * math.sin(film_y),
+            )
+            focus = scale(direction, camera[CAMERA_FOCUS])
+            position = add(scale(east, lens_x), scale(north, lens_y))
+            direction = subtract(focus, position)
+        else:
+            focus = add(position, scale(direction, camera[CAMERA_FOCUS]))
+            position = (position[0] + lens_x, position[1] + lens_y, position[2])
+            direction = subtract(focus, position)
+    direction = normalize(direction)
+    if kind == KIND_PERSPECTIVE:
+        # Blender clips by depth, not by distance.
+        along = -1.0 / direction[2]
+        near *= along
+        far *= along
+    moved = _to_world(camera, position)
+    origin = (moved[0] + camera[3], moved[1] + camera[7], moved[2] + camera[11])
+    return origin, normalize(_to_world(camera, direction)), near, far, radius, spread

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Random numbers as a pure function of (seed, pixel, sample, dimension): Owen-scrambled Sobol points.
+
+References: Burley 2020, "Practical Hash-based Owen Scrambling": the sample index is shuffled and every coordinate
+scrambled by a hash keyed with the pixel and the dimension set; the hash is Vegdahl's 2021 refinement of Laine and
+Karras 2011. Direction numbers: Joe and Kuo 2008, first four dimensions.
+"""
+
+import numpy as np
+
+from engine.jit import kernel
+
+# Named sets of four numbers. The camera uses two, each vertex of a path SETS_PER_VERTEX.
+SET_FILTER_LENS = 0
+SET_TIME = 1
+SETS_BEFORE_VERTICES = 2
+#: Offsets within a vertex: light (pick, u, v, light roulette), BSDF (pick, u, v, path roulette), stochastic shading.
+SET_LIGHT = 0
+SET_BSDF = 1
+SETS_PER_VERTEX = 2
+
+
+def _sobol_byte_tables() -> np.ndarray:
+    """Bit-reversed Sobol points by byte of the index: XOR of four look-ups gives a coordinate.
+
+    Returns
+    -------
+    uint32, shape (4 dimensions * 4 bytes * 256,)
+    """
+    # (degree, polynomial coefficients, initial numbers); dimension 0 is van der Corput.
+    joe_kuo = [(1, 0, [1]), (2, 1, [1, 3]), (3, 1, [1, 3, 1])]
+    tables = np.zeros((4, 4, 256), np.uint64)
+    for dimension in range(4):
+        if dimension == 0:
+            directions = [1 << (31 - bit) for bit in range(32)]
+        else:
+            degree, coefficients, numbers = joe_kuo[dimension - 1]
+            directions = [number << (31 - bit) for bit, number in enumerate(numbers)]
+            for bit in range(degree, 32):
+                value = directions[bit - degree] ^ (directions[bit - degree] >> degree)
+                for k in range(1, degree):
+                    if (coefficients >> (degree - 1 - k)) & 1:
+                        value ^= directions[bit - k]
+                directions.append(value)
+        for byte in range(4):
+            for index in range(256):
+                value = 0
+                for bit in range(8):
+                    if index >> bit & 1:
+                        value ^= directions[8 * byte + bit]
+                tables[dimension, byte, index] = int(f"{value:032b}"[::-1], 2)
+    return np.ascontiguousarray(tables.astype(np.uint32).reshape(-1))
+
+
+SOBOL = _sobol_byte_tables()
+
+
+@kernel
+def hash_combine(a, b):
+    """Well-mixed uint32 of two uint32.
+
+    References: Wang 2007 style avalanche with the constants of Mueller's lowbias32 (Wellons 2018).
+    """
+    x = np.uint32(np.uint32(a) ^ np.uint32(np.uint32(b) * np.uint32(0x9E3779B9) + np.uint32(0x7F4A7C15)))
+    x = np.uint32(x ^ (x >> np.uint32(16)))
+    x = np.uint32(x * np.uint32(0x7FEB352D))
+    x = np.uint32(x ^ (x >> np.uint32(15)))
+    x = np.uint32(x * np.uint32(0x846CA68B))
+    return np.uint32(x ^ (x >> np.uint32(16)))
+
+
+@kernel
+def pixel_hash(seed, pixel):
+    """The stream of a pixel: uint32 of the render's seed and the pixel's index in the full image."""
+    return hash_combine(hash_combine(np.uint32(seed), np.uint32(0x5BD1E995)), np.uint32(pixel))
+
+
+@kernel
+def reverse_bits(x):
+    """uint32 with its bits in opposite order."""
+    x = np.uint32(x)
+    x = np.uint32((x << np.uint32(16)) | (x >> np.uint32(16)))
+    x = np.uint32(((x & np.uint32(0x00FF00FF)) << np.uint32(8)) | ((x & np.uint32(0xFF00FF00)) >> np.uint32(8)))
+    x = np.uint32(((x & np.uint32(0x0F0F0F0F)) << np.uint32(4)) | ((x & np.uint32(0xF0F0F0F0)) >> np.uint32(4)))
+    x = np.uint32(((x & np.uint32(0x33333333)) << np.uint32(2)) | ((x & np.uint32(0xCCCCCCCC)) >> np.uint32(2)))
+    return np.uint32(((x & np.uint32(0x55555555)) << np.uint32(1)) | ((x & np.uint32(0xAAAAAAAA)) >> np.uint32(1)))
+
+
+@kernel
+def laine_karras(x, seed):
+    """Owen scramble of a bit-reversed uint32 (Vegdahl's constants)."""
+    x = np.uint32(x ^ np.uint32(x * np.uint32(0x3D20ADEA)))
+    x = np.uint32(x + seed)
+    x = np.uint32(x * np.uint32((seed >> np.uint32(16)) | np.uint32(1)))
+    x = np.uint32(x ^ np.uint32(x * np.uint32(0x05526C56)))
+    return np.uint32(x ^ np.uint32(x * np.uint32(0x53A22864)))
+
+
+@kernel
+def _to_unit(bits):
+    """Upper 24 bits of a uint32 as float32 in [0, 1)."""
+    return np.float32(np.uint32(bits) >> np.uint32(8)) * 5.9604644775390625e-08
+
+
+@kernel
+def _coordinate(index, base, seed):
+    """One scrambled Sobol coordinate of a shuffled index; `base` is the first row of the dimension's tables."""
+    value = (
+        SOBOL[base + np.int64(index & np.uint32(255))]
+        ^ SOBOL[base + 256 + np.int64((index >> np.uint32(8)) & np.uint32(255))]
+        ^ SOBOL[base + 512 + np.int64((index >> np.uint32(16)) & np.uint32(255))]
+        ^ SOBOL[base + 768 + np.int64(index >> np.uint32(24))]
+    )
+    return _to_unit(reverse_bits(laine_karras(np.uint32(value), seed)))
+
+
+@kernel
+def sample_4d(rng, sample, dimension):
+    """Four numbers of one stratified 4D set.
+
+    Parameters
+    ----------
+    rng : uint32
+        `pixel_hash` of the path.
+    sample : int32
+        Index of the sample within the pixel.
+    dimension : int32
+        Number of the set; sets are independent of each other.
+
+    Returns
+    -------
+    4 x float32 in [0, 1)
+    """
+    seed = hash_combine(rng, np.uint32(dimension))
+    index = reverse_bits(laine_karras(reverse_bits(np.uint32(sample)), seed))
+    return (
+        _coordinate(index, 0, hash_combine(seed, np.uint32(1))),
+        _coordinate(index, 1024, hash_combine(seed, np.uint32(2))),
+        _coordinate(index, 2048, hash_combine(seed, np.uint32(3))),
+        _coordinate(index, 3072, hash_combine(seed, np.uint32(4))),
+    )

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's camera as the row of numbers `kernels.camera` reads, and the pixel filter's inverse CDF."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.scene.description import Camera, Frame
+
+# Columns of CameraArrays.real
+CAMERA_MATRIX = 0  # 12: camera to world
+CAMERA_SCALE_X = 12  # film coordinate = pixel * scale + offset, at distance 1 (perspective) or in metres (orthographic)
+CAMERA_SCALE_Y = 13
+CAMERA_OFFSET_X = 14
+CAMERA_OFFSET_Y = 15
+CAMERA_CLIP_START = 16
+CAMERA_CLIP_END = 17
+CAMERA_LENS_RADIUS = 18  # [m], 0 = pinhole
+CAMERA_FOCUS = 19  # [m]
+CAMERA_BLADES = 20
+CAMERA_BLADE_ROTATION = 21
+CAMERA_INVERSE_RATIO = 22
+CAMERA_KIND = 23
+CAMERA_PIXEL_SPREAD = 24  # footprint of a pixel: growth per metre (perspective) or size in metres (orthographic)
+CAMERA_WIDTH = 25
+
+KIND_PERSPECTIVE = 0
+KIND_ORTHOGRAPHIC = 1
+KIND_EQUIRECTANGULAR = 2
+
+FILTER_TABLE_SIZE = 1024
+_KINDS = {"PERSP": KIND_PERSPECTIVE, "ORTHO": KIND_ORTHOGRAPHIC, "PANO_EQUIRECTANGULAR": KIND_EQUIRECTANGULAR}
+
+
+class CameraArrays(NamedTuple):
+    """real : float32 (CAMERA_WIDTH,); filter : float32 (FILTER_TABLE_SIZE,), pixel offset by uniform number."""
+
+    real: np.ndarray
+    filter: np.ndarray
+
+
+def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: float) -> CameraArrays:
+    """Rays as Cycles' camera makes them.
+
+    Raises
+    ------
+    ValueError
+        For an unknown camera kind, a camera without a usable transform or an image without pixels.
+    """
+    if camera.kind not in _KINDS:
+        raise ValueError(f"camera type {camera.kind!r}: choose one of {', '.join(_KINDS)}")
+    if frame.width < 1 or frame.height < 1:
+        raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
+    if not np.isfinite(camera.transform).all():
+        raise ValueError("the camera's transform is NaN or infinite: check its constraints and drivers")
+    kind = _KINDS[camera.kind]
+    row = np.zeros(CAMERA_WIDTH, np.float64)
+    matrix = np.array(camera.transform, np.float64)
+    # Scale of the camera object does not change the picture.
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if (lengths == 0.0).any():
+        raise ValueError("the camera is scaled to zero: reset its scale")
+    matrix[:3, :3] /= lengths
+    row[:12] = matrix[:3].reshape(-1)
+
+    x_ratio = frame.width * frame.pixel_aspect_x
+    y_ratio = frame.height * frame.pixel_aspect_y
+    if camera.sensor_fit == "AUTO":
+        horizontal = x_ratio > y_ratio
+        sensor = camera.sensor_width
+    else:
+        horizontal = camera.sensor_fit == "HORIZONTAL"
+        sensor = camera.sensor_width if horizontal else camera.sensor_height
+    aspect = x_ratio / y_ratio if horizontal else y_ratio / x_ratio
+    half_x, half_y = (aspect, 1.0) if horizontal else (1.0, aspect)
+    if kind == KIND_EQUIRECTANGULAR:
+        row[CAMERA_SCALE_X] = (camera.longitude_max - camera.longitude_min) / frame.width
+        row[CAMERA_OFFSET_X] = camera.longitude_min
+        row[CAMERA_SCALE_Y] = (camera.latitude_max - camera.latitude_min) / frame.height
+        row[CAMERA_OFFSET_Y] = camera.latitude_min
+        row[CAMERA_PIXEL_SPREAD] = 0.5 * abs(row[CAMERA_SCALE_Y])
+    else:
+        if kind == KIND_ORTHOGRAPHIC:
+            scale = camera.ortho_scale / (2.0 * aspect)
+        else:
+            scale = 0.5 * sensor / camera.lens / aspect
+        shift_x = 2.0 * aspect * camera.shift_x
+        shift_y = 2.0 * aspect * camera.shift_y
+        row[CAMERA_SCALE_X] = 2.0 * half_x * scale / frame.width
+        row[CAMERA_OFFSET_X] = (shift_x - half_x) * scale
+        row[CAMERA_SCALE_Y] = 2.0 * half_y * scale / frame.height
+        row[CAMERA_OFFSET_Y] = (shift_y - half_y) * scale
+        row[CAMERA_PIXEL_SPREAD] = 0.25 * (row[CAMERA_SCALE_X] + row[CAMERA_SCALE_Y])
+    row[CAMERA_CLIP_START] = camera.clip_start
+    row[CAMERA_CLIP_END] = camera.clip_end
+    if camera.use_dof:
+        lens = camera.lens * 1e-3 if kind != KIND_ORTHOGRAPHIC else 1.0
+        row[CAMERA_LENS_RADIUS] = lens / (2.0 * max(camera.aperture_fstop, 1e-5))
+    row[CAMERA_FOCUS] = max(camera.focus_distance, 1e-5)
+    row[CAMERA_BLADES] = camera.aperture_blades if camera.aperture_blades >= 3 else 0
+    row[CAMERA_BLADE_ROTATION] = camera.aperture_rotation
+    row[CAMERA_INVERSE_RATIO] = 1.0 / max(camera.aperture_ratio, 1e-5)
+    row[CAMERA_KIND] = kind
+    return CameraArrays(row.astype(np.float32), filter_table(pixel_filter, filter_width))
+
+
+def filter_table(pixel_filter: str, width: float) -> np.ndarray:
+    """Offset from the pixel's centre [pixels] for FILTER_TABLE_SIZE uniform numbers from 0 to 1.
+
+    `width` is Cycles' filter width: the box's whole width, a third of the Gaussian's, half of Blackman and Harris's.
+    """
+    if pixel_filter == "BOX":
+        return np.linspace(-0.5 * width, 0.5 * width, FILTER_TABLE_SIZE).astype(np.float32)
+    support = width * (3.0 if pixel_filter == "GAUSSIAN" else 2.0)
+    x = np.linspace(-0.5 * support, 0.5 * support, 8193)
+    if pixel_filter == "GAUSSIAN":
+        weight = np.exp(-2.0 * (6.0 * x / support) ** 2)
+    else:
+        phase = 2.0 * np.pi * (x / support + 0.5)
+        weight = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
+    cdf = np.concatenate([[0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))])
+    return np.interp(np.linspace(0.0, 1.0, FILTER_TABLE_SIZE), cdf / cdf[-1], x).astype(np.float32)

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Meshes and instances of a description, checked and flattened into `GeometryArrays`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.scene import arrays as layout
+from engine.scene.arrays import GeometryArrays
+from engine.scene.description import Instances, Mesh, Notice, SceneDescription
+
+_DOMAINS = {
+    "POINT": layout.DOMAIN_POINT,
+    "FACE": layout.DOMAIN_FACE,
+    "CORNER": layout.DOMAIN_CORNER,
+    "MESH": layout.DOMAIN_MESH,
+}
+#: Embree reads 16 bytes at the last vertex.
+_VERTEX_PADDING = 1
+
+
+def empty_instances() -> Instances:
+    """`Instances` of nothing."""
+    return Instances(
+        mesh=np.zeros(0, np.int32),
+        transform=np.zeros((0, 4, 4), np.float32),
+        material_offset=np.zeros(0, np.int32),
+        materials=np.zeros(0, np.int32),
+        visibility=np.zeros(0, np.uint32),
+        pass_index=np.zeros(0, np.int32),
+        random=np.zeros(0, np.float32),
+        color=np.zeros((0, 4), np.float32),
+        is_holdout=np.zeros(0, np.bool_),
+        name=[],
+        dupli_generated=np.zeros((0, 3), np.float32),
+        dupli_uv=np.zeros((0, 2), np.float32),
+        is_shadow_catcher=np.zeros(0, np.bool_),
+    )
+
+
+def _usable_triangles(mesh: Mesh, notices: list[Notice]) -> np.ndarray | None:
+    """Mask of triangles worth keeping, or None where all are: indices in range, finite vertices."""
+    triangles, vertices = mesh.triangles, mesh.vertices
+    if len(triangles) == 0:
+        return None
+    in_range = None
+    if int(triangles.max()) >= len(vertices):
+        in_range = (triangles < len(vertices)).all(axis=1)
+    finite_vertex = np.isfinite(vertices).all(axis=1)
+    if in_range is None and finite_vertex.all():
+        return None
+    keep = np.ones(len(triangles), np.bool_) if in_range is None else in_range
+    keep[keep] = finite_vertex[triangles[keep]].all(axis=1)
+    notices.append(
+        Notice(
+            f"mesh {mesh.name}",
+            f"{int((~keep).sum())} faces have vertices that are NaN, infinite or missing",
+            "these faces are left out",
+        )
+    )
+    return keep
+
+
+def _affine_inverse(matrices: np.ndarray) -> np.ndarray:
+    """Inverse of (N, 4, 4) affine matrices in float64; zero rows where singular."""
+    linear = matrices[:, :3, :3].astype(np.float64)
+    determinant = np.linalg.det(linear)
+    good = np.isfinite(determinant) & (np.abs(determinant) > 1e-30)
+    inverse = np.zeros((len(matrices), 3, 4))
+    if good.any():
+        block = np.linalg.inv(linear[good])
+        inverse[good, :, :3] = block
+        inverse[good, :, 3] = -np.einsum("nij,nj->ni", block, matrices[good, :3, 3].astype(np.float64))
+    return inverse.astype(np.float32)
+
+
+def build_geometry(
+    description: SceneDescription, attribute_names: Sequence[str], notices: list[Notice]
+) -> GeometryArrays:
+    """Flatten meshes and instances.
+
+    Meshes with a single user are stored in world space, so that most scenes become one flat hierarchy; the others stay
+    in object space and are instanced.
+
+    Parameters
+    ----------
+    description : SceneDescription
+    attribute_names : sequence of str
+        Attribute slots in the order the shader programs number them.
+    notices : list of Notice
+        What was left out is appended.
+    """
+    meshes, instances = description.meshes, description.instances
+    instance_count = len(instances.mesh)
+    users = np.bincount(instances.mesh, minlength=len(meshes)) if instance_count else np.zeros(len(meshes), np.int64)
+
+    transforms = np.ascontiguousarray(instances.transform[:, :3, :].reshape(instance_count, 12), np.float32)
+    finite = np.isfinite(transforms).all(axis=1)
+    inverses = _affine_inverse(np.where(finite[:, None, None], instances.transform, 0.0)).reshape(instance_count, 12)
+    singular = ~finite | (inverses == 0.0).all(axis=1)
+    determinant_negative = (
+        np.linalg.det(np.where(finite[:, None, None], instances.transform, 0.0)[:, :3, :3].astype(np.float64)) < 0.0
+    )
+
+    vertices, triangles, normals, slots = [], [], [], []
+    attribute_data: list[np.ndarray] = []
+    mesh_table = np.zeros((max(len(meshes), 1), layout.MESH_WIDTH), np.int32)
+    attribute_count = max(len(attribute_names), 1)
+    attribute_table = np.zeros((max(len(meshes), 1) * attribute_count, layout.ATTRIBUTE_WIDTH), np.int64)
+    slot_of = {name: slot for slot, name in enumerate(attribute_names)}
+    texture_space = np.zeros((max(len(meshes), 1), 6), np.float32)
+    texture_space[:, 3:] = 1.0
+    first_user = np.full(len(meshes), -1)
+    first_user[instances.mesh[::-1]] = np.arange(instance_count)[::-1]
+    flags = np.zeros(instance_count, np.int32)
+    vertex_total = triangle_total = normal_total = data_total = 0
+    for index, mesh in enumerate(meshes):
+        keep = _usable_triangles(mesh, notices)
+        mesh_triangles = mesh.triangles if keep is None else mesh.triangles[keep]
+        corner_normals = mesh.corner_normals
+        if corner_normals is not None and keep is not None:
+            corner_normals = corner_normals[keep]
+        positions = np.asarray(mesh.vertices, np.float32)
+        user = int(first_user[index])
+        # A singular transform cannot be undone for the shader, but its flattened surface can still be seen: bake it.
+        if user >= 0 and (users[index] == 1) and finite[user]:
+            matrix = instances.transform[user].astype(np.float64)
+            with np.errstate(invalid="ignore", over="ignore"):
+                positions = (positions @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
+            flags[user] |= layout.INSTANCE_FLAG_BAKED
+            if corner_normals is not None and not singular[user]:
+                linear = inverses[user].reshape(3, 4)[:, :3].astype(np.float64)
+                corner_normals = corner_normals.reshape(-1, 3) @ linear
+                lengths = np.sqrt(np.einsum("ij,ij->i", corner_normals, corner_normals))
+                corner_normals = corner_normals / np.maximum(lengths, 1e-30)[:, None]
+            elif singular[user]:
+                corner_normals = None
+        mesh_table[index, : layout.MESH_FIRST_NORMAL] = (
+            triangle_total,
+            len(mesh_triangles),
+            vertex_total,
+            len(positions),
+        )
+        mesh_table[index, layout.MESH_FIRST_NORMAL] = -1 if corner_normals is None else normal_total
+        mesh_table[index, layout.MESH_DEFAULT_UV] = slot_of.get(mesh.default_uv, -1)
+        mesh_table[index, layout.MESH_DEFAULT_COLOR] = slot_of.get(mesh.default_color, -1)
+        if mesh.texture_space is not None:
+            texture_space[index] = mesh.texture_space.reshape(6)
+        for name, attribute in mesh.attributes.items():
+            slot = slot_of.get(name)
+            if slot is None:
+                continue
+            data = np.asarray(attribute.data, np.float32)
+            if keep is not None and attribute.domain == "CORNER":
+                data = data.reshape(len(keep), 3, -1)[keep].reshape(-1, data.shape[-1])
+            elif keep is not None and attribute.domain == "FACE":
+                data = data[keep]
+            attribute_table[index * attribute_count + slot] = (_DOMAINS[attribute.domain], data.shape[1], data_total)
+            attribute_data.append(data.reshape(-1))
+            data_total += data.size
+        vertices.append(positions)
+        triangles.append(mesh_triangles + np.uint32(vertex_total))
+        slots.append(mesh.material_slots if keep is None else mesh.material_slots[keep])
+        if corner_normals is not None:
+            normals.append(np.asarray(corner_normals, np.float32).reshape(-1, 9))
+            normal_total += len(mesh_triangles)
+        vertex_total += len(positions)
+        triangle_total += len(mesh_triangles)
+
+    unusable = np.flatnonzero(singular & ((flags & layout.INSTANCE_FLAG_BAKED) == 0))
+    for index in unusable[:8]:
+        notices.append(Notice(f"object {instances.name[index]}", "its transform cannot be inverted", "it is left out"))
+    if len(unusable) > 8:
+        notices.append(Notice(f"{len(unusable) - 8} more instances", "their transforms cannot be inverted", "left out"))
+
+    table = np.zeros((max(instance_count, 1), layout.INSTANCE_WIDTH), np.int32)
+    values = np.zeros((max(instance_count, 1), 12), np.float32)
+    if instance_count:
+        flags[determinant_negative] |= layout.INSTANCE_FLAG_MIRRORED
+        flags[instances.is_holdout] |= layout.INSTANCE_FLAG_HOLDOUT
+        visibility = instances.visibility.astype(np.int32)
+        visibility[unusable] = 0
+        table[:, layout.INSTANCE_MESH] = instances.mesh
+        table[:, layout.INSTANCE_MATERIAL_OFFSET] = instances.material_offset
+        table[:, layout.INSTANCE_PASS_INDEX] = instances.pass_index
+        table[:, layout.INSTANCE_VISIBILITY] = visibility
+        table[:, layout.INSTANCE_FLAGS] = flags
+        values[:, 0] = instances.random
+        values[:, 1:5] = instances.color
+        values[:, 5:8] = instances.dupli_generated
+        values[:, 8:10] = instances.dupli_uv
+
+    def joined(parts: list[np.ndarray], width: int, dtype: type) -> np.ndarray:
+        if not parts:
+            return np.zeros((0, width), dtype)
+        return np.ascontiguousarray(np.concatenate(parts), dtype).reshape(-1, width)
+
+    all_vertices = np.zeros((vertex_total + _VERTEX_PADDING, 3), np.float32)
+    if vertices:
+        np.concatenate(vertices, out=all_vertices[:vertex_total])
+    return GeometryArrays(
+        vertices=all_vertices,
+        triangles=joined(triangles, 3, np.uint32),
+        corner_normals=joined(normals, 9, np.float32),
+        material_slots=joined(slots, 1, np.int32).reshape(-1),
+        mesh_table=mesh_table,
+        instance_table=table[:instance_count] if instance_count else table[:0],
+        transforms=transforms,
+        inverses=np.ascontiguousarray(inverses),
+        instance_values=values[:instance_count] if instance_count else values[:0],
+        instance_materials=np.ascontiguousarray(instances.materials, np.int32),
+        attribute_table=attribute_table,
+        attribute_data=joined([d.reshape(-1, 1) for d in attribute_data], 1, np.float32).reshape(-1),
+        texture_space=texture_space,
+        attribute_count=np.array([attribute_count], np.int64),
+    )
