@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.scene.arrays import Float32Array, Int32Array, Uint32Array
+from engine.scene.arrays import Float32Array, Int32Array, Uint8Array, Uint32Array
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Path flags (bits of PathState.flags). The first five are the visibility bits of scene.description.
@@ -109,6 +109,8 @@ class Closures(NamedTuple):
     emission : float32 (L, 4), radiance emitted towards wo, per channel
     transparency : float32 (L, 4), summed weight of transparent closures
     holdout : float32 (L,), weight of holdout closures
+    ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`engine.kernels.bsdf.reset_closures` sets it)
+    flags : int32 (L,), CLOSURE_NO_* bits of engine.kernels.bsdf.kinds
     channels : tuple of ints, its length is the spectrum's width
     """
 
@@ -118,6 +120,8 @@ class Closures(NamedTuple):
     emission: Float32Array
     transparency: Float32Array
     holdout: Float32Array
+    ns: Float32Array
+    flags: Int32Array
     channels: tuple[int, ...]
 
 
@@ -137,6 +141,8 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
         np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
         np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
         np.zeros(lane_count, np.float32),
+        np.zeros((lane_count, 3), np.float32),
+        np.zeros(lane_count, np.int32),
         tuple(range(channel_count)),
     )
 
@@ -159,7 +165,11 @@ class PathState(NamedTuple):
     radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
     alpha : float32, 1 - transparency seen by the camera so far
     flags : int32 (RAY_*); depth counters : int32
-    hit_* : the closest hit: distance, barycentrics, instance (-1 = miss), triangle, ng unnormalised
+    hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
+        triangle (row of GeometryArrays.triangles)
+    offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
+    random : float32 (L, 4), this vertex's numbers for the BSDF and for roulette
+    alive : uint8, 0 once the path has ended in this round
     """
 
     pixel: Int32Array
@@ -190,16 +200,21 @@ class PathState(NamedTuple):
     hit_v: Float32Array
     hit_instance: Int32Array
     hit_triangle: Int32Array
-    hit_ng: Float32Array
+    offset: Float32Array
+    random: Float32Array
+    alive: Uint8Array
     channels: tuple[int, ...]
 
 
 class ShadowRays(NamedTuple):
     """Light samples waiting for their visibility, at most one a lane.
 
-    lane : int32, the path; count is kept by the stage
+    Row k waits for path `lane[k]`; how many rows are in use is kept by the integrator.
+
+    lane : int32
     origin, direction : float32 (L, 3); distance : float32
     radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
+    transparent_depth : int32, transparent surfaces passed, the path's own included
     """
 
     lane: Int32Array
@@ -207,6 +222,7 @@ class ShadowRays(NamedTuple):
     direction: Float32Array
     distance: Float32Array
     radiance: Float32Array
+    transparent_depth: Int32Array
     channels: tuple[int, ...]
 
 
@@ -253,7 +269,9 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
         hit_v=scalars(),
         hit_instance=scalars(integer),
         hit_triangle=scalars(integer),
-        hit_ng=vectors(),
+        offset=scalars(),
+        random=np.zeros((lane_count, 4), real),
+        alive=scalars(np.uint8),
         channels=tuple(range(channel_count)),
     )
 
@@ -266,5 +284,6 @@ def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
         np.zeros((lane_count, 3), np.float32),
         np.zeros(lane_count, np.float32),
         np.zeros((lane_count, channel_count), np.float32),
+        np.zeros(lane_count, np.int32),
         tuple(range(channel_count)),
     )

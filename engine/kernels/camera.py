@@ -3,6 +3,8 @@
 
 import math
 
+import numpy as np
+
 from engine.jit import kernel
 from engine.kernels.constants import TWO_PI
 from engine.kernels.vector import add, normalize, scale, subtract
@@ -30,9 +32,9 @@ from engine.scene.camera import (
 @kernel
 def sample_filter(table, u):
     """Offset from a pixel's centre [pixels], distributed as the filter whose inverse CDF is `table`."""
-    x = u * (FILTER_TABLE_SIZE - 1)
+    x = u * np.float32(FILTER_TABLE_SIZE - 1)
     index = min(int(x), FILTER_TABLE_SIZE - 2)
-    fraction = x - index
+    fraction = x - np.float32(index)
     return table[index] * (1.0 - fraction) + table[index + 1] * fraction
 
 
@@ -46,7 +48,7 @@ def sample_aperture(camera, u, v):
         x = radius * math.cos(angle)
         y = radius * math.sin(angle)
     else:
-        corner = math.floor(u * camera[CAMERA_BLADES])
+        corner = np.float32(math.floor(u * camera[CAMERA_BLADES]))
         u = u * camera[CAMERA_BLADES] - corner
         step = TWO_PI / camera[CAMERA_BLADES]
         # Uniform in the triangle of two neighbouring corners and the centre.

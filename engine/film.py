@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Film: sums per pixel, from which the passes are made.
+
+Samples carry the pixel filter in their position (importance sampling), so a sample belongs to one pixel only and tiles
+never share one. A unit of work fills a `FilmTile` of its own and is merged whole or not at all: dropping the paths
+still in flight of a cancelled unit would favour short paths.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+# Columns of the feature sums, written at the first surface that is not transparent.
+FEATURE_NORMAL = 0
+FEATURE_ALBEDO = 3
+FEATURE_EMISSION = 6
+FEATURE_ENVIRONMENT = 9
+FEATURE_WIDTH = 12
+
+# Columns of the single-sample features: those that averaging would make meaningless.
+POINT_DEPTH = 0
+POINT_POSITION = 1
+POINT_OBJECT_INDEX = 4
+POINT_MATERIAL_INDEX = 5
+POINT_WIDTH = 6
+
+#: Depth where nothing was hit, as Cycles writes it.
+NO_DEPTH = np.float32(1e10)
+
+PASS_NAMES = (
+    "Combined",
+    "Depth",
+    "Normal",
+    "Position",
+    "Albedo",
+    "Emission",
+    "Environment",
+    "IndexOB",
+    "IndexMA",
+    "Sample Count",
+    "Variance",
+)
+#: Passes that need the features; without any, they are neither computed nor stored.
+FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
+
+
+class FilmTile(NamedTuple):
+    """Sums over samples, P pixels; also the shape of the whole film.
+
+    radiance, square : float32 (P, C), sum of samples and of their squares
+    alpha : float32 (P,)
+    count : int32 (P,)
+    features : float32 (P or 0, FEATURE_WIDTH)
+    points : float32 (P or 0, POINT_WIDTH), first sample only
+    """
+
+    radiance: np.ndarray
+    square: np.ndarray
+    alpha: np.ndarray
+    count: np.ndarray
+    features: np.ndarray
+    points: np.ndarray
+
+
+def allocate_tile(pixel_count: int, channel_count: int, use_features: bool) -> FilmTile:
+    """Zeroed sums for `pixel_count` pixels."""
+    feature_count = pixel_count if use_features else 0
+    return FilmTile(
+        np.zeros((pixel_count, channel_count), np.float32),
+        np.zeros((pixel_count, channel_count), np.float32),
+        np.zeros(pixel_count, np.float32),
+        np.zeros(pixel_count, np.int32),
+        np.zeros((feature_count, FEATURE_WIDTH), np.float32),
+        np.zeros((feature_count, POINT_WIDTH), np.float32),
+    )
+
+
+class Film:
+    """The image's sums, width x height pixels, row 0 at the bottom."""
+
+    def __init__(self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False) -> None:
+        self.width, self.height = width, height
+        self.use_features = use_features
+        self.sums = allocate_tile(width * height, channel_count, use_features)
+
+    def merge(self, pixels: np.ndarray, tile: FilmTile) -> None:
+        """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order."""
+        first = self.sums.count[pixels] == 0
+        self.sums.radiance[pixels] += tile.radiance[: len(pixels)]
+        self.sums.square[pixels] += tile.square[: len(pixels)]
+        self.sums.alpha[pixels] += tile.alpha[: len(pixels)]
+        if self.use_features:
+            self.sums.features[pixels] += tile.features[: len(pixels)]
+            self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        self.sums.count[pixels] += tile.count[: len(pixels)]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the sums."""
+        return sum(array.nbytes for array in self.sums)
+
+    def passes(self, names: set[str] | frozenset[str], *, exposure: float, transparent: bool) -> dict[str, np.ndarray]:
+        """Images by pass name.
+
+        Parameters
+        ----------
+        names : set of str
+            From PASS_NAMES; `'Combined'` is always made.
+        exposure : float
+            Factor on radiance.
+        transparent : bool
+            Whether alpha was rendered; else it is one.
+
+        Returns
+        -------
+        dict of float32 (height, width, channels), row 0 at the bottom, scene-linear
+            Combined has premultiplied alpha. Variance is that of the pixel's mean, per channel, after exposure.
+        """
+        shape = (self.height, self.width)
+        count = self.sums.count.astype(np.float32)
+        scale = np.where(count > 0, 1.0 / np.maximum(count, 1.0), 0.0).astype(np.float32)[:, None]
+        mean = self.sums.radiance[:, :3] * scale
+        images: dict[str, np.ndarray] = {}
+
+        combined = np.empty((*shape, 4), np.float32)
+        combined[..., :3] = (mean * exposure).reshape(*shape, 3)
+        combined[..., 3] = (self.sums.alpha * scale[:, 0]).reshape(shape) if transparent else 1.0
+        images["Combined"] = combined
+        if "Sample Count" in names:
+            images["Sample Count"] = count.reshape(*shape, 1)
+        if "Variance" in names:
+            square = self.sums.square[:, :3] * scale
+            spread = np.maximum(square - mean * mean, 0.0) / np.maximum(count - 1.0, 1.0)[:, None]
+            images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
+        if self.use_features:
+            features = self.sums.features * scale
+            for name, column, factor in (
+                ("Normal", FEATURE_NORMAL, 1.0),
+                ("Albedo", FEATURE_ALBEDO, 1.0),
+                ("Emission", FEATURE_EMISSION, exposure),
+                ("Environment", FEATURE_ENVIRONMENT, exposure),
+            ):
+                if name in names:
+                    images[name] = np.ascontiguousarray(features[:, column : column + 3] * factor).reshape(*shape, 3)
+            points = self.sums.points
+            for name, column, width in (
+                ("Depth", POINT_DEPTH, 1),
+                ("Position", POINT_POSITION, 3),
+                ("IndexOB", POINT_OBJECT_INDEX, 1),
+                ("IndexMA", POINT_MATERIAL_INDEX, 1),
+            ):
+                if name in names:
+                    image = np.ascontiguousarray(points[:, column : column + width]).reshape(*shape, width)
+                    images[name] = image.astype(np.float32)
+        return images

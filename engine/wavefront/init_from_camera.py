@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: start new paths at the camera, in lanes that are free."""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.camera import generate_ray, sample_filter
+from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, pixel_hash, sample_4d
+from engine.kernels.vector import add, scale, store
+from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND
+
+
+@kernel
+def init_from_camera(
+    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, active, active_count, free,
+    free_count,
+):
+    """Fill free lanes with the unit's next paths.
+
+    Parameters
+    ----------
+    camera : float32 (CAMERA_WIDTH,); filter_table : float32
+    seed : int
+    unit : int32 (P, 2)
+        Column and row of the unit's pixels in the full image (so that a border does not change the numbers drawn).
+    full_width : int
+    sample_first, path_count, next_path : int
+        First sample, number of paths of the unit (pixels x samples) and how many were started.
+    active, active_count, free, free_count
+        Lists of lanes: `free` is a stack, `active` grows.
+
+    Returns
+    -------
+    next_path, active_count, free_count
+    """
+    pixel_count = unit.shape[0]
+    while free_count > 0 and next_path < path_count:
+        free_count -= 1
+        lane = free[free_count]
+        pixel = next_path % pixel_count
+        sample = sample_first + next_path // pixel_count
+        next_path += 1
+        column = unit[pixel, 0]
+        row = unit[pixel, 1]
+        rng = pixel_hash(seed, row * full_width + column)
+        u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
+        time, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        x = np.float32(column) + 0.5 + sample_filter(filter_table, u0)
+        y = np.float32(row) + 0.5 + sample_filter(filter_table, u1)
+        origin, direction, near, far, radius, spread = generate_ray(camera, x, y, u2, u3)
+        paths.pixel[lane] = pixel
+        paths.sample[lane] = sample
+        paths.rng[lane] = rng
+        paths.dimension[lane] = SETS_BEFORE_VERTICES
+        store(paths.origin, lane, add(origin, scale(direction, near)))
+        store(paths.direction, lane, direction)
+        paths.hit_distance[lane] = far - near
+        paths.time[lane] = time
+        for c in range(len(paths.channels)):
+            paths.throughput[lane, c] = 1.0
+            paths.radiance[lane, c] = 0.0
+        paths.mis_pdf[lane] = 0.0
+        store(paths.mis_origin, lane, origin)
+        store(paths.mis_normal, lane, direction)
+        paths.mis_distance[lane] = near
+        paths.min_pdf[lane] = 1e30
+        paths.radius[lane] = radius + near * spread
+        paths.spread[lane] = spread
+        paths.alpha[lane] = 1.0
+        paths.flags[lane] = RAY_CAMERA | RAY_MIS_SKIP | RAY_TRANSPARENT_BACKGROUND
+        paths.depth[lane] = 0
+        paths.diffuse_depth[lane] = 0
+        paths.glossy_depth[lane] = 0
+        paths.transmission_depth[lane] = 0
+        paths.transparent_depth[lane] = 0
+        paths.alive[lane] = 1
+        active[active_count] = lane
+        active_count += 1
+    return next_path, active_count, free_count
