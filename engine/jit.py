@@ -23,6 +23,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core.typing.typeof import typeof_impl
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
@@ -91,11 +92,23 @@ def source_hash(name: str) -> str:
     return digest.hexdigest()[:16]
 
 
+class _ConstantTuple(tuple):
+    """A tuple that numpy scalars do not compare with elementwise: numba compares constants with ==."""
+
+    __slots__ = ()
+    __array_ufunc__ = None
+
+
+@typeof_impl.register(_ConstantTuple)
+def _type_of_constant_tuple(value: Any, context: Any) -> Any:
+    return typeof_impl(tuple(value), context)
+
+
 def _float32_constants(value: Any) -> Any:
     if type(value) is float:
         return np.float32(value)
     if type(value) is tuple:
-        return tuple(_float32_constants(item) for item in value)
+        return _ConstantTuple(_float32_constants(item) for item in value)
     return value
 
 
@@ -123,7 +136,7 @@ def kernel(
     def decorate(target: Callable[..., Any]) -> Any:
         if not float64_literals:
             code = target.__code__
-            target.__code__ = code.replace(co_consts=_float32_constants(code.co_consts))
+            target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
         module = target.__module__
         previous = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{source_hash(module)}")

@@ -1,1 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Closures: append them (`add_*`), evaluate and sample their sum (`eval_bsdf`, `sample_bsdf`).
+
+A lane's list starts with `reset_closures`. `add_glossy`, `add_refraction`, `add_glass` and `add_translucent` expect the
+normal that `valid_specular_normal` returns, `add_diffuse` and `add_principled` the plain one. Whether caustics are
+switched off is the caller's business for the first two; glass and Principled look at `Closures.flags`.
+"""
+
+from engine.kernels.bsdf.closures import blur_glossy as blur_glossy
+from engine.kernels.bsdf.closures import reset_closures as reset_closures
+from engine.kernels.bsdf.closures import summarize as summarize
+from engine.kernels.bsdf.diffuse import add_diffuse as add_diffuse
+from engine.kernels.bsdf.diffuse import add_emission as add_emission
+from engine.kernels.bsdf.diffuse import add_holdout as add_holdout
+from engine.kernels.bsdf.diffuse import add_oren_nayar as add_oren_nayar
+from engine.kernels.bsdf.diffuse import add_translucent as add_translucent
+from engine.kernels.bsdf.diffuse import add_transparent as add_transparent
+from engine.kernels.bsdf.evaluate import albedo as albedo
+from engine.kernels.bsdf.evaluate import eval_bsdf as eval_bsdf
+from engine.kernels.bsdf.evaluate import sample_bsdf as sample_bsdf
+from engine.kernels.bsdf.glossy import add_glass as add_glass
+from engine.kernels.bsdf.glossy import add_glossy as add_glossy
+from engine.kernels.bsdf.glossy import add_refraction as add_refraction
+from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
+from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
+from engine.kernels.bsdf.principled import add_principled as add_principled
+from engine.kernels.bsdf.tables import BsdfTables as BsdfTables
+from engine.kernels.bsdf.tables import load_tables as load_tables

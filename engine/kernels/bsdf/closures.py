@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The list of closures of a lane: start it, append to it, ask what is in it, blur it."""
+
+from engine.jit import kernel
+from engine.kernels.bsdf.kinds import (
+    ALPHA_X,
+    ALPHA_Y,
+    DELTA_ALPHA_SQUARED,
+    FIRST_MICROFACET,
+    HAS_DELTA,
+    HAS_EVAL,
+    HAS_TRANSMISSION,
+    HAS_TRANSPARENT,
+    IS_BUMPED,
+    LAST_MICROFACET,
+    REFRACTION,
+    TRANSLUCENT,
+    TRANSPARENT,
+    WEIGHT_CUTOFF,
+)
+from engine.state import (
+    CLOSURE_CHANNELS,
+    CLOSURE_N,
+    CLOSURE_SAMPLE_WEIGHT,
+    CLOSURE_WEIGHT,
+    MAX_CLOSURES,
+)
+
+
+@kernel
+def reset_closures(closures, lane, ns, flags):
+    """Empty a lane before its shader runs.
+
+    Parameters
+    ----------
+    ns : tuple of 3 float32
+        Smooth shading normal on the viewer's side.
+    flags : int
+        CLOSURE_NO_* bits: no bump correction; caustics of a kind switched off and the path had a diffuse bounce.
+    """
+    closures.count[lane] = 0
+    closures.holdout[lane] = 0.0
+    for c in range(CLOSURE_CHANNELS):
+        closures.emission[lane, c] = 0.0
+        closures.transparency[lane, c] = 0.0
+    for k in range(3):
+        closures.ns[lane, k] = ns[k]
+    closures.flags[lane] = flags
+
+
+@kernel
+def average(color):
+    """Mean of a 3-tuple."""
+    return (color[0] + color[1] + color[2]) * (1.0 / 3.0)
+
+
+@kernel
+def store_color(closures, lane, i, column, color):
+    """Write an RGB 3-tuple into the four columns of a colour parameter."""
+    closures.param[lane, i, column] = color[0]
+    closures.param[lane, i, column + 1] = color[1]
+    closures.param[lane, i, column + 2] = color[2]
+    closures.param[lane, i, column + 3] = 0.0
+
+
+@kernel
+def append_closure(closures, lane, kind, weight, n):
+    """Append a lobe and return its index; -1 if it weighs nothing (or is not finite) or the lane is full.
+
+    The sample weight starts as the mean weight; negative weights count as 0.
+    """
+    weight = (max(weight[0], 0.0), max(weight[1], 0.0), max(weight[2], 0.0))
+    sample_weight = average(weight)
+    i = closures.count[lane]
+    if not (sample_weight >= WEIGHT_CUTOFF) or i >= MAX_CLOSURES:
+        return -1
+    closures.count[lane] = i + 1
+    closures.kind[lane, i] = kind
+    store_color(closures, lane, i, CLOSURE_WEIGHT, weight)
+    for k in range(3):
+        closures.param[lane, i, CLOSURE_N + k] = n[k]
+    ns = closures.ns
+    is_bumped = n[0] != ns[lane, 0] or n[1] != ns[lane, 1] or n[2] != ns[lane, 2]
+    closures.param[lane, i, IS_BUMPED] = 1.0 if is_bumped else 0.0
+    closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT] = sample_weight
+    return i
+
+
+@kernel
+def closure_weight(closures, lane, i):
+    """Weight of a closure as an RGB 3-tuple."""
+    param = closures.param
+    return (
+        param[lane, i, CLOSURE_WEIGHT],
+        param[lane, i, CLOSURE_WEIGHT + 1],
+        param[lane, i, CLOSURE_WEIGHT + 2],
+    )
+
+
+@kernel
+def summarize(closures, lane):
+    """Bits HAS_EVAL, HAS_TRANSMISSION (of non-delta lobes), HAS_DELTA, HAS_TRANSPARENT of a lane."""
+    bits = 0
+    for i in range(closures.count[lane]):
+        kind = closures.kind[lane, i]
+        if kind == TRANSPARENT:
+            bits |= HAS_TRANSPARENT
+        elif kind >= FIRST_MICROFACET:
+            if closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y] > DELTA_ALPHA_SQUARED:
+                bits |= HAS_EVAL
+                if kind >= REFRACTION:
+                    bits |= HAS_TRANSMISSION
+            else:
+                bits |= HAS_DELTA
+        else:
+            bits |= HAS_EVAL
+            if kind == TRANSLUCENT:
+                bits |= HAS_TRANSMISSION
+    return bits
+
+
+@kernel
+def blur_glossy(closures, lane, roughness):
+    """Raise the alphas of a lane's microfacet lobes to at least `roughness` (filter glossy)."""
+    for i in range(closures.count[lane]):
+        kind = closures.kind[lane, i]
+        if FIRST_MICROFACET <= kind <= LAST_MICROFACET:
+            closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
+            closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)

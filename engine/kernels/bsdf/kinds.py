@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Kinds of closures and where their parameters lie in a row of `Closures.param`.
+
+Columns 0 to 7 are common (`engine.state`: weight, normal, sample weight); the rest is the kind's:
+
+==================  ==================================================================================================
+DIFFUSE             none
+OREN_NAYAR          OREN_A, OREN_B, OREN_MULTIPLE (4 channels)
+SHEEN               SHEEN_A, SHEEN_B, SHEEN_TANGENT (3)
+TRANSLUCENT         none
+GLOSSY              ALPHA_X, ALPHA_Y, ENERGY_SCALE, TANGENT (3, of anisotropic lobes)
+GLOSSY_DIELECTRIC   as GLOSSY, and ETA
+GLOSSY_SCHLICK      as GLOSSY_DIELECTRIC, and F0 (4), F0_REAL
+GLOSSY_F82          as GLOSSY, and F0 (4), F82_B (4)
+REFRACTION          ALPHA_X = ALPHA_Y, ETA, ENERGY_SCALE
+GLASS               as REFRACTION, and F0 (4), F0_REAL, REFLECTION_TINT (4), TRANSMISSION_TINT (4)
+TRANSPARENT         none
+==================  ==================================================================================================
+
+The microfacet kinds say their Fresnel term. Colours take four columns, the fourth is 0 while the spectrum is RGB.
+A lobe with alpha_x * alpha_y <= DELTA_ALPHA_SQUARED is a delta lobe.
+"""
+
+import numpy as np
+
+from engine.state import CLOSURE_KIND_PARAMS, CLOSURE_WIDTH
+
+NONE = 0
+
+# Diffuse kinds: LAST_DIFFUSE is the last.
+DIFFUSE = 1
+OREN_NAYAR = 2
+SHEEN = 3
+TRANSLUCENT = 4
+LAST_DIFFUSE = 4
+
+# Microfacet kinds: FIRST_MICROFACET to LAST_MICROFACET; those from REFRACTION on transmit.
+FIRST_MICROFACET = 8
+GLOSSY = 8
+GLOSSY_DIELECTRIC = 9
+GLOSSY_SCHLICK = 10
+GLOSSY_F82 = 11
+REFRACTION = 12
+GLASS = 13
+LAST_MICROFACET = 13
+
+TRANSPARENT = 16
+
+# Values of the `distribution` argument of add_*.
+GGX = 0
+MULTI_GGX = 1
+BECKMANN = 2
+ASHIKHMIN_SHIRLEY = 3
+
+# Bits of Closures.flags.
+CLOSURE_NO_BUMP_CORRECTION = 1
+CLOSURE_NO_REFLECTIVE_CAUSTICS = 2
+CLOSURE_NO_REFRACTIVE_CAUSTICS = 4
+
+# Bits that `summarize` returns.
+HAS_EVAL = 1
+HAS_TRANSMISSION = 2
+HAS_DELTA = 4
+HAS_TRANSPARENT = 8
+
+# Columns of Closures.param.
+ALPHA_X = CLOSURE_KIND_PARAMS
+ALPHA_Y = CLOSURE_KIND_PARAMS + 1
+ETA = CLOSURE_KIND_PARAMS + 2  # refractive index of the far side over the viewer's side
+ENERGY_SCALE = CLOSURE_KIND_PARAMS + 3
+TANGENT = CLOSURE_KIND_PARAMS + 4
+F0_REAL = CLOSURE_KIND_PARAMS + 7
+F0 = CLOSURE_KIND_PARAMS + 8
+REFLECTION_TINT = CLOSURE_KIND_PARAMS + 12
+F82_B = REFLECTION_TINT
+TRANSMISSION_TINT = CLOSURE_KIND_PARAMS + 16
+
+OREN_A = CLOSURE_KIND_PARAMS
+OREN_B = CLOSURE_KIND_PARAMS + 1
+OREN_MULTIPLE = CLOSURE_KIND_PARAMS + 2
+
+SHEEN_A = CLOSURE_KIND_PARAMS
+SHEEN_B = CLOSURE_KIND_PARAMS + 1
+SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 2
+
+#: 1 where the closure's normal is not the smooth shading normal (bump_shadowing applies), else 0.
+IS_BUMPED = CLOSURE_WIDTH - 1
+
+#: Closures whose mean weight is below are dropped (Cycles' cutoff).
+WEIGHT_CUTOFF = np.float32(1e-5)
+#: Product of the alphas up to which a microfacet lobe is a delta lobe (Cycles' threshold).
+DELTA_ALPHA_SQUARED = np.float32(2e-10)

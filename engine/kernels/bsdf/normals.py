@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What keeps bumped normals plausible: repair of the normal of specular lobes, softening of the terminator."""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.bsdf.kinds import CLOSURE_NO_BUMP_CORRECTION
+from engine.kernels.vector import add, dot, normalize, scale, subtract
+
+
+@kernel
+def ensure_valid_specular_reflection(ng, wo, n):
+    """Turn `n` towards `ng` just enough for the mirror direction of `wo` to leave the surface.
+
+    Solves, in the plane of n and ng, for the normal whose mirror direction has the least elevation that is still
+    accepted: 2 (n.wo) n.ng - wo.ng = min(0.9 wo.ng, 0.01), a quadratic in (n.ng)^2. As Cycles' function of that name.
+
+    Parameters
+    ----------
+    ng, wo, n : tuple of 3 float32
+        Geometric normal on the side of `wo`, direction to the viewer, wanted normal; all unit.
+    """
+    wo_z = dot(wo, ng)
+    elevation = min(0.9 * wo_z, 0.01)
+    mirrored_z = 2.0 * dot(n, wo) * dot(n, ng) - wo_z
+    if mirrored_z >= elevation:
+        return n
+    across = normalize(subtract(n, scale(ng, dot(n, ng))))
+    wo_x = dot(wo, across)
+    a = max(wo_x * wo_x + wo_z * wo_z, 1e-20)
+    b = 2.0 * (a + wo_z * elevation)
+    c = (elevation + wo_z) * (elevation + wo_z)
+    root = math.sqrt(max(b * b - 4.0 * a * c, 0.0))
+    n_z_squared = 0.25 * (b + root if wo_x < 0.0 else b - root) / a
+    n_x = math.sqrt(max(1.0 - n_z_squared, 0.0))
+    n_z = math.sqrt(max(n_z_squared, 0.0))
+    return add(scale(across, n_x), scale(ng, n_z))
+
+
+@kernel
+def valid_specular_normal(closures, lane, ng, wo, n):
+    """`ensure_valid_specular_reflection` unless the material turned bump correction off or `n` is `ng`."""
+    if closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION:
+        return n
+    if n[0] == ng[0] and n[1] == ng[1] and n[2] == ng[2]:
+        return n
+    return ensure_valid_specular_reflection(ng, wo, n)
+
+
+@kernel
+def bump_shadowing(closures, lane, n, wi, is_diffuse, is_sampled):
+    """Factor in [0, 1] on a bumped lobe: 0 where light would leak through, a soft terminator for diffuse lobes.
+
+    A direction on one side of the bumped normal and on the other of the smooth one is rejected, except for a
+    specular lobe's own sample. Masking of Conty Estevez, Lecocq and Stein 2019, "A Microfacet-Based Shadowing Function
+    to Solve the Bump Terminator Problem", in the unidirectional Smith form that Cycles uses.
+    """
+    ns = (closures.ns[lane, 0], closures.ns[lane, 1], closures.ns[lane, 2])
+    cos_ns_wi = dot(ns, wi)
+    cos_ns_n = dot(ns, n)
+    if cos_ns_wi * cos_ns_n * dot(n, wi) < 0.0 and (is_diffuse or not is_sampled):
+        return 0.0
+    if not is_diffuse or closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION:
+        return 1.0
+    cos_i = abs(cos_ns_wi)
+    cos_d = abs(cos_ns_n)
+    if cos_d >= 1.0 or cos_i >= 1.0:
+        return 1.0
+    if cos_i < 1e-6:
+        return 0.0
+    alpha_squared = min(0.125 * (1.0 / (cos_d * cos_d) - 1.0), 1.0)
+    tan_squared = 1.0 / (cos_i * cos_i) - 1.0
+    return 2.0 / (1.0 + math.sqrt(1.0 + alpha_squared * tan_squared))
