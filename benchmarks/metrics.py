@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Errors of rendered images: plain numpy over float arrays, nothing about Blender.
+
+Two kinds of figures, never to be mixed up:
+
+- *against a reference*: `relative_squared_error`, `absolute_percentage_error`, `flip`; they hold the noise of both
+  images and any bias;
+- *from independent seeds*: `seed_variance`; the expected squared error of one render about its own mean. It sees no
+  bias and needs no converged reference, only a moderately good one for the denominator.
+
+Images are divided by the reference's mean first, so that dark scenes count like bright ones, and squared errors by
+r^2 + 0.01. The trimmed figures leave out the worst 0.1% of pixels, which carry nearly all of it on scenes
+with caustics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.floating[Any]]
+
+EPSILON = 0.01
+TRIMMED_FRACTION = 0.001
+
+
+@dataclass(frozen=True)
+class Error:
+    """A relative squared error over an image: of all pixels, and without the worst `TRIMMED_FRACTION` of them."""
+
+    whole: float
+    trimmed: float
+
+
+def _colour(image: FloatArray) -> npt.NDArray[np.float64]:
+    return np.asarray(image, np.float64)[..., :3]
+
+
+def image_scale(reference: FloatArray) -> float:
+    """Mean of a reference over pixels and colour channels, 1 for a black one."""
+    mean = float(_colour(reference).mean())
+    return mean if mean > 0.0 else 1.0
+
+
+def reduce_error(per_pixel: FloatArray) -> Error:
+    """Mean and trimmed mean of errors per pixel; the count left out is rounded up, so it is at least one."""
+    flat = np.sort(np.asarray(per_pixel, np.float64), axis=None)
+    left_out = min(int(np.ceil(flat.size * TRIMMED_FRACTION)), flat.size - 1)
+    return Error(float(flat.mean()), float(flat[: flat.size - left_out].mean()))
+
+
+def relative_squared_error_map(image: FloatArray, reference: FloatArray) -> npt.NDArray[np.float64]:
+    """(x - r)^2 / (r^2 + 0.01) per pixel, mean over RGB, both divided by the mean of r; float64 (height, width)."""
+    scale = image_scale(reference)
+    x, r = _colour(image) / scale, _colour(reference) / scale
+    return np.asarray(((x - r) ** 2 / (r**2 + EPSILON)).mean(axis=-1))
+
+
+def relative_squared_error(image: FloatArray, reference: FloatArray) -> Error:
+    """Relative squared error against a reference (its own noise included)."""
+    return reduce_error(relative_squared_error_map(image, reference))
+
+
+def seed_variance_map(images: Sequence[FloatArray], reference: FloatArray) -> npt.NDArray[np.float64]:
+    """Unbiased variance over independent seeds divided by r^2 + 0.01, mean over RGB; float64 (height, width).
+
+    Raises
+    ------
+    ValueError
+        For fewer than 3 images, whose variance says nothing.
+    """
+    if len(images) < 3:
+        raise ValueError(f"seed variance from {len(images)} images: render at least 3 seeds")
+    scale = image_scale(reference)
+    stack = np.stack([_colour(image) for image in images]) / scale
+    r = _colour(reference) / scale
+    return np.asarray((stack.var(axis=0, ddof=1) / (r**2 + EPSILON)).mean(axis=-1))
+
+
+def seed_variance(images: Sequence[FloatArray], reference: FloatArray) -> Error:
+    """Expected relative squared error of one render about its own mean, from independent seeds."""
+    return reduce_error(seed_variance_map(images, reference))
+
+
+def absolute_percentage_error(image: FloatArray, reference: FloatArray) -> float:
+    """Mean of |x - r| / (r + 0.01) over pixels and RGB, both divided by the mean of r."""
+    scale = image_scale(reference)
+    x, r = _colour(image) / scale, _colour(reference) / scale
+    return float((np.abs(x - r) / (np.abs(r) + EPSILON)).mean())
+
+
+def flip(image: FloatArray, reference: FloatArray) -> float:
+    """Mean HDR-FLIP; its exposures follow from the reference alone, so they are fixed for a scene.
+
+    References: Andersson et al. 2021, "Visualizing errors in rendered high dynamic range images".
+    """
+    from flip_evaluator import evaluate
+
+    def prepare(pixels: FloatArray) -> npt.NDArray[np.float32]:
+        return np.ascontiguousarray(np.maximum(np.nan_to_num(_colour(pixels)), 0.0), np.float32)
+
+    _, mean, _ = evaluate(prepare(reference), prepare(image), "HDR", inputsRGB=False, applyMagma=False)
+    return float(mean)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Same picture?
+
+
+@dataclass(frozen=True)
+class CellComparison:
+    """Cell means of two renderers over a grid, relative to the second one's.
+
+    difference : float64 (rows, columns), (mean_a - mean_b) / mean_b, of the mean over channels
+    standard_error : float64 (rows, columns), of `difference`
+    """
+
+    difference: npt.NDArray[np.float64]
+    standard_error: npt.NDArray[np.float64]
+
+    def exceeds(self, allowance: float, sigmas: float) -> npt.NDArray[np.bool_]:
+        """Cells whose difference is beyond both a relative allowance and a count of standard errors."""
+        return np.asarray(np.abs(self.difference) > np.maximum(allowance, sigmas * self.standard_error))
+
+
+def grid_edges(size: int, cell_count: int) -> npt.NDArray[np.intp]:
+    """Pixel bounds that cut `size` pixels into at most `cell_count` cells, none of them empty."""
+    return np.unique(np.linspace(0, size, cell_count + 1).round().astype(np.intp))
+
+
+def mean_and_error(images: Sequence[FloatArray]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Per-pixel mean over seeds, and the variance of that mean."""
+    stack = np.stack([np.asarray(image, np.float64) for image in images])
+    if len(stack) < 2:
+        raise ValueError("standard errors need at least 2 seeds")
+    return stack.mean(axis=0), stack.var(axis=0, ddof=1) / len(stack)
+
+
+def compare_cells(
+    images_a: Sequence[FloatArray], images_b: Sequence[FloatArray], rows: int = 8, columns: int = 8
+) -> CellComparison:
+    """Compare the cell means of two renderers.
+
+    The variance of a cell's mean is the sum of its pixels' variances over seeds: pixels are independent (every sampler
+    here scrambles per pixel), and hundreds of pixels give a far steadier estimate than a handful of seeds' cell means.
+    Relative to the second renderer's cell, floored at 1% of its image mean so that black cells do not divide by zero.
+    """
+    mean_a, variance_a = mean_and_error([_colour(image).mean(axis=-1) for image in images_a])
+    mean_b, variance_b = mean_and_error([_colour(image).mean(axis=-1) for image in images_b])
+    floor = 0.01 * abs(float(mean_b.mean())) or 1.0
+    row_edges, column_edges = grid_edges(mean_a.shape[0], rows), grid_edges(mean_a.shape[1], columns)
+
+    def cell_means(pixels: FloatArray) -> npt.NDArray[np.float64]:
+        sums = np.add.reduceat(np.add.reduceat(pixels, row_edges[:-1], axis=0), column_edges[:-1], axis=1)
+        return np.asarray(sums / (np.diff(row_edges)[:, None] * np.diff(column_edges)[None, :]))
+
+    a, b = cell_means(mean_a), cell_means(mean_b)
+    counts = np.diff(row_edges)[:, None] * np.diff(column_edges)[None, :]
+    variance = (cell_means(variance_a) + cell_means(variance_b)) / counts
+    denominator = np.maximum(np.abs(b), floor)
+    return CellComparison((a - b) / denominator, np.sqrt(variance) / denominator)
+
+
+def compare_means(
+    images_a: Sequence[FloatArray], images_b: Sequence[FloatArray]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Relative difference of every channel's image mean, and its standard error; float64 (channels,) each.
+
+    Relative to the second renderer's channel, floored at 1% of its mean over all channels.
+    """
+    mean_a, variance_a = mean_and_error(images_a)
+    mean_b, variance_b = mean_and_error(images_b)
+    pixel_count = mean_a.shape[0] * mean_a.shape[1]
+    a, b = mean_a.mean(axis=(0, 1)), mean_b.mean(axis=(0, 1))
+    variance = (variance_a + variance_b).sum(axis=(0, 1)) / pixel_count**2
+    denominator = np.maximum(np.abs(b), max(0.01 * float(np.abs(b).mean()), 1e-12))
+    return (a - b) / denominator, np.sqrt(variance) / denominator

@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Small scenes built by script, one per thing to compare; `builtin:NAME` wherever a scene is asked for.
+
+Importing this package fills the registry; `bpy` is needed only to build.
+"""
+
+from benchmarks.scenes import cameras, closures, geometry, lights, principled, textures
+from benchmarks.scenes.registry import SCENES, BuiltinScene, build
+
+__all__ = ["SCENES", "BuiltinScene", "build", "cameras", "closures", "geometry", "lights", "principled", "textures"]
