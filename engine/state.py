@@ -109,7 +109,7 @@ class Closures(NamedTuple):
     emission : float32 (L, 4), radiance emitted towards wo, per channel
     transparency : float32 (L, 4), summed weight of transparent closures
     holdout : float32 (L,), weight of holdout closures
-    ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`engine.kernels.bsdf.reset_closures` sets it)
+    ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`bsdf.reset_closures` sets it)
     flags : int32 (L,), CLOSURE_NO_* bits of engine.kernels.bsdf.kinds
     channels : tuple of ints, its length is the spectrum's width
     """
@@ -224,6 +224,51 @@ class ShadowRays(NamedTuple):
     radiance: Float32Array
     transparent_depth: Int32Array
     channels: tuple[int, ...]
+
+
+class LightSamples(NamedTuple):
+    """One light sample a lane, between choosing it and connecting to it.
+
+    direction : float32 (L, 3), from the surface, unit; distance : float32, 1e30 for distant lights
+    pdf : float32 [sr^-1], the tree's pmf included (a delta light's pmf); 0 = none
+    radiance : float32 (L, C), or the factor on the light program's emission where there is a program
+    terminate : float32 in [0, 1), for the roulette on dim light samples
+    offset : float32 [m], rounding error of the point on the light along the ray
+    flags : int32, LIGHT_*
+    visibility : int32, RAY_* kinds that see this light
+    """
+
+    direction: Float32Array
+    distance: Float32Array
+    pdf: Float32Array
+    radiance: Float32Array
+    terminate: Float32Array
+    offset: Float32Array
+    flags: Int32Array
+    visibility: Int32Array
+    channels: tuple[int, ...]
+
+
+LIGHT_USES_MIS = 1
+LIGHT_CASTS_SHADOW = 2
+#: The program's emission at this sample is in the light closures.
+LIGHT_HAS_PROGRAM = 4
+
+
+def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
+    """Zeroed `LightSamples` for `lane_count` lanes."""
+    real, integer = np.float32, np.int32
+    return LightSamples(
+        np.zeros((lane_count, 3), real),
+        np.zeros(lane_count, real),
+        np.zeros(lane_count, real),
+        np.zeros((lane_count, channel_count), real),
+        np.zeros(lane_count, real),
+        np.zeros(lane_count, real),
+        np.zeros(lane_count, integer),
+        np.zeros(lane_count, integer),
+        tuple(range(channel_count)),
+    )
 
 
 def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:

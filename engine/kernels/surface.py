@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points on surfaces: position, normals, rounding error, and the ray's start that clears it."""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.vector import (
+    add,
+    cross,
+    dot,
+    load,
+    negate,
+    normalize,
+    scale,
+    subtract,
+    transform_direction,
+    transform_normal,
+    transform_point,
+)
+from engine.scene.arrays import (
+    INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_MIRRORED,
+    INSTANCE_FLAGS,
+    INSTANCE_MATERIAL_OFFSET,
+    INSTANCE_MESH,
+    MESH_FIRST_NORMAL,
+    MESH_FIRST_TRIANGLE,
+)
+from engine.state import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_INSTANCE,
+    POINT_LIGHT,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_TRIANGLE,
+    POINT_U,
+    POINT_V,
+    POINT_WO,
+)
+
+#: Bound on the relative rounding error of a point interpolated from a triangle's vertices: gamma(7) of pbrt (Pharr et
+#: al. 2023, section 6.8), four times over for the transform and for Embree's own distance.
+_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+
+
+@kernel
+def surface_point(geometry, instance, triangle, u, v):
+    """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer), error.
+
+    Returns
+    -------
+    p, ng, ns : 3-tuples
+    error : float32 [m], bound on the rounding error of p
+    """
+    a = np.int64(geometry.triangles[triangle, 0])
+    b = np.int64(geometry.triangles[triangle, 1])
+    c = np.int64(geometry.triangles[triangle, 2])
+    v0 = load(geometry.vertices, a)
+    v1 = load(geometry.vertices, b)
+    v2 = load(geometry.vertices, c)
+    w = 1.0 - u - v
+    p = (
+        w * v0[0] + u * v1[0] + v * v2[0],
+        w * v0[1] + u * v1[1] + v * v2[1],
+        w * v0[2] + u * v1[2] + v * v2[2],
+    )
+    extent = max(
+        max(abs(v0[0]), abs(v1[0]), abs(v2[0])),
+        max(abs(v0[1]), abs(v1[1]), abs(v2[1])),
+        max(abs(v0[2]), abs(v1[2]), abs(v2[2])),
+    )
+    ng = cross(subtract(v1, v0), subtract(v2, v0))
+    flags = geometry.instance_table[instance, INSTANCE_FLAGS]
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
+    ns = ng
+    if first_normal >= 0:
+        row = first_normal + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+        normals = geometry.corner_normals
+        ns = (
+            w * normals[row, 0] + u * normals[row, 3] + v * normals[row, 6],
+            w * normals[row, 1] + u * normals[row, 4] + v * normals[row, 7],
+            w * normals[row, 2] + u * normals[row, 5] + v * normals[row, 8],
+        )
+    if flags & INSTANCE_FLAG_BAKED:
+        if flags & INSTANCE_FLAG_MIRRORED:
+            ng = negate(ng)
+            if first_normal < 0:
+                ns = ng
+    else:
+        widest = transform_direction(geometry.transforms, instance, (extent, extent, extent))
+        extent = max(abs(widest[0]), abs(widest[1]), abs(widest[2]))
+        p = transform_point(geometry.transforms, instance, p)
+        extent = max(extent, abs(p[0]), abs(p[1]), abs(p[2]))
+        ng = transform_normal(geometry.inverses, instance, ng)
+        ns = transform_normal(geometry.inverses, instance, ns)
+    ng = normalize(ng)
+    if first_normal >= 0:
+        ns = normalize(ns)
+        if dot(ns, ns) < 0.5:
+            ns = ng
+    else:
+        ns = ng
+    return p, ng, ns, extent * _ERROR
+
+
+@kernel
+def prepare_point(geometry, points, lane, instance, triangle, u, v, direction):
+    """Fill the geometric part of a point to shade; returns its error bound [m]."""
+    p, ng, ns, error = surface_point(geometry, instance, triangle, u, v)
+    flags = 0
+    if dot(ng, direction) > 0.0:
+        ng = negate(ng)
+        ns = negate(ns)
+        flags = POINT_FLAG_BACKFACING
+    real = points.real
+    for k in range(3):
+        real[lane, POINT_P + k] = p[k]
+        real[lane, POINT_WO + k] = -direction[k]
+        real[lane, POINT_NG + k] = ng[k]
+        real[lane, POINT_NS + k] = ns[k]
+    real[lane, POINT_U] = u
+    real[lane, POINT_V] = v
+    points.integer[lane, POINT_INSTANCE] = instance
+    points.integer[lane, POINT_TRIANGLE] = triangle
+    points.integer[lane, POINT_FLAGS] = flags
+    points.integer[lane, POINT_LIGHT] = -1
+    return error
+
+
+@kernel
+def program_of(geometry, instance, triangle):
+    """Shader program of a triangle of an instance."""
+    offset = geometry.instance_table[instance, INSTANCE_MATERIAL_OFFSET]
+    return geometry.instance_materials[offset + geometry.material_slots[triangle]]
+
+
+@kernel
+def offset_origin(p, ng, direction, offset):
+    """Start of a ray leaving p: off the surface by `offset`, on the side it leaves to."""
+    side = offset if dot(ng, direction) >= 0.0 else -offset
+    return add(p, scale(ng, side))

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: put finished paths on the film and free their lanes."""
+
+import math
+
+from engine.jit import kernel
+
+
+@kernel
+def accumulate(paths, active, active_count, free, free_count, film):
+    """Keep living lanes in `active`; add the others to the film.
+
+    A sample with a NaN or infinite channel counts as black and as a reject.
+
+    Returns
+    -------
+    active_count, free_count, reject_count : int
+    """
+    kept = 0
+    reject_count = 0
+    for k in range(active_count):
+        lane = active[k]
+        if paths.alive[lane] != 0:
+            active[kept] = lane
+            kept += 1
+            continue
+        pixel = paths.pixel[lane]
+        finite = True
+        for c in range(len(paths.channels)):
+            finite = finite and math.isfinite(paths.radiance[lane, c])
+        if finite:
+            for c in range(len(paths.channels)):
+                value = paths.radiance[lane, c]
+                film.radiance[pixel, c] += value
+                film.square[pixel, c] += value * value
+            film.alpha[pixel] += paths.alpha[lane]
+        else:
+            reject_count += 1
+        film.count[pixel] += 1
+        free[free_count] = lane
+        free_count += 1
+    return kept, free_count, reject_count

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings as stages read them: a tuple of scalars, limits already in the integrator's own counting."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.settings import RenderSettings
+
+
+class IntegratorOptions(NamedTuple):
+    """Depth limits count scatterings: a path ends at the surface after the `max_*`-th."""
+
+    max_depth: int
+    max_diffuse_depth: int
+    max_glossy_depth: int
+    max_transmission_depth: int
+    max_transparent_depth: int
+    min_depth: int
+    min_transparent_depth: int
+    use_nee: int
+    use_roulette: int
+    film_transparent: int
+    clamp_direct: np.float32
+    clamp_indirect: np.float32
+    #: Light samples that would add less than 1 / this are played roulette with; 0 = off.
+    inverse_light_threshold: np.float32
+    filter_glossy: np.float32
+
+
+def make_options(settings: RenderSettings, exposure: float) -> IntegratorOptions:
+    """Options from a user's settings; a limit of N bounces is N + 1 scatterings, as in Cycles."""
+    threshold = settings.light_sampling_threshold
+    return IntegratorOptions(
+        max_depth=settings.max_bounces + 1,
+        max_diffuse_depth=settings.diffuse_bounces + 1,
+        max_glossy_depth=settings.glossy_bounces + 1,
+        max_transmission_depth=settings.transmission_bounces + 1,
+        max_transparent_depth=settings.transparent_max_bounces,
+        min_depth=settings.min_light_bounces + 1,
+        min_transparent_depth=settings.min_transparent_bounces + 1,
+        use_nee=int(settings.use_nee),
+        use_roulette=int(settings.use_russian_roulette),
+        film_transparent=int(settings.film_transparent),
+        clamp_direct=np.float32(settings.clamp_direct),
+        clamp_indirect=np.float32(settings.clamp_indirect),
+        inverse_light_threshold=np.float32(exposure / threshold if threshold > 0.0 else 0.0),
+        filter_glossy=np.float32(settings.filter_glossy),
+    )

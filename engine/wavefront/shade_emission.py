@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: light that a surface emits towards the path that found it, holdouts, and what roulette owes."""
+
+import math
+
+import numpy as np
+
+from engine.film import FEATURE_EMISSION
+from engine.jit import kernel
+from engine.kernels.bsdf import blur_glossy, keep_transparent
+from engine.kernels.lights import triangle_emitter_pdf
+from engine.kernels.radiance import add_radiance, power_heuristic
+from engine.kernels.vector import load
+from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state import (
+    POINT_NG,
+    RAY_MIS_HAD_TRANSMISSION,
+    RAY_MIS_SKIP,
+    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_TRANSPARENT_BACKGROUND,
+)
+
+
+@kernel
+def shade_emission(lights, geometry, options, paths, points, closures, lanes, lane_count, film, write_features):
+    """Add emission with the MIS weight of having found it by scattering; then divide by the survival probability.
+
+    Lanes flagged RAY_TERMINATE_ON_NEXT_SURFACE, and those whose holdout is complete, end here; those flagged
+    RAY_TERMINATE_AFTER_TRANSPARENT keep their transparent lobe only.
+    """
+    for k in range(lane_count):
+        lane = lanes[k]
+        flags = paths.flags[lane]
+        instance = paths.hit_instance[lane]
+        holdout = closures.holdout[lane]
+        if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT:
+            holdout = 1.0
+        if holdout > 0.0 and flags & RAY_TRANSPARENT_BACKGROUND:
+            average = 0.0
+            for c in range(len(paths.channels)):
+                average += paths.throughput[lane, c]
+            paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
+            if holdout >= 0.9999:
+                paths.alive[lane] = 0
+                continue
+        emitted = 0.0
+        for c in range(len(paths.channels)):
+            emitted = max(emitted, abs(closures.emission[lane, c]))
+        if emitted > 0.0:
+            weight = 1.0
+            if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+                pdf = triangle_emitter_pdf(
+                    lights,
+                    geometry,
+                    instance,
+                    paths.hit_triangle[lane],
+                    load(paths.mis_origin, lane),
+                    load(paths.mis_normal, lane),
+                    (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
+                    load(paths.direction, lane),
+                    paths.mis_distance[lane] + paths.hit_distance[lane],
+                    (
+                        points.real[lane, POINT_NG],
+                        points.real[lane, POINT_NG + 1],
+                        points.real[lane, POINT_NG + 2],
+                    ),
+                )
+                if pdf > 0.0:
+                    weight = power_heuristic(paths.mis_pdf[lane], pdf)
+            for c in range(len(paths.channels)):
+                closures.emission[lane, c] *= paths.throughput[lane, c] * weight
+            add_radiance(
+                paths, lane, closures.emission, lane, paths.depth[lane] - 1, options.clamp_direct,
+                options.clamp_indirect,
+            )
+            if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
+                for c in range(3):
+                    film.features[paths.pixel[lane], FEATURE_EMISSION + c] += closures.emission[lane, c]
+        if flags & RAY_TERMINATE_ON_NEXT_SURFACE:
+            paths.alive[lane] = 0
+            continue
+        if flags & RAY_TERMINATE_AFTER_TRANSPARENT:
+            keep_transparent(closures, lane)
+            if closures.count[lane] == 0:
+                paths.alive[lane] = 0
+                continue
+        survival = paths.random[lane, 3]
+        if survival < 1.0:
+            scale = 1.0 / survival
+            for c in range(len(paths.channels)):
+                paths.throughput[lane, c] *= scale
+        if options.filter_glossy > 0.0:
+            # Cycles' Filter Glossy: behind a blurry bounce lobes are made at least this rough, to tame caustics.
+            blur = paths.min_pdf[lane] / options.filter_glossy
+            if blur < 1.0:
+                blur_glossy(closures, lane, math.sqrt(1.0 - blur) * 0.5)
