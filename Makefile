@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# `make demo` and `make test` do all the set-up on a machine that has Python 3.11.
+
+SYSTEM_PYTHON ?= python3.11
+PYTHON := .venv/bin/python
+# Workers for the tests; kernels compile once, so a first worker warms the cache for the others.
+JOBS ?= auto
+BENCH_SCENES ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint bench gallery extension clean
+
+help: ## Show what there is
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+
+.venv/installed: requirements.lock
+	$(SYSTEM_PYTHON) -m venv .venv
+	$(PYTHON) -m pip install --disable-pip-version-check --quiet -r requirements.lock
+	@touch $@
+
+demo: .venv/installed ## Render the demo scene into out/
+	$(PYTHON) -m demo
+
+test: .venv/installed ## Run the tests
+	$(PYTHON) -m pytest -n $(JOBS)
+
+lint: .venv/installed ## Run the linters
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+bench: .venv/installed ## Compare with Cycles on a short set of scenes
+	$(PYTHON) -m benchmarks run $(BENCH_SCENES) --rivals cycles OFF --samples 64 --seeds 2
+
+gallery: .venv/installed ## Contact sheet: ours, Cycles', difference
+	$(PYTHON) -m benchmarks gallery
+
+extension: .venv/installed ## Build the Blender extension into dist/
+	$(PYTHON) tools/build_extension.py
+
+clean: ## Remove what was built
+	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Blender side of NeuralGuide: `import addon; addon.register()` in any process that has `bpy`."""
+
+from __future__ import annotations
+
+import os
+
+
+def _use_extension_folder() -> None:
+    """As an extension, keep compiled kernels in the folder Blender gives us (updates delete anything else)."""
+    parent = (__package__ or "").rpartition(".")[0]
+    if parent.startswith("bl_ext.") and not os.environ.get("NEURALGUIDE_KERNEL_CACHE"):
+        import bpy
+
+        os.environ["NEURALGUIDE_KERNEL_CACHE"] = bpy.utils.extension_path_user(parent, path="kernels", create=True)
+
+
+def _modules() -> list:  # type: ignore[type-arg]
+    from . import engine, log, operators, preferences, properties, ui
+
+    return [log, properties, engine, operators, ui, preferences]
+
+
+_registered: list = []  # type: ignore[type-arg]
+
+
+def register() -> None:
+    """Make NeuralGuide available in this process; does nothing where it already is."""
+    if _registered:
+        return
+    _use_extension_folder()
+    for module in _modules():
+        module.register()
+        _registered.append(module)
+
+
+def unregister() -> None:
+    """Take it away again."""
+    while _registered:
+        _registered.pop().unregister()

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Does what a command line asks for, on top of the `bpy` module."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+
+from . import engine, register
+from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
+from .log import log_failure
+
+#: Names that Blender's -F knows and RNA spells otherwise.
+_FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
+
+
+class RenderFailed(Exception):  # noqa: N818 (an outcome, not a mistake in the program)
+    """A frame could not be rendered or saved; the message says why."""
+
+
+class CommandLineRenderer:
+    """Runs actions one after the other, as Blender does with its arguments.
+
+    Attributes
+    ----------
+    failures : list of str
+        What went wrong with frames; rendering goes on with the next frame.
+    """
+
+    def __init__(self) -> None:
+        self.failures: list[str] = []
+        self._threads: int | None = None
+        self.is_interrupted = False
+        register()
+        engine.cancel_hooks.append(lambda: self.is_interrupted)
+
+    def interrupt(self) -> None:
+        """Stop the frame being rendered, keep what it has, render no more."""
+        self.is_interrupted = True
+
+    def run(self, action: Action) -> None:
+        """Do one thing.
+
+        Raises
+        ------
+        CommandLineError
+            Where it cannot be done at all: no such file, scene, engine or format.
+        """
+        handler: Callable[[str], None] = getattr(self, "_do_" + action.name.replace("-", "_"))
+        handler(action.value)
+
+    # -- settings ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _scene(self) -> bpy.types.Scene:
+        return bpy.context.scene
+
+    def _do_background(self, _value: str) -> None:
+        pass
+
+    def _do_load(self, path: str) -> None:
+        file = Path(path).resolve()
+        if not file.is_file():
+            raise CommandLineError(f"there is no file {path}")
+        try:
+            bpy.ops.wm.open_mainfile(filepath=str(file), load_ui=False)
+        except RuntimeError as error:
+            raise CommandLineError(f"Blender cannot read {path}: {_operator_message(error)}") from None
+
+    def _do_engine(self, name: str) -> None:
+        if name == "help":
+            print("Render engines:", *_render_engines(), sep="\n  ")
+            raise SystemExit(0)
+        try:
+            self._scene.render.engine = name
+        except TypeError:
+            known = ", ".join(_render_engines())
+            raise CommandLineError(f"-E {name}: no such render engine; there are {known}") from None
+
+    def _do_scene(self, name: str) -> None:
+        scene = bpy.data.scenes.get(name)
+        if scene is None:
+            raise CommandLineError(f"-S {name}: no such scene; there are {', '.join(bpy.data.scenes.keys())}")
+        bpy.context.window.scene = scene
+
+    def _do_render_output(self, path: str) -> None:
+        self._scene.render.filepath = path
+
+    def _do_render_format(self, name: str) -> None:
+        identifier = _FORMATS.get(name, name)
+        settings = self._scene.render.image_settings
+        # From 5.0 the medium comes first and limits the formats.
+        media = [item.identifier for item in settings.bl_rna.properties["media_type"].enum_items] if hasattr(
+            settings, "media_type"
+        ) else [None]
+        for medium in media:
+            try:
+                if medium is not None:
+                    settings.media_type = medium
+                settings.file_format = identifier
+                return
+            except TypeError:
+                continue
+        raise CommandLineError(f"-F {name}: no such format in this Blender; PNG and OPEN_EXR always are")
+
+    def _do_use_extension(self, value: str) -> None:
+        self._scene.render.use_file_extension = value == "1"
+
+    def _do_frame_start(self, value: str) -> None:
+        start = self._scene.frame_start
+        self._scene.frame_start = parse_frame(value, start, start - 1)
+
+    def _do_frame_end(self, value: str) -> None:
+        end = self._scene.frame_end
+        self._scene.frame_end = parse_frame(value, end, end - 1)
+
+    def _do_frame_jump(self, value: str) -> None:
+        self._scene.frame_step = int(value)
+
+    def _do_threads(self, value: str) -> None:
+        self._threads = int(value)
+
+    # -- rendering --------------------------------------------------------------------------------------------------
+
+    def _do_render_frame(self, value: str) -> None:
+        scene = self._scene
+        for frame in parse_frames(value, scene.frame_start, scene.frame_end):
+            self._render([frame])
+
+    def _do_render_anim(self, _value: str) -> None:
+        scene = self._scene
+        frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+        if not frames:
+            raise CommandLineError(f"-a: the last frame, {scene.frame_end}, is before the first, {scene.frame_start}")
+        if scene.render.is_movie_format:
+            self._render(frames)
+        else:
+            # One by one, so that one bad frame does not keep the others from being tried.
+            for frame in frames:
+                self._render([frame])
+
+    def _render(self, frames: list[int]) -> None:
+        if self.is_interrupted:
+            return
+        try:
+            self._render_or_raise(frames)
+        except RenderFailed as failure:
+            name = f"frame {frames[0]}" if len(frames) == 1 else f"frames {frames[0]} to {frames[-1]}"
+            message = f"{name}: {failure}"
+            print(f"NeuralGuide: Error: {message}", file=sys.stderr, flush=True)
+            self.failures.append(message)
+
+    def _render_or_raise(self, frames: list[int]) -> None:
+        """Render an animation of these frames, so that Blender names the files as it always does."""
+        scene = self._scene
+        render = scene.render
+        if self._threads is not None:
+            render.threads_mode = "FIXED" if self._threads else "AUTO"
+            if self._threads:
+                render.threads = self._threads
+            scene.neuralguide.threads = self._threads
+        path = Path(render.frame_path(frame=frames[0]))
+        started = time.time()
+        range_before = scene.frame_start, scene.frame_end
+        outcome_count = engine.outcome_count()
+        try:
+            _set_range(scene, frames[0], frames[-1])
+            status = bpy.ops.render.render(animation=True, scene=scene.name)
+        except RuntimeError as error:
+            raise RenderFailed(_operator_message(error)) from None
+        finally:
+            _set_range(scene, *range_before)
+        if status != {"FINISHED"} and not self.is_interrupted:
+            raise RenderFailed("Blender cancelled the render")
+        if render.engine == engine.NeuralGuideRenderEngine.bl_idname:
+            self._check_outcomes(engine.outcomes_since(outcome_count))
+        if not render.is_movie_format and not _was_written(path, started):
+            raise RenderFailed(f"{path} was not written: is the folder writable, is the disk full?")
+
+    @staticmethod
+    def _check_outcomes(outcomes: list[engine.Outcome]) -> None:
+        failed = [item for item in outcomes if item.status == "FAILED"]
+        if failed:
+            raise RenderFailed("; ".join(f"{item.view_layer}: {item.message}" for item in failed))
+        if not outcomes:
+            raise RenderFailed("no view layer was rendered; is any enabled?")
+
+
+def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
+    """Set first and last frame; setting one pushes the other along."""
+    scene.frame_end = end
+    scene.frame_start = start
+    scene.frame_end = end
+
+
+def _was_written(path: Path, started: float) -> bool:
+    """Whether the file is there, not empty, and from this render (clocks of file systems are coarse)."""
+    try:
+        status = path.stat()
+    except OSError:
+        return False
+    return status.st_size > 0 and status.st_mtime >= started - 2.0
+
+
+def _operator_message(error: RuntimeError) -> str:
+    """What an operator reported, without the prefix."""
+    lines = [line.removeprefix("Error: ").strip() for line in str(error).splitlines()]
+    return " ".join(dict.fromkeys(line for line in lines if line)) or "Blender gave no reason"
+
+
+def _render_engines() -> list[str]:
+    """Identifiers of engines; Blender lists its own only when refusing an unknown one."""
+    try:
+        bpy.context.scene.render.engine = "?"
+    except TypeError as error:  # enum "?" not found in ('BLENDER_EEVEE', ...)
+        return sorted(str(error).partition("not found in")[2].split("'")[1::2])
+    return []
+
+
+def run(actions: list[Action]) -> int:
+    """Run actions; the exit code is 0, 1 where a frame failed, 2 where the command line asks for what is not there."""
+    renderer = CommandLineRenderer()
+    previous = signal.signal(signal.SIGINT, lambda *_: renderer.interrupt())
+    try:
+        for action in actions:
+            renderer.run(action)
+    except CommandLineError as error:
+        print(f"NeuralGuide: Error: {error}", file=sys.stderr)
+        return 2
+    except Exception as error:
+        path = log_failure("internal error of the command line")
+        print(f"NeuralGuide: Error: internal error: {error!r} (details in {path})", file=sys.stderr)
+        return 1
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    if renderer.failures:
+        print(f"NeuralGuide: {len(renderer.failures)} frame(s) failed", file=sys.stderr)
+        return 1
+    return 130 if renderer.is_interrupted else 0

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's command line, read without Blender: arguments become actions, in the order in which they stand.
+
+Order matters as it does in Blender: `-o` after `-f` comes too late for that frame, and a file loaded later brings its
+own settings. Only `-t`, like there, counts wherever it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+#: Blender's MAXFRAME; frames are clamped to 0..MAX_FRAME as there.
+MAX_FRAME = 1048574
+
+USAGE = """\
+usage: python -m addon [file.blend] [options ...]
+
+Renders on top of the bpy module with Blender's own options. They act one after the other, in the order given: put the
+file first, settings next, -f or -a last. Exits with 1 when a frame failed, with 2 when the command line makes no sense.
+
+  -b, --background             Accepted and ignored: there is no window
+  -E, --engine <engine>        Render engine: NEURALGUIDE, CYCLES, ... ('help' lists them)
+  -S, --scene <name>           Scene to render
+  -o, --render-output <path>   Output path; '//' is the .blend's folder, '####' the frame number
+  -F, --render-format <format> PNG, JPEG, TIFF, OPEN_EXR, OPEN_EXR_MULTILAYER, ...
+  -x, --use-extension <0|1>    Whether to add the format's extension to the path
+  -s, --frame-start <frame>    First frame of the animation; +N and -N are relative
+  -e, --frame-end <frame>      Last frame of the animation; +N and -N are relative
+  -j, --frame-jump <frames>    Frames to step forward after each one
+  -t, --threads <threads>      Threads to render with, 0 = all
+  -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
+  -a, --render-anim            Render from the first frame to the last
+  -h, --help                   Show this and exit
+  -v, --version                Show versions and exit
+  --                           Leave what follows to scripts
+"""
+
+
+class CommandLineError(ValueError):
+    """The command line makes no sense; the message says why."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing to do; `name` is the long option without dashes, or 'load'."""
+
+    name: str
+    value: str = ""
+
+
+#: Every spelling: (long name, does a value follow).
+_OPTIONS = {
+    "-b": ("background", False),
+    "-E": ("engine", True),
+    "-S": ("scene", True),
+    "-o": ("render-output", True),
+    "-F": ("render-format", True),
+    "-x": ("use-extension", True),
+    "-s": ("frame-start", True),
+    "-e": ("frame-end", True),
+    "-j": ("frame-jump", True),
+    "-t": ("threads", True),
+    "-f": ("render-frame", True),
+    "-a": ("render-anim", False),
+    "-h": ("help", False),
+    "-v": ("version", False),
+}
+_OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPTIONS.values())}
+
+
+def parse_arguments(arguments: Sequence[str]) -> list[Action]:
+    """Turn a command line into actions.
+
+    Raises
+    ------
+    CommandLineError
+        For an unknown option, a missing value, or a value that can be seen to be wrong without a file.
+    """
+    actions: list[Action] = []
+    pending = list(arguments)
+    while pending:
+        argument = pending.pop(0)
+        if argument == "--":
+            break
+        if not argument.startswith("-"):
+            actions.append(Action("load", argument))
+            continue
+        if argument not in _OPTIONS:
+            raise CommandLineError(f"unknown option {argument!r}; --help lists what there is")
+        name, takes_value = _OPTIONS[argument]
+        value = ""
+        if takes_value:
+            # `-s -1` and `-f -2` are relative frames, not options.
+            if not pending:
+                raise CommandLineError(f"{argument} needs a value; --help says which")
+            value = pending.pop(0)
+        _check(argument, name, value)
+        actions.append(Action(name, value))
+    # Blender reads -t before anything else, wherever it stands.
+    return [item for item in actions if item.name == "threads"] + [item for item in actions if item.name != "threads"]
+
+
+def _check(argument: str, name: str, value: str) -> None:
+    """Raise for a value that is wrong whatever the file holds."""
+    checks: dict[str, Callable[[], object]] = {
+        "render-frame": lambda: parse_frames(value, 1, 1),
+        "frame-start": lambda: parse_frame(value, 1, 1),
+        "frame-end": lambda: parse_frame(value, 1, 1),
+        "frame-jump": lambda: _parse_int(value, 1, MAX_FRAME),
+        "threads": lambda: _parse_int(value, 0, 1024),
+    }
+    try:
+        if name in checks:
+            checks[name]()
+        elif name == "use-extension" and value not in {"0", "1"}:
+            raise CommandLineError("choose 0 or 1")
+    except CommandLineError as error:
+        raise CommandLineError(f"{argument} {value}: {error}") from None
+
+
+def _parse_int(text: str, low: int, high: int) -> int:
+    if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
+        raise CommandLineError(f"{text!r} is no whole number from {low} to {high}")
+    return int(text)
+
+
+def parse_frame(text: str, plus_base: int, minus_base: int) -> int:
+    """A frame number: `7`, `+2` counted from `plus_base`, `-2` counted back from `minus_base`; clamped."""
+    if text[:1] == "+":
+        frame = plus_base + _parse_int(text[1:], 0, MAX_FRAME)
+    elif text[:1] == "-":
+        frame = minus_base - _parse_int(text[1:], 0, MAX_FRAME)
+    else:
+        frame = _parse_int(text, 0, MAX_FRAME)
+    return min(max(frame, 0), MAX_FRAME)
+
+
+def parse_frames(text: str, start: int, end: int) -> list[int]:
+    """Frames of `-f`: a list like `1,4..6,+0,-1`, in the order given; `+` counts from `start`, `-` back from `end`.
+
+    Raises
+    ------
+    CommandLineError
+        Naming the part that is no frame.
+    """
+    frames: list[int] = []
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        low = parse_frame(first, start, end)
+        frames.extend(range(low, (parse_frame(last, start, end) if dots else low) + 1))
+    return frames

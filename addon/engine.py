@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The render engine as Blender sees it: hooks in, pixels out."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from . import passes
+from .log import log_failure, logger
+from .progress import TerminalBar, format_count, format_duration, status_line
+from .properties import render_settings
+
+if TYPE_CHECKING:
+    from engine.scene.description import Notice, SceneDescription
+    from engine.settings import RenderSettings
+
+#: Extra reasons to stop, beside Esc: Ctrl-C of the command line, tests.
+cancel_hooks: list[Callable[[], bool]] = []
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'."""
+
+    scene: str
+    view_layer: str
+    frame: int
+    status: str
+    message: str = ""
+    report: Any = None
+
+
+#: The latest outcomes, oldest first. Blender's operator cannot tell: it says FINISHED when an engine raised.
+outcomes: deque[Outcome] = deque(maxlen=4096)
+_outcome_count = 0
+
+
+def outcome_count() -> int:
+    """How many outcomes there have been, forgotten ones included."""
+    return _outcome_count
+
+
+def outcomes_since(count: int) -> list[Outcome]:
+    """Outcomes noted after `outcome_count()` was `count`."""
+    return list(outcomes)[len(outcomes) - min(_outcome_count - count, len(outcomes)) :]
+
+
+#: Notices shown since the render job began, so that each is shown once, however many frames have it.
+_shown_notices: set[Notice] = set()
+
+
+class NeuralGuideRenderEngine(bpy.types.RenderEngine):
+    """Final renders.
+
+    Blender calls `update_render_passes`, then `update` and `render` for every view layer, then `render_frame_finish`.
+    The same instance comes back for the next frame where "Persistent Data" is on: what it holds then saves work.
+    """
+
+    bl_idname = "NEURALGUIDE"
+    bl_label = "NeuralGuide"
+    bl_use_postprocess = True
+    bl_use_shading_nodes_custom = False
+    bl_use_eevee_viewport = True
+    bl_use_preview = False
+
+    # Class attributes rather than `__init__`, whose signature differs between versions of Blender.
+    _session: Any = None
+    _settings: RenderSettings | None = None
+    _export_cache: Any = None
+    _pending: list[tuple[str, SceneDescription]] | None = None
+    _layers_done = 0
+    _started = 0.0
+
+    # -- hooks ------------------------------------------------------------------------------------------------------
+
+    def update_render_passes(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
+        """Tell Blender which passes there will be; without it only Combined exists."""
+        for item in passes.requested_passes(view_layer):
+            self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
+
+    def update(self, _data: bpy.types.BlendData, depsgraph: bpy.types.Depsgraph) -> None:
+        """Export the view layer; Blender's data must not be read later than this."""
+        self._pending = None
+        self._started = time.monotonic()
+        self._guard(depsgraph, "exporting the scene", self._export)
+
+    def render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Trace what `update` exported."""
+        if self._pending is not None:
+            self._guard(depsgraph, "rendering", self._render)
+        self._pending = None
+        self._layers_done += 1
+
+    def render_frame_finish(self) -> None:
+        """All view layers of the frame are done."""
+        self._layers_done = 0
+
+    # -- the work ---------------------------------------------------------------------------------------------------
+
+    def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
+        from .export import ExportCache, ExportCancelled, export_scene
+
+        scene = depsgraph.scene_eval
+        settings = render_settings(scene)
+        layer_samples = depsgraph.view_layer_eval.samples
+        if layer_samples > 0:
+            settings = dataclasses.replace(settings, samples=layer_samples)
+        self._settings = settings
+        if self._export_cache is None:
+            self._export_cache = ExportCache()
+        views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
+        self._status("Exporting the scene", "")
+        pending = []
+        try:
+            for view in views:
+                if view:
+                    self.active_view_set(view)
+                description = export_scene(
+                    depsgraph,
+                    engine=self,
+                    view_layer=depsgraph.view_layer_eval,
+                    cache=self._export_cache,
+                    should_cancel=self._should_cancel,
+                )
+                pending.append((view, description))
+        except ExportCancelled:
+            self._note(depsgraph, "CANCELLED")
+            return
+        self._pending = pending
+
+    def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        from engine.session import Session
+
+        assert self._pending is not None
+        if self._session is None or self._session.settings != self._settings:
+            self._session = Session(self._settings)
+        for view, description in self._pending:
+            if view:
+                self.active_view_set(view)
+            self._render_view(depsgraph, view, description)
+
+    def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, description: SceneDescription) -> None:
+        layer_name = depsgraph.view_layer_eval.name
+        x0, y0, x1, y1 = description.frame.region
+        target = self.begin_result(0, 0, x1 - x0, y1 - y0, layer=layer_name, view=view)
+        keep = False
+        cancelled = False
+        try:
+            if (target.resolution_x, target.resolution_y) != (x1 - x0, y1 - y0):
+                # Blender rounds borders its own way, and its word counts.
+                description.frame.region = (x0, y0, x0 + target.resolution_x, y0 + target.resolution_y)
+            wanted = {item.name: item for item in passes.requested_passes(depsgraph.view_layer_eval)}
+            bar = TerminalBar() if bpy.app.background else None
+            title = f"Frame {depsgraph.scene.frame_current} {layer_name}"
+
+            def on_progress(progress: Any) -> None:
+                fraction = self._total_fraction(depsgraph, progress.fraction)
+                self.update_progress(fraction)
+                if bar is not None:
+                    bar.update(title, fraction, progress)
+                else:
+                    self.update_stats(layer_name, status_line(progress))
+
+            def on_image(images: Any) -> None:
+                nonlocal keep
+                passes.write_layer(target.layers[0], view, wanted, images)
+                keep = True
+                self.update_result(target)
+
+            try:
+                self._status("Building the scene", layer_name)
+                self._show(self._session.load(description))
+                result = self._session.render(
+                    on_progress=on_progress,
+                    on_image=on_image,
+                    should_cancel=self._should_cancel,
+                    passes=set(wanted),
+                )
+            finally:
+                if bar is not None:
+                    bar.close()
+            passes.write_layer(target.layers[0], view, wanted, result.passes)
+            keep = True
+            cancelled = self._should_cancel()
+            self._report_result(depsgraph, target, result.report, cancelled)
+        finally:
+            # A cancelled result is thrown away unless merged; so is one that an error left half done.
+            self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
+
+    # -- telling the user ---------------------------------------------------------------------------------------------
+
+    def _guard(
+        self,
+        depsgraph: bpy.types.Depsgraph,
+        doing: str,
+        work: Callable[[bpy.types.Depsgraph], None],
+    ) -> None:
+        """Run `work`; Blender swallows what a hook raises, so say it in words and remember it."""
+        try:
+            work(depsgraph)
+            return
+        except ValueError as error:
+            message = str(error)
+            log_failure(message)
+        except MemoryError:
+            message = f"out of memory while {doing}: lower the resolution, or simplify meshes and textures"
+            log_failure(message)
+        except ImportError as error:
+            message = f"a part of NeuralGuide is not installed ({error}); reinstall the add-on"
+            log_failure(message)
+        except Exception as error:
+            message = f"internal error while {doing}: {type(error).__name__}: {error}"
+            path = log_failure(message)
+            if path is not None:
+                message += f" (details in {path})"
+        self._pending = None
+        self._note(depsgraph, "FAILED", message)
+        if bpy.app.background:
+            logger.error(message)
+        self.report({"ERROR"}, message)
+
+    def _note(self, depsgraph: bpy.types.Depsgraph, status: str, message: str = "", report: Any = None) -> None:
+        global _outcome_count
+        scene = depsgraph.scene
+        name = depsgraph.view_layer_eval.name
+        outcomes.append(Outcome(scene.name, name, scene.frame_current, status, message, report))
+        _outcome_count += 1
+
+    def _show(self, notices: list[Notice]) -> None:
+        for notice in notices:
+            if notice not in _shown_notices:
+                _shown_notices.add(notice)
+                text = f"{notice.subject}: {notice.problem}; {notice.fallback}"
+                if bpy.app.background:
+                    logger.warning(text)
+                self.report({"WARNING"}, text)
+
+    def _report_result(
+        self, depsgraph: bpy.types.Depsgraph, target: bpy.types.RenderResult, report: Any, cancelled: bool
+    ) -> None:
+        """Put figures into the log, the file's metadata and Blender's memory display."""
+        self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
+        seconds = time.monotonic() - self._started
+        summary = (
+            f"{depsgraph.view_layer_eval.name}, frame {depsgraph.scene.frame_current}: "
+            f"{'cancelled after' if cancelled else 'finished in'} {format_duration(seconds)}, "
+            f"{report.samples} samples, {format_count(report.rays)}rays, "
+            f"{format_count(report.rays / max(report.seconds, 1e-6))}rays/s, "
+            f"peak memory {report.peak_memory / 2**20:.0f} MiB"
+        )
+        logger.info(summary)
+        reject_count = sum(report.rejects.values()) if isinstance(report.rejects, dict) else report.rejects
+        if reject_count:
+            text = f"{reject_count} samples were NaN or infinite and were left out"
+            logger.warning(text)
+            self.report({"WARNING"}, text)
+        megabytes = report.peak_memory / 2**20
+        self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
+        for field, value in (
+            ("samples", str(report.samples)),
+            ("render_time", f"{report.seconds:.3f}"),
+            ("rays", str(report.rays)),
+            ("rejects", str(reject_count)),
+        ):
+            target.stamp_data_add_field(f"neuralguide.{depsgraph.view_layer_eval.name}.{field}", value)
+
+    def _status(self, message: str, layer: str) -> None:
+        if not bpy.app.background:
+            self.update_stats(layer, message)
+
+    def _should_cancel(self) -> bool:
+        return self.test_break() or any(hook() for hook in cancel_hooks)
+
+    def _total_fraction(self, depsgraph: bpy.types.Depsgraph, fraction: float) -> float:
+        """Progress over all view layers of the frame."""
+        scene = depsgraph.scene
+        single = scene.render.use_single_layer
+        layer_count = 1 if single else sum(layer.use for layer in scene.view_layers)
+        return min((self._layers_done + fraction) / max(layer_count, 1), 1.0)
+
+
+@bpy.app.handlers.persistent
+def _forget_notices(*_args: Any) -> None:
+    _shown_notices.clear()
+
+
+def register() -> None:
+    """Make the engine selectable."""
+    bpy.utils.register_class(NeuralGuideRenderEngine)
+    bpy.app.handlers.render_init.append(_forget_notices)
+
+
+def unregister() -> None:
+    """Take it away."""
+    if _forget_notices in bpy.app.handlers.render_init:
+        bpy.app.handlers.render_init.remove(_forget_notices)
+    bpy.utils.unregister_class(NeuralGuideRenderEngine)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render passes: which ones a view layer asks for, what Blender calls them, how pixels get into Blender's result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+
+class RenderPass(NamedTuple):
+    """A pass the engine can write.
+
+    `name` is the engine's, `blender_name` the one Blender's compositor and file output know, `channels` one letter a
+    channel, `kind` Blender's socket type.
+    """
+
+    name: str
+    blender_name: str
+    channels: str
+    kind: str
+
+
+# Blender renamed the passes in 5.0; sockets of the compositor follow these names.
+_RENAMED = bpy.app.version >= (5, 0, 0)
+
+COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
+
+#: (property of the view layer, is it ours or Blender's, pass)
+_OPTIONAL = (
+    ("use_pass_z", False, RenderPass("Depth", "Depth", "Z", "VALUE")),
+    ("use_pass_normal", False, RenderPass("Normal", "Normal", "XYZ", "VECTOR")),
+    ("use_pass_position", False, RenderPass("Position", "Position", "XYZ", "VECTOR")),
+    ("use_pass_emit", False, RenderPass("Emission", "Emission" if _RENAMED else "Emit", "RGB", "COLOR")),
+    ("use_pass_environment", False, RenderPass("Environment", "Environment" if _RENAMED else "Env", "RGB", "COLOR")),
+    ("use_pass_object_index", False, RenderPass("IndexOB", "Object Index" if _RENAMED else "IndexOB", "X", "VALUE")),
+    (
+        "use_pass_material_index",
+        False,
+        RenderPass("IndexMA", "Material Index" if _RENAMED else "IndexMA", "X", "VALUE"),
+    ),
+    ("use_pass_albedo", True, RenderPass("Albedo", "Albedo", "RGB", "COLOR")),
+    ("use_pass_sample_count", True, RenderPass("Sample Count", "Sample Count", "X", "VALUE")),
+    ("use_pass_variance", True, RenderPass("Variance", "Variance", "RGB", "COLOR")),
+)
+
+
+def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
+    """The passes `view_layer` asks for, Combined first."""
+    yield COMBINED
+    ours = view_layer.neuralguide
+    for switch, is_ours, render_pass in _OPTIONAL:
+        if getattr(ours if is_ours else view_layer, switch, False):
+            yield render_pass
+
+
+def write_pass(target: bpy.types.RenderPass, pixels: npt.NDArray[np.float32]) -> None:
+    """Copy an image into a pass of Blender's render result.
+
+    Parameters
+    ----------
+    target : bpy.types.RenderPass
+    pixels : float32 (height, width) or (height, width, channels), row 0 at the bottom
+        Channels beyond the pass's own are dropped.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer channels or another number of pixels than the pass has.
+    """
+    if pixels.ndim == 2:
+        pixels = pixels[..., np.newaxis]
+    height, width, channel_count = pixels.shape
+    if height * width != len(target.rect) or channel_count < target.channels:
+        raise ValueError(
+            f"pass {target.name}: got {width} x {height} pixels of {channel_count} channels for a result of "
+            f"{len(target.rect)} pixels of {target.channels} channels"
+        )
+    flat = np.ascontiguousarray(pixels[..., : target.channels], dtype=np.float32)
+    try:
+        target.rect.foreach_set(flat.reshape(-1))
+    except TypeError:
+        # Older Blenders (3.4 for one) see a sequence of pixels, each a sequence of channels.
+        target.rect.foreach_set(flat.reshape(-1, target.channels))
+
+
+def write_layer(
+    layer: bpy.types.RenderLayer,
+    view: str,
+    wanted: Mapping[str, RenderPass],
+    images: Mapping[str, npt.NDArray[np.float32]],
+) -> None:
+    """Copy every image that both the engine delivered and the layer asked for into the result."""
+    for name, render_pass in wanted.items():
+        target = layer.passes.find_by_name(render_pass.blender_name, view)
+        if target is not None and name in images:
+            write_pass(target, images[name])

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`scene.neuralguide` and `view_layer.neuralguide`: what a user may choose, under the names scripts depend on."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+
+from engine.settings import MAX_SAMPLES, RenderSettings
+
+_DEFAULTS = RenderSettings()
+_INT32_MAX = 2**31 - 1
+
+# The engine validates in `RenderSettings`; the ranges here only keep the sliders sensible.
+
+
+class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
+    """Settings of a render, one to one with `engine.settings.RenderSettings` unless noted."""
+
+    samples: IntProperty(  # type: ignore[valid-type]
+        name="Samples",
+        description="Paths traced for every pixel",
+        min=0,
+        max=MAX_SAMPLES,
+        default=_DEFAULTS.samples,
+    )
+    time_limit: FloatProperty(  # type: ignore[valid-type]
+        name="Time Limit",
+        description="Stop after this many seconds, even if samples are left (0 = no limit)",
+        min=0.0,
+        default=_DEFAULTS.time_limit,
+        step=100,
+        unit="TIME_ABSOLUTE",
+    )
+    seed: IntProperty(  # type: ignore[valid-type]
+        name="Seed",
+        description="The same seed gives the same image, noise included",
+        min=0,
+        max=_INT32_MAX,
+        default=_DEFAULTS.seed,
+    )
+    use_animated_seed: BoolProperty(  # type: ignore[valid-type]
+        name="Animate Seed",
+        description="Use another seed in every frame, so that noise does not stand still in an animation",
+        default=False,
+    )
+    max_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Total", description="Most bounces of a path", min=0, max=1024, default=_DEFAULTS.max_bounces
+    )
+    diffuse_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Diffuse", description="Most diffuse bounces", min=0, max=1024, default=_DEFAULTS.diffuse_bounces
+    )
+    glossy_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Glossy", description="Most glossy bounces", min=0, max=1024, default=_DEFAULTS.glossy_bounces
+    )
+    transmission_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Transmission",
+        description="Most bounces through refractive surfaces",
+        min=0,
+        max=1024,
+        default=_DEFAULTS.transmission_bounces,
+    )
+    transparent_max_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Transparent",
+        description="Most transparent surfaces a ray passes straight through",
+        min=0,
+        max=1024,
+        default=_DEFAULTS.transparent_max_bounces,
+    )
+    min_light_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Min Light Bounces",
+        description="Russian roulette leaves this many bounces alone",
+        min=0,
+        max=1024,
+        default=_DEFAULTS.min_light_bounces,
+    )
+    min_transparent_bounces: IntProperty(  # type: ignore[valid-type]
+        name="Min Transparent Bounces",
+        description="Russian roulette leaves this many transparent surfaces alone",
+        min=0,
+        max=1024,
+        default=_DEFAULTS.min_transparent_bounces,
+    )
+    guiding_method: EnumProperty(  # type: ignore[valid-type]
+        name="Guiding",
+        description="How directions are chosen where light is hard to find",
+        items=(("OFF", "Off", "Sample materials and lights only"),),
+        default="OFF",
+    )
+    use_nee: BoolProperty(  # type: ignore[valid-type]
+        name="Sample Lights",
+        description="Next-event estimation: send a ray to a light from every hit. Off only for experiments",
+        default=_DEFAULTS.use_nee,
+    )
+    use_russian_roulette: BoolProperty(  # type: ignore[valid-type]
+        name="Russian Roulette",
+        description="End dim paths early, at random. Off only for experiments",
+        default=_DEFAULTS.use_russian_roulette,
+    )
+    light_sampling_threshold: FloatProperty(  # type: ignore[valid-type]
+        name="Light Threshold",
+        description="Skip, at random, light samples dimmer than this (0 = skip none)",
+        min=0.0,
+        max=1.0,
+        precision=4,
+        default=_DEFAULTS.light_sampling_threshold,
+    )
+    use_caustics_reflective: BoolProperty(  # type: ignore[valid-type]
+        name="Reflective Caustics",
+        description="Follow light from diffuse surfaces over glossy reflections",
+        default=_DEFAULTS.use_caustics_reflective,
+    )
+    use_caustics_refractive: BoolProperty(  # type: ignore[valid-type]
+        name="Refractive Caustics",
+        description="Follow light from diffuse surfaces through refractions",
+        default=_DEFAULTS.use_caustics_refractive,
+    )
+    filter_glossy: FloatProperty(  # type: ignore[valid-type]
+        name="Filter Glossy",
+        description="Blur glossy surfaces seen by blurry bounces, to lower noise (0 = off)",
+        min=0.0,
+        max=10.0,
+        default=_DEFAULTS.filter_glossy,
+    )
+    clamp_direct: FloatProperty(  # type: ignore[valid-type]
+        name="Clamp Direct",
+        description="Most light a sample may carry straight from a light (0 = off). Loses energy",
+        min=0.0,
+        default=_DEFAULTS.clamp_direct,
+    )
+    clamp_indirect: FloatProperty(  # type: ignore[valid-type]
+        name="Clamp Indirect",
+        description="Most light a sample may carry after a bounce (0 = off). Loses energy",
+        min=0.0,
+        default=_DEFAULTS.clamp_indirect,
+    )
+    pixel_filter: EnumProperty(  # type: ignore[valid-type]
+        name="Pixel Filter",
+        items=(
+            ("BOX", "Box", "One pixel, no overlap"),
+            ("GAUSSIAN", "Gaussian", "Soft"),
+            ("BLACKMAN_HARRIS", "Blackman-Harris", "Sharp without ringing"),
+        ),
+        default=_DEFAULTS.pixel_filter,
+    )
+    filter_width: FloatProperty(  # type: ignore[valid-type]
+        name="Width",
+        description="Width of the pixel filter",
+        min=0.01,
+        max=10.0,
+        default=_DEFAULTS.filter_width,
+        subtype="PIXEL",
+    )
+    film_transparent: BoolProperty(  # type: ignore[valid-type]
+        name="Transparent",
+        description="Leave the background out of the picture; alpha says where it was",
+        default=_DEFAULTS.film_transparent,
+    )
+    film_exposure: FloatProperty(  # type: ignore[valid-type]
+        name="Exposure",
+        description="Brightness of the film: multiplies every colour pass",
+        min=0.0,
+        soft_max=10.0,
+        default=1.0,
+    )
+    threads: IntProperty(  # type: ignore[valid-type]
+        name="Threads", description="Threads to render with (0 = all)", min=0, max=1024, default=_DEFAULTS.threads
+    )
+
+
+class NeuralGuideViewLayerSettings(bpy.types.PropertyGroup):
+    """Passes of a view layer that Blender itself has no switch for."""
+
+    use_pass_albedo: BoolProperty(  # type: ignore[valid-type]
+        name="Albedo", description="Share of light the first surface reflects or transmits, by channel"
+    )
+    use_pass_sample_count: BoolProperty(  # type: ignore[valid-type]
+        name="Sample Count", description="Paths that were traced for each pixel"
+    )
+    use_pass_variance: BoolProperty(  # type: ignore[valid-type]
+        name="Variance", description="Variance of the pixel's mean, by channel: how noisy it still is"
+    )
+
+
+def render_settings(scene: bpy.types.Scene) -> RenderSettings:
+    """What the engine is told for the scene's current frame.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting that makes no sense and what to choose instead.
+    """
+    chosen = scene.neuralguide
+    values: dict[str, Any] = {name: getattr(chosen, name) for name in RenderSettings.__dataclass_fields__}
+    if chosen.use_animated_seed:
+        values["seed"] = zlib.crc32(f"{scene.frame_current} {chosen.seed}".encode()) & _INT32_MAX
+    if chosen.threads == 0 and scene.render.threads_mode == "FIXED":
+        values["threads"] = scene.render.threads
+    return RenderSettings(**values)
+
+
+#: Name here: name in `scene.cycles`.
+_CYCLES_NAMES = {
+    "samples": "samples",
+    "time_limit": "time_limit",
+    "seed": "seed",
+    "use_animated_seed": "use_animated_seed",
+    "max_bounces": "max_bounces",
+    "diffuse_bounces": "diffuse_bounces",
+    "glossy_bounces": "glossy_bounces",
+    "transmission_bounces": "transmission_bounces",
+    "transparent_max_bounces": "transparent_max_bounces",
+    "min_light_bounces": "min_light_bounces",
+    "min_transparent_bounces": "min_transparent_bounces",
+    "light_sampling_threshold": "light_sampling_threshold",
+    "use_caustics_reflective": "caustics_reflective",
+    "use_caustics_refractive": "caustics_refractive",
+    "filter_glossy": "blur_glossy",
+    "clamp_direct": "sample_clamp_direct",
+    "clamp_indirect": "sample_clamp_indirect",
+    "pixel_filter": "pixel_filter_type",
+    "filter_width": "filter_width",
+    "film_exposure": "film_exposure",
+}
+
+
+def copy_cycles_settings(scene: bpy.types.Scene) -> list[str]:
+    """Take over what Cycles would render `scene` with; returns what has no counterpart and was left.
+
+    Raises
+    ------
+    ValueError
+        If Blender's Cycles add-on is off, so that the scene has no Cycles settings.
+    """
+    cycles = getattr(scene, "cycles", None)
+    if cycles is None:
+        raise ValueError("Cycles' settings are not there: enable the Cycles add-on in the preferences")
+    ours = scene.neuralguide
+    for name, cycles_name in _CYCLES_NAMES.items():
+        setattr(ours, name, getattr(cycles, cycles_name))
+    ours.film_transparent = scene.render.film_transparent
+    ours.threads = scene.render.threads if scene.render.threads_mode == "FIXED" else 0
+    left = []
+    if cycles.use_adaptive_sampling:
+        left.append("adaptive sampling")
+    if cycles.use_denoising:
+        left.append("denoising")
+    if cycles.use_guiding:
+        left.append("path guiding")
+    if cycles.use_fast_gi:
+        left.append("fast GI approximation")
+    if scene.render.use_motion_blur:
+        left.append("motion blur")
+    return left
+
+
+_classes = (NeuralGuideSceneSettings, NeuralGuideViewLayerSettings)
+
+
+def register() -> None:
+    """Add the settings to scenes and view layers."""
+    for cls in _classes:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.neuralguide = PointerProperty(type=NeuralGuideSceneSettings)
+    bpy.types.ViewLayer.neuralguide = PointerProperty(type=NeuralGuideViewLayerSettings)
+
+
+def unregister() -> None:
+    """Take them away; what a file holds stays in it."""
+    del bpy.types.ViewLayer.neuralguide
+    del bpy.types.Scene.neuralguide
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Panels: our settings, and Blender's own and Cycles' panels that mean the same here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+
+from .engine import NeuralGuideRenderEngine
+
+_ENGINE = NeuralGuideRenderEngine.bl_idname
+
+#: Panels of Blender that name things we do not do.
+_EXCLUDED_PANELS = {
+    "RENDER_PT_freestyle",
+    "RENDER_PT_simplify",
+    "VIEWLAYER_PT_filter",
+    "VIEWLAYER_PT_layer_passes",
+    # Cycles draws its own of these.
+    "DATA_PT_light",
+    "DATA_PT_spot",
+    "DATA_PT_falloff_curve",
+    "DATA_PT_camera_dof",
+    "DATA_PT_preview",
+    "MATERIAL_PT_preview",
+    "NODE_DATA_PT_light",
+    "NODE_DATA_PT_spot",
+    "WORLD_PT_preview",
+}
+
+#: Cycles' panels for data that both engines read, parents first.
+_CYCLES_PANELS = (
+    "CYCLES_PT_context_material",
+    "CYCLES_MATERIAL_PT_surface",
+    "CYCLES_MATERIAL_PT_settings",
+    "CYCLES_MATERIAL_PT_settings_surface",
+    "CYCLES_LIGHT_PT_light",
+    "CYCLES_LIGHT_PT_nodes",
+    "CYCLES_LIGHT_PT_beam_shape",
+    "CYCLES_LIGHT_PT_settings",
+    "CYCLES_WORLD_PT_surface",
+    "CYCLES_WORLD_PT_ray_visibility",
+    "CYCLES_WORLD_PT_settings",
+    "CYCLES_WORLD_PT_settings_surface",
+    "CYCLES_CAMERA_PT_dof",
+    "CYCLES_CAMERA_PT_dof_aperture",
+    "CYCLES_OBJECT_PT_visibility",
+    "CYCLES_OBJECT_PT_visibility_ray_visibility",
+)
+
+
+class _RenderPanel:
+    """What every panel of render properties has in common."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only with our engine."""
+        return context.engine == _ENGINE
+
+    def _column(self) -> bpy.types.UILayout:
+        layout = self.layout  # type: ignore[attr-defined]
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        return layout.column()
+
+
+class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Blender's convention)
+    """Samples, time and seed."""
+
+    bl_label = "Sampling"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.neuralguide
+        column = self._column()
+        column.operator("neuralguide.copy_cycles_settings")
+        column.prop(settings, "samples")
+        column.prop(settings, "time_limit")
+        row = column.row(align=True)
+        row.prop(settings, "seed")
+        row.prop(settings, "use_animated_seed", text="", icon="TIME")
+        column.prop(settings, "guiding_method")
+
+
+class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What is better left alone."""
+
+    bl_label = "Advanced"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.neuralguide
+        column = self._column()
+        for name in (
+            "use_nee",
+            "use_russian_roulette",
+            "light_sampling_threshold",
+            "min_light_bounces",
+            "min_transparent_bounces",
+            "threads",
+        ):
+            column.prop(settings, name)
+
+
+class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How far light is followed."""
+
+    bl_label = "Light Paths"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.neuralguide
+        column = self._column()
+        column.prop(settings, "max_bounces")
+        part = column.column(align=True)
+        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces", "transparent_max_bounces"):
+            part.prop(settings, name)
+        part = column.column(align=True)
+        for name in ("clamp_direct", "clamp_indirect"):
+            part.prop(settings, name)
+        for name in ("filter_glossy", "use_caustics_reflective", "use_caustics_refractive"):
+            column.prop(settings, name)
+
+
+class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Exposure, filter, background."""
+
+    bl_label = "Film"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.neuralguide
+        column = self._column()
+        column.prop(settings, "film_exposure")
+        column.prop(settings, "pixel_filter")
+        row = column.row()
+        row.active = settings.pixel_filter != "BOX"
+        row.prop(settings, "filter_width")
+        column.prop(settings, "film_transparent")
+
+
+class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Passes of the view layer."""
+
+    bl_label = "Passes"
+    bl_context = "view_layer"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        data = column.column(heading="Data", align=True)
+        for name, text in (
+            ("use_pass_z", "Depth"),
+            ("use_pass_position", "Position"),
+            ("use_pass_normal", "Normal"),
+            ("use_pass_object_index", "Object Index"),
+            ("use_pass_material_index", "Material Index"),
+        ):
+            data.prop(layer, name, text=text)
+        light = column.column(heading="Light", align=True)
+        light.prop(layer, "use_pass_emit", text="Emission")
+        light.prop(layer, "use_pass_environment", text="Environment")
+        light.prop(layer.neuralguide, "use_pass_albedo")
+        quality = column.column(heading="Quality", align=True)
+        quality.prop(layer.neuralguide, "use_pass_sample_count")
+        quality.prop(layer.neuralguide, "use_pass_variance")
+
+
+def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:
+    """Blender's own panels that work with this engine."""
+    for panel in bpy.types.Panel.__subclasses__():
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _EXCLUDED_PANELS:
+            yield panel
+
+
+class _ContextOfCycles:
+    """A context whose engine is Cycles, for the `poll` of Cycles' panels, which ask for it by name."""
+
+    engine = "CYCLES"
+
+    def __init__(self, context: bpy.types.Context) -> None:
+        self._context = context
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+
+def _our_name(cycles_name: str) -> str:
+    return cycles_name.replace("CYCLES_", "NEURALGUIDE_", 1)
+
+
+def _borrow(source: type[bpy.types.Panel]) -> type[bpy.types.Panel]:
+    """A panel of ours that draws what a panel of Cycles draws."""
+
+    def poll(_cls: type, context: bpy.types.Context) -> bool:
+        return context.engine == _ENGINE and bool(source.poll(_ContextOfCycles(context)))
+
+    namespace = {name: getattr(source, name) for name in dir(source) if name.startswith("bl_") and name != "bl_rna"}
+    namespace |= {name: value for name, value in vars(source).items() if callable(value) or name == "bl_order"}
+    namespace["bl_idname"] = _our_name(source.__name__)
+    if "bl_parent_id" in namespace:
+        namespace["bl_parent_id"] = _our_name(namespace["bl_parent_id"])
+    namespace["poll"] = classmethod(poll)
+    namespace["__doc__"] = f"{source.__name__}, for NeuralGuide."
+    return type(namespace["bl_idname"], (bpy.types.Panel,), namespace)
+
+
+_borrowed: list[type[bpy.types.Panel]] = []
+
+
+_classes = (
+    NEURALGUIDE_PT_sampling,
+    NEURALGUIDE_PT_sampling_advanced,
+    NEURALGUIDE_PT_light_paths,
+    NEURALGUIDE_PT_film,
+    NEURALGUIDE_PT_passes,
+)
+
+
+def register() -> None:
+    """Add our panels and those of Cycles, and the engine's name to Blender's."""
+    for cls in _classes:
+        bpy.utils.register_class(cls)
+    for name in _CYCLES_PANELS:
+        source = getattr(bpy.types, name, None)  # absent where the Cycles add-on is off
+        if source is not None:
+            panel = _borrow(source)
+            bpy.utils.register_class(panel)
+            _borrowed.append(panel)
+    for panel in _compatible_panels():
+        panel.COMPAT_ENGINES.add(_ENGINE)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    for panel in bpy.types.Panel.__subclasses__():
+        getattr(panel, "COMPAT_ENGINES", set()).discard(_ENGINE)
+    while _borrowed:
+        bpy.utils.unregister_class(_borrowed.pop())
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)
