@@ -51,6 +51,8 @@ PROGRAM_NEEDS_UV = 32
 PROGRAM_IS_CONSTANT = 64
 #: Adds reflecting or refracting lobes (not only emission and transparency).
 PROGRAM_HAS_LOBES = 128
+#: The material turned "bump map correction" off.
+PROGRAM_NO_BUMP_CORRECTION = 256
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean
@@ -76,7 +78,8 @@ SRGB_TABLE_SIZE = 2049
 # Rows of ShaderArrays.camera
 CAMERA_WORLD_TO_CAMERA = 0
 CAMERA_TO_WORLD = 1
-CAMERA_WORLD_TO_NDC = 2  # rows 2 and 3: a projective 4x4
+CAMERA_WORLD_TO_NDC = 2  # three homogeneous rows: x, y, weight
+CAMERA_ROWS = 3
 
 
 class ShaderArrays(NamedTuple):
@@ -90,7 +93,7 @@ class ShaderArrays(NamedTuple):
     images : int64 (I, IMAGE_WIDTH)
     pixels_byte, pixels_float : uint8 and float32 pools, RGBA, row 0 at the bottom
     tables : float32 pool of ramps and curves
-    camera : float32 (4, 12), see CAMERA_*
+    camera : float32 (CAMERA_ROWS, 12), 3x4 matrices, camera space looks along +z as in Cycles
     register_count : int64 (1,)
     """
 

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The interpreter of shader programs (instruction layout: engine.shaders.arrays)."""
+
+from engine.jit import kernel
+from engine.kernels.bsdf.closures import reset_closures
+from engine.kernels.bsdf.kinds import (
+    CLOSURE_NO_BUMP_CORRECTION,
+    CLOSURE_NO_REFLECTIVE_CAUSTICS,
+    CLOSURE_NO_REFRACTIVE_CAUSTICS,
+)
+from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, TEXTURE_FIRST
+from engine.kernels.shader.ops_closure import run_closure_op
+from engine.kernels.shader.ops_image import run_image_op
+from engine.kernels.shader.ops_input import run_input_op
+from engine.kernels.shader.ops_math import run_math_op
+from engine.kernels.shader.ops_texture import run_texture_op
+from engine.kernels.shader.surface import read_point
+from engine.shaders.arrays import (
+    MODE_MASK,
+    MODE_NO_REFLECTIVE_CAUSTICS,
+    MODE_NO_REFRACTIVE_CAUSTICS,
+    PROGRAM_END,
+    PROGRAM_FLAGS,
+    PROGRAM_NO_BUMP_CORRECTION,
+    PROGRAM_START,
+)
+from engine.state import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
+
+
+@kernel
+def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, scratch, mode):
+    """Run the program of each listed lane at its point and fill the lane's closures.
+
+    Parameters
+    ----------
+    shaders : ShaderArrays
+    geometry : GeometryArrays
+    tables : BsdfTables
+    points : ShadePoints
+        POINT_PROGRAM selects the program. For the background P is the ray's direction, wo its opposite, instance -1.
+    closures : Closures
+        Row `lane` is reset, then filled.
+    lanes : int32 (>= lane_count,)
+    scratch : float32
+        `engine.shaders.arrays.allocate_memory(shaders)`, one a thread.
+    mode : int
+        MODE_CLOSURES, MODE_EMISSION or MODE_TRANSPARENCY, plus MODE_NO_*_CAUSTICS.
+    """
+    code = shaders.code
+    programs = shaders.programs
+    pool = shaders.tables
+    camera = shaders.camera
+    pass_indices = shaders.program_pass_index
+    images = shaders.images
+    pixels_byte = shaders.pixels_byte
+    pixels_float = shaders.pixels_float
+    column = 2 * (mode & MODE_MASK)
+    caustics = 0
+    if mode & MODE_NO_REFLECTIVE_CAUSTICS:
+        caustics |= CLOSURE_NO_REFLECTIVE_CAUSTICS
+    if mode & MODE_NO_REFRACTIVE_CAUSTICS:
+        caustics |= CLOSURE_NO_REFRACTIVE_CAUSTICS
+    for k in range(lane_count):
+        lane = lanes[k]
+        program = points.integer[lane, POINT_PROGRAM]
+        flags = 0
+        if points.integer[lane, POINT_RAY_FLAGS] & RAY_DIFFUSE_ANCESTOR:
+            flags = caustics
+        if programs[program, PROGRAM_FLAGS] & PROGRAM_NO_BUMP_CORRECTION:
+            flags |= CLOSURE_NO_BUMP_CORRECTION
+        reset_closures(closures, lane, read_point(points, lane, POINT_NS), flags)
+        pc = programs[program, PROGRAM_START + column]
+        end = programs[program, PROGRAM_END + column]
+        while pc < end:
+            opcode = code[pc]
+            if opcode >= TEXTURE_FIRST:
+                run_texture_op(opcode, code, pc, scratch, pool)
+            elif opcode >= MATH_FIRST:
+                run_math_op(opcode, code, pc, scratch, pool)
+            elif opcode >= IMAGE_FIRST:
+                run_image_op(opcode, code, pc, scratch, images, pixels_byte, pixels_float, pool)
+            elif opcode >= CLOSURE_FIRST:
+                run_closure_op(opcode, code, pc, scratch, points, closures, tables, lane)
+            else:
+                run_input_op(opcode, code, pc, scratch, pool, geometry, points, lane, camera, pass_indices)
+            pc += code[pc + 1]

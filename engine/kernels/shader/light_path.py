@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the Light Path, Object Info and camera inputs read."""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.vector import add, transform_point
+from engine.scene.arrays import INSTANCE_PASS_INDEX
+from engine.shaders.arrays import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
+from engine.state import (
+    POINT_DEPTH,
+    POINT_DIFFUSE_DEPTH,
+    POINT_GLOSSY_DEPTH,
+    POINT_INSTANCE,
+    POINT_PROGRAM,
+    POINT_RAY_FLAGS,
+    POINT_RAY_LENGTH,
+    POINT_TRANSMISSION_DEPTH,
+    POINT_TRANSPARENT_DEPTH,
+    RAY_EMISSION,
+    RAY_SHADOW,
+)
+
+#: Below LIGHT_PATH_LENGTH the kind is the bit of the ray flags itself.
+LIGHT_PATH_LENGTH = 1 << 20
+LIGHT_PATH_DEPTH = LIGHT_PATH_LENGTH + 1
+LIGHT_PATH_DIFFUSE_DEPTH = LIGHT_PATH_LENGTH + 2
+LIGHT_PATH_GLOSSY_DEPTH = LIGHT_PATH_LENGTH + 3
+LIGHT_PATH_TRANSMISSION_DEPTH = LIGHT_PATH_LENGTH + 4
+LIGHT_PATH_TRANSPARENT_DEPTH = LIGHT_PATH_LENGTH + 5
+
+OBJECT_INDEX = 0
+OBJECT_MATERIAL_INDEX = 1
+OBJECT_RANDOM = 2
+OBJECT_ALPHA = 3
+
+
+@kernel
+def light_path(points, lane, kind):
+    """One output of the Light Path node."""
+    integer = points.integer
+    flags = integer[lane, POINT_RAY_FLAGS]
+    value = 0
+    if kind < LIGHT_PATH_LENGTH:
+        return 1.0 if flags & kind else 0.0
+    if kind == LIGHT_PATH_LENGTH:
+        return points.real[lane, POINT_RAY_LENGTH]
+    if kind == LIGHT_PATH_DEPTH:
+        value = integer[lane, POINT_DEPTH]
+        # Seen from a surface, emitters and blockers are one bounce further.
+        if flags & (RAY_SHADOW | RAY_EMISSION):
+            value += 1
+    elif kind == LIGHT_PATH_DIFFUSE_DEPTH:
+        value = integer[lane, POINT_DIFFUSE_DEPTH]
+    elif kind == LIGHT_PATH_GLOSSY_DEPTH:
+        value = integer[lane, POINT_GLOSSY_DEPTH]
+    elif kind == LIGHT_PATH_TRANSMISSION_DEPTH:
+        value = integer[lane, POINT_TRANSMISSION_DEPTH]
+    elif kind == LIGHT_PATH_TRANSPARENT_DEPTH:
+        value = integer[lane, POINT_TRANSPARENT_DEPTH]
+    return np.float32(value)
+
+
+@kernel
+def camera_coordinate(camera, instance, p):
+    """Camera space (z forward) of world point `p`; for the background `p` is a direction."""
+    if instance < 0:
+        p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
+    return transform_point(camera, CAMERA_WORLD_TO_CAMERA, p)
+
+
+@kernel
+def window_coordinate(camera, points, lane, p):
+    """Image coordinates in [0, 1] of world point `p`."""
+    if points.integer[lane, POINT_INSTANCE] < 0:
+        p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
+    h = transform_point(camera, CAMERA_WORLD_TO_NDC, p)
+    if h[2] == 0.0:
+        return (0.0 * h[2], 0.0 * h[2], 0.0 * h[2])
+    return (h[0] / h[2], h[1] / h[2], 0.0 * h[2])
+
+
+@kernel
+def object_float(geometry, points, lane, pass_indices, kind):
+    """A scalar of the Object Info node."""
+    instance = points.integer[lane, POINT_INSTANCE]
+    if kind == OBJECT_MATERIAL_INDEX:
+        return pass_indices[points.integer[lane, POINT_PROGRAM]]
+    if instance < 0:
+        return 0.0
+    if kind == OBJECT_INDEX:
+        return np.float32(geometry.instance_table[instance, INSTANCE_PASS_INDEX])
+    if kind == OBJECT_RANDOM:
+        return geometry.instance_values[instance, 0]
+    return geometry.instance_values[instance, 4]

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Perturbed normals (normal maps, bump), Fresnel and changes of space."""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.shader.surface import (
+    footprint_axis,
+    normal_to_object,
+    normal_to_world,
+    read_point,
+    smooth_normal_object,
+    to_object,
+    uv_tangent_object,
+)
+from engine.kernels.vector import (
+    add,
+    cross,
+    dot,
+    negate,
+    normalize,
+    scale,
+    subtract,
+    transform_direction,
+    transform_normal,
+    transform_point,
+)
+from engine.shaders.arrays import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA
+from engine.state import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_INSTANCE,
+    POINT_NG,
+    POINT_NS,
+    POINT_RADIUS,
+    POINT_U,
+    POINT_V,
+)
+
+SPACE_TANGENT = 0
+SPACE_OBJECT = 1
+SPACE_WORLD = 2
+SPACE_BLENDER_OBJECT = 3
+SPACE_BLENDER_WORLD = 4
+
+TRANSFORM_VECTOR = 0
+TRANSFORM_POINT = 1
+TRANSFORM_NORMAL = 2
+FROM_WORLD = 0
+FROM_OBJECT = 1
+FROM_CAMERA = 2
+
+
+@kernel
+def safe_normal(n, fallback):
+    """Unit vector along `n`, or `fallback` where `n` is zero or not finite."""
+    squared = dot(n, n)
+    if squared > 0.0 and squared < 1e37:
+        return scale(n, 1.0 / math.sqrt(squared))
+    return fallback
+
+
+@kernel
+def fresnel_dielectric(cos_o, eta):
+    """Unpolarised reflectance of a dielectric of relative index `eta` at cosine `cos_o`; 1 at total reflection."""
+    c = abs(cos_o)
+    g = eta * eta - 1.0 + c * c
+    if g <= 0.0:
+        return 1.0
+    g = math.sqrt(g)
+    a = (g - c) / (g + c)
+    b = (c * (g + c) - 1.0) / (c * (g - c) + 1.0)
+    return 0.5 * a * a * (1.0 + b * b)
+
+
+@kernel
+def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_slot):
+    """Normal Map node: `color` as a normal in tangent, object or world space, blended by `strength`."""
+    ns = read_point(points, lane, POINT_NS)
+    instance = points.integer[lane, POINT_INSTANCE]
+    backfacing = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING
+    x = 2.0 * (color[0] - 0.5)
+    y = 2.0 * (color[1] - 0.5)
+    z = 2.0 * (color[2] - 0.5)
+    n = (x, y, z)
+    if space == SPACE_TANGENT:
+        if instance < 0:
+            return ns
+        tangent, sign = uv_tangent_object(geometry, points, lane, tangent_slot, uv_slot)
+        if sign == 0.0:
+            return ns
+        u = points.real[lane, POINT_U]
+        v = points.real[lane, POINT_V]
+        normal = smooth_normal_object(geometry, points, lane, u, v)
+        x *= strength
+        y *= strength
+        s = min(max(strength, 0.0), 1.0)
+        z = 1.0 + (z - 1.0) * s
+        bitangent = scale(cross(normal, tangent), sign)
+        n = add(add(scale(tangent, x), scale(bitangent, y)), scale(normal, z))
+        n = normal_to_world(geometry, instance, normalize(n))
+        if backfacing:
+            n = negate(n)
+    else:
+        if space == SPACE_BLENDER_OBJECT or space == SPACE_BLENDER_WORLD:
+            n = (x, -y, -z)
+        if space == SPACE_OBJECT or space == SPACE_BLENDER_OBJECT:
+            n = normal_to_world(geometry, instance, n)
+        else:
+            n = normalize(n)
+        if backfacing:
+            n = negate(n)
+        if strength != 1.0:
+            n = normalize(add(ns, scale(subtract(n, ns), max(strength, 0.0))))
+    return safe_normal(n, ns)
+
+
+@kernel
+def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, in_object_space):
+    """Bump node: the surface raised by height times distance, heights given at P and at its two displaced points.
+
+    References: Mikkelsen 2010, "Bump Mapping Unparametrized Surfaces on the GPU"; `width` [footprint radii].
+    """
+    ng = read_point(points, lane, POINT_NG)
+    instance = points.integer[lane, POINT_INSTANCE]
+    radius = points.real[lane, POINT_RADIUS]
+    n = normal
+    if not radius > 0.0:
+        return safe_normal(n, read_point(points, lane, POINT_NS))
+    dx = footprint_axis(ng, 1)
+    dy = footprint_axis(ng, 2)
+    if in_object_space != 0 and instance >= 0:
+        n = normal_to_object(geometry, instance, n)
+        dx = transform_direction(geometry.inverses, instance, dx)
+        dy = transform_direction(geometry.inverses, instance, dy)
+    rx = cross(dy, n)
+    ry = cross(n, dx)
+    determinant = dot(dx, rx)
+    gradient = add(scale(rx, (hx - h) / radius), scale(ry, (hy - h) / radius))
+    signed_distance = distance if determinant >= 0.0 else -distance
+    raised = subtract(scale(n, width * abs(determinant)), scale(gradient, signed_distance))
+    squared = dot(raised, raised)
+    if squared > 0.0:
+        strength = max(strength, 0.0)
+        raised = scale(raised, 1.0 / math.sqrt(squared))
+        n = normalize(add(scale(raised, strength), scale(n, 1.0 - strength)))
+    if in_object_space != 0 and instance >= 0:
+        n = normal_to_world(geometry, instance, n)
+    return safe_normal(n, read_point(points, lane, POINT_NS))
+
+
+@kernel
+def vector_transform(geometry, camera, instance, v, kind, source, target):
+    """Vector Transform node: world, object and camera space, as vector, point or normal."""
+    if source == target:
+        return v
+    if source == FROM_OBJECT:
+        if instance >= 0:
+            if kind == TRANSFORM_NORMAL:
+                v = normal_to_world(geometry, instance, v)
+            elif kind == TRANSFORM_VECTOR:
+                v = transform_direction(geometry.transforms, instance, v)
+            else:
+                v = transform_point(geometry.transforms, instance, v)
+    elif source == FROM_CAMERA:
+        if kind == TRANSFORM_NORMAL:
+            v = normalize(transform_normal(camera, CAMERA_WORLD_TO_CAMERA, v))
+        elif kind == TRANSFORM_VECTOR:
+            v = transform_direction(camera, CAMERA_TO_WORLD, v)
+        else:
+            v = transform_point(camera, CAMERA_TO_WORLD, v)
+    if target == FROM_OBJECT:
+        if instance >= 0:
+            if kind == TRANSFORM_NORMAL:
+                v = normal_to_object(geometry, instance, v)
+            elif kind == TRANSFORM_VECTOR:
+                v = transform_direction(geometry.inverses, instance, v)
+            else:
+                v = to_object(geometry, instance, v)
+    elif target == FROM_CAMERA:
+        if kind == TRANSFORM_NORMAL:
+            v = normalize(transform_normal(camera, CAMERA_TO_WORLD, v))
+        elif kind == TRANSFORM_VECTOR:
+            v = transform_direction(camera, CAMERA_WORLD_TO_CAMERA, v)
+        else:
+            v = transform_point(camera, CAMERA_WORLD_TO_CAMERA, v)
+    return v

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: run shader programs at points, the same kernel for surfaces, light samples, background and shadow hits.
+
+`evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, scratch, mode)`, see there. It lives with
+the other kernels because the shader compiler folds constants with it.
+"""
+
+from engine.kernels.shader.interpreter import evaluate_shaders
+from engine.shaders.arrays import (
+    MODE_CLOSURES,
+    MODE_EMISSION,
+    MODE_NO_REFLECTIVE_CAUSTICS,
+    MODE_NO_REFRACTIVE_CAUSTICS,
+    MODE_TRANSPARENCY,
+    allocate_memory,
+)
+
+__all__ = [
+    "MODE_CLOSURES",
+    "MODE_EMISSION",
+    "MODE_NO_REFLECTIVE_CAUSTICS",
+    "MODE_NO_REFRACTIVE_CAUSTICS",
+    "MODE_TRANSPARENCY",
+    "allocate_memory",
+    "evaluate_shaders",
+]
