@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's evaluated scene to `engine.scene.description.SceneDescription`."""
+
+from .context import ExportCache, ExportCancelled
+from .scene import export_scene
+
+__all__ = ["ExportCache", "ExportCancelled", "export_scene"]

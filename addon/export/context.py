@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What every part of the export shares: notices, cancellation, and what is kept between frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+
+from engine.scene.description import Image, Material, Mesh, Notice
+
+
+class ExportCancelled(Exception):
+    """Raised out of `export_scene` once `should_cancel()` is true."""
+
+
+@dataclass
+class CachedMesh:
+    """The last content exported from one Blender datablock."""
+
+    mesh: Mesh
+    #: What the extraction depended on besides the datablock (names of attributes, tangents).
+    request: Hashable
+
+
+@dataclass
+class ExportCache:
+    """Keeps what did not change between exports of one file, so that it is neither read nor rebuilt again.
+
+    An object of the description is reused only if its content was found equal, or if Blender says (persistent data,
+    same dependency graph) that its datablock was not touched.
+    """
+
+    meshes: dict[Hashable, CachedMesh] = field(default_factory=dict)
+    materials: dict[Hashable, Material] = field(default_factory=dict)
+    images: dict[Hashable, Image] = field(default_factory=dict)
+    #: Address of the dependency graph of the last export, 0 = none.
+    depsgraph: int = 0
+    #: Number given to the next mesh whose content is new.
+    next_version: int = 0
+
+    def new_version(self) -> int:
+        """A number no earlier mesh of this cache has."""
+        self.next_version += 1
+        return self.next_version
+
+
+@dataclass
+class ExportContext:
+    """One export: where from, for whom, and what was found on the way."""
+
+    depsgraph: bpy.types.Depsgraph
+    scene: bpy.types.Scene
+    view_layer: bpy.types.ViewLayer
+    engine: bpy.types.RenderEngine | None
+    cache: ExportCache
+    should_cancel: Callable[[], bool] | None = None
+    #: Original datablocks changed since the last export of the same depsgraph; None = unknown, compare content.
+    updated: frozenset[int] | None = None
+    working_space: str = "Rec.709"
+    _notices: dict[Notice, None] = field(default_factory=dict)
+
+    @property
+    def is_modern(self) -> bool:
+        """Blender 5.0 or later, where materials and worlds always have nodes."""
+        return bpy.app.version >= (5, 0, 0)
+
+    def notice(self, subject: str, problem: str, fallback: str) -> None:
+        """Record once that something is not exported as it is."""
+        self._notices[Notice(subject, problem, fallback)] = None
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What was recorded, in the order it was met."""
+        return list(self._notices)
+
+    def check_cancel(self) -> None:
+        """Leave the export if the user asked to stop.
+
+        Raises
+        ------
+        ExportCancelled
+        """
+        if self.should_cancel is not None and self.should_cancel():
+            raise ExportCancelled
+
+    def is_untouched(self, original: bpy.types.ID) -> bool:
+        """True only where Blender vouches that `original` has not changed since the last export."""
+        return self.updated is not None and original.as_pointer() not in self.updated
+
+
+def cycles_property(owner: Any, name: str, default: Any, group: str = "cycles") -> Any:
+    """A property of Cycles' own settings on a datablock, or `default` where its add-on is off or older."""
+    return getattr(getattr(owner, group, None), name, default)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluated meshes to arrays of triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Attribute, Float32Array, Int32Array, Mesh, Uint32Array
+
+from .attributes import read_attribute, read_uv_map
+from .context import CachedMesh, ExportContext
+from .materials import AttributeRequest
+from .tangents import compute_tangents
+
+#: Undeformed positions of a deformed mesh, for Generated coordinates (before the texture space is applied).
+UNDEFORMED = "__undeformed"
+
+
+@dataclass
+class Topology:
+    """How triangles lie on a Blender mesh.
+
+    corners : uint32 (T, 3), rows of Blender's face corners
+    vertices : uint32 (T, 3)
+    polygons : int32 (T,)
+    """
+
+    corners: Uint32Array
+    vertices: Uint32Array
+    polygons: Int32Array
+
+
+def export_mesh(
+    context: ExportContext, mesh: bpy.types.Mesh, owner: bpy.types.Object, request: AttributeRequest
+) -> Mesh | None:
+    """The triangles of an evaluated mesh; None if it has none.
+
+    A mesh equal to the one last exported from the same place is that very object again.
+
+    Parameters
+    ----------
+    owner : Object
+        Whose evaluation made the mesh.
+    """
+    original = owner.original
+    identity = (original.name_full, mesh.name_full)
+    kept = context.cache.meshes.get(identity)
+    if kept is not None and kept.request == request and _is_untouched(context, original):
+        return kept.mesh
+    exported = _read_mesh(context, mesh, owner, request)
+    if exported is None:
+        context.cache.meshes.pop(identity, None)
+        return None
+    if kept is not None and is_equal(kept.mesh, exported):
+        exported = kept.mesh
+    else:
+        exported.key = (*identity, context.cache.new_version())
+    context.cache.meshes[identity] = CachedMesh(exported, request)
+    return exported
+
+
+def is_equal(a: Mesh, b: Mesh) -> bool:
+    """Whether two meshes have the same content, keys aside."""
+    if a.name != b.name or a.default_uv != b.default_uv or a.default_color != b.default_color:
+        return False
+    if a.attributes.keys() != b.attributes.keys():
+        return False
+    pairs: list[tuple[np.ndarray | None, np.ndarray | None]] = [
+        (a.vertices, b.vertices),
+        (a.triangles, b.triangles),
+        (a.corner_normals, b.corner_normals),
+        (a.material_slots, b.material_slots),
+        (a.texture_space, b.texture_space),
+    ]
+    for name, attribute in a.attributes.items():
+        if attribute.domain != b.attributes[name].domain:
+            return False
+        pairs.append((attribute.data, b.attributes[name].data))
+    return all(_same_bits(x, y) for x, y in pairs)
+
+
+def _same_bits(a: np.ndarray | None, b: np.ndarray | None) -> bool:
+    """Bitwise, so that NaN equals itself."""
+    if a is None or b is None:
+        return a is b
+    return a.shape == b.shape and np.array_equal(a.reshape(-1).view(np.uint32), b.reshape(-1).view(np.uint32))
+
+
+def _is_untouched(context: ExportContext, original: bpy.types.Object) -> bool:
+    return context.is_untouched(original) and (original.data is None or context.is_untouched(original.data))
+
+
+def _read_mesh(
+    context: ExportContext, mesh: bpy.types.Mesh, owner: bpy.types.Object, request: AttributeRequest
+) -> Mesh | None:
+    mesh.calc_loop_triangles()
+    triangle_count = len(mesh.loop_triangles)
+    if triangle_count == 0:
+        return None
+    topology = _read_topology(mesh, triangle_count)
+    vertices = read_positions(mesh)
+    context.check_cancel()
+    exported = Mesh(
+        key=None,
+        name=mesh.name,
+        vertices=vertices,
+        triangles=topology.vertices,
+        corner_normals=_read_normals(mesh, topology),
+        material_slots=_read_material_slots(mesh, topology),
+    )
+    context.check_cancel()
+    _add_attributes(context, mesh, owner, request, topology, exported)
+    exported.texture_space = np.array([mesh.texspace_location, mesh.texspace_size], np.float32)
+    return exported
+
+
+def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
+    """Positions of the vertices, float32 (V, 3)."""
+    flat = np.empty(len(mesh.vertices) * 3, np.float32)
+    position = mesh.attributes.get("position")
+    if position is not None:
+        position.data.foreach_get("vector", flat)
+    else:
+        mesh.vertices.foreach_get("co", flat)
+    return flat.reshape(-1, 3)
+
+
+def _read_topology(mesh: bpy.types.Mesh, triangle_count: int) -> Topology:
+    corners = np.empty(triangle_count * 3, np.uint32)
+    mesh.loop_triangles.foreach_get("loops", corners)
+    corner_vertices = np.empty(len(mesh.loops), np.int32)
+    stored = mesh.attributes.get(".corner_vert")
+    if stored is not None:
+        stored.data.foreach_get("value", corner_vertices)
+    else:
+        mesh.loops.foreach_get("vertex_index", corner_vertices)
+    polygons = np.empty(triangle_count, np.int32)
+    if hasattr(mesh, "loop_triangle_polygons"):
+        mesh.loop_triangle_polygons.foreach_get("value", polygons)
+    else:
+        mesh.loop_triangles.foreach_get("polygon_index", polygons)
+    vertices = corner_vertices.view(np.uint32)[corners]
+    return Topology(corners.reshape(-1, 3), vertices.reshape(-1, 3), polygons)
+
+
+def _read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
+    """Split normals, float32 (T, 3, 3), or None where every face is flat."""
+    flat = np.empty(len(mesh.loops) * 3, np.float32)
+    if hasattr(mesh, "corner_normals"):
+        if mesh.normals_domain == "FACE":
+            return None
+        mesh.corner_normals.foreach_get("vector", flat)
+    else:
+        # Before Blender 4.1 normals are split on demand, and only where auto smooth is on do angles count.
+        smooth = np.empty(len(mesh.polygons), bool)
+        mesh.polygons.foreach_get("use_smooth", smooth)
+        if not smooth.any():
+            return None
+        mesh.calc_normals_split()
+        mesh.loops.foreach_get("normal", flat)
+        mesh.free_normals_split()
+    return flat.reshape(-1, 3)[topology.corners]
+
+
+def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:
+    """Slot of each triangle; negative ones, which only scripts can make, are the first slot."""
+    stored = mesh.attributes.get("material_index")
+    if stored is None or len(mesh.polygons) == 0:
+        return np.zeros(len(topology.polygons), np.int32)
+    slots = np.empty(len(mesh.polygons), np.int32)
+    if stored.domain == "FACE" and stored.data_type == "INT":
+        stored.data.foreach_get("value", slots)
+    else:
+        mesh.polygons.foreach_get("material_index", slots)
+    return np.maximum(slots, 0)[topology.polygons]
+
+
+def _add_attributes(
+    context: ExportContext,
+    mesh: bpy.types.Mesh,
+    owner: bpy.types.Object,
+    request: AttributeRequest,
+    topology: Topology,
+    exported: Mesh,
+) -> None:
+    for layer in mesh.uv_layers:
+        exported.attributes[layer.name] = Attribute("CORNER", read_uv_map(mesh, layer)[topology.corners.reshape(-1)])
+        if layer.active_render:
+            exported.default_uv = layer.name
+    index = mesh.color_attributes.render_color_index
+    if 0 <= index < len(mesh.color_attributes):
+        exported.default_color = mesh.color_attributes[index].name
+    for name in sorted(name or exported.default_color for name in request.names):
+        if name and name not in exported.attributes:
+            attribute = read_attribute(mesh, name, topology)
+            if attribute is not None:
+                exported.attributes[name] = attribute
+    for name in sorted({name or exported.default_uv for name in request.tangents}):
+        if name in exported.attributes and exported.attributes[name].data.shape[1] == 2:
+            context.check_cancel()
+            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, exported.attributes[name].data)
+    if request.generated and len(owner.modifiers) > 0:
+        _add_undeformed(mesh, exported)
+
+
+def _add_undeformed(mesh: bpy.types.Mesh, exported: Mesh) -> None:
+    """Where modifiers moved vertices, Blender remembers where they were before (for final renders)."""
+    undeformed = np.empty(len(mesh.vertices) * 3, np.float32)
+    mesh.vertices.foreach_get("undeformed_co", undeformed)
+    if not np.array_equal(undeformed, exported.vertices.reshape(-1)):
+        exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed.reshape(-1, 3))

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pixels of image textures, in the encoding the engine filters them in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Float32Array, Image
+
+from .colorspaces import DATA_SPACES, to_scene_linear
+from .context import ExportContext
+
+
+_MISSING = "the image is missing or cannot be read"
+_PINK = "Blender's pink"
+
+
+@dataclass
+class ImageExporter:
+    """Collects images in the order they are met."""
+
+    context: ExportContext
+    images: list[Image] = field(default_factory=list)
+    _indices: dict[Hashable, int] = field(default_factory=dict)
+
+    def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
+        """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
+        self.context.check_cancel()
+        frame = _frame_number(self.context, image, user)
+        identity = (image.name_full, frame)
+        if identity not in self._indices:
+            exported = self._export(image, frame, subject)
+            self._indices[identity] = -1 if exported is None else len(self.images)
+            if exported is not None:
+                self.images.append(exported)
+        index = self._indices[identity]
+        if index < 0:
+            self.context.notice(f"{subject} / {image.name}", _MISSING, _PINK)
+        return index
+
+    def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:
+        context = self.context
+        if image.source == "TILED" and len(image.tiles) > 1:
+            context.notice(f"{subject} / {image.name}", "UDIM tiles are not supported", "the first tile everywhere")
+        if image.source == "MOVIE":
+            context.notice(f"{subject} / {image.name}", "movies are not supported", "one frame of it")
+        key = (image.name_full, frame, *_state(context, image, frame))
+        kept = context.cache.images.get((image.name_full, frame))
+        if kept is not None and kept.key == key and not image.is_dirty:
+            return kept
+        exported = _read_sequence(context, image, frame, key) if frame is not None else _read(context, image, key)
+        if exported is not None:
+            if kept is not None and image.is_dirty:
+                # Painted on: only its pixels tell whether it changed.
+                if kept.key[:2] == key[:2] and np.array_equal(kept.pixels, exported.pixels):
+                    return kept
+                exported.key = (*key, context.cache.new_version())
+            context.cache.images[image.name_full, frame] = exported
+        return exported
+
+
+def _read(context: ExportContext, image: bpy.types.Image, key: Hashable) -> Image | None:
+    """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
+    width, height = image.size
+    if width < 1 or height < 1:
+        return None
+    channels = image.channels
+    flat = np.empty(width * height * channels, np.float32)
+    try:
+        image.pixels.foreach_get(flat)
+    except (RuntimeError, TypeError, SystemError):
+        return None
+    raw = _four_channels(flat.reshape(height, width, channels))
+    space = image.colorspace_settings.name
+    is_data = space in DATA_SPACES or bool(getattr(image.colorspace_settings, "is_data", False))
+    exported = Image(key, image.name, raw, alpha_mode=image.alpha_mode)
+    if image.is_float:
+        # Blender converts floats on loading, and multiplies them with their alpha.
+        exported.encoding = "RAW" if is_data else "LINEAR"
+        exported.is_associated = image.alpha_mode not in ("CHANNEL_PACKED", "NONE")
+        return exported
+    if is_data:
+        exported.encoding = "RAW"
+    elif space == "sRGB" and context.working_space == "Rec.709":
+        exported.encoding = "SRGB"
+    elif space in ("Linear Rec.709", "Linear") and context.working_space == "Rec.709":
+        exported.encoding = "LINEAR"
+    else:
+        linear = to_scene_linear(raw, space, context.working_space)
+        if linear is not None:
+            exported.pixels, exported.encoding = linear, "LINEAR"
+            return exported
+        context.notice(image.name, f"colour space {space!r} is not supported", "read as sRGB")
+        exported.encoding = "SRGB"
+    exported.pixels = _bytes(raw)
+    return exported
+
+
+def _bytes(pixels: Float32Array) -> np.ndarray:
+    """Blender hands byte images out as multiples of 1/255."""
+    scaled = pixels * np.float32(255.0)
+    scaled += np.float32(0.5)
+    return scaled.astype(np.uint8)
+
+
+def _four_channels(pixels: Float32Array) -> Float32Array:
+    """Grey spread over colour, alpha one where there is none."""
+    channels = pixels.shape[2]
+    if channels == 4:
+        return pixels
+    result = np.ones((*pixels.shape[:2], 4), np.float32)
+    if channels == 3:
+        result[..., :3] = pixels
+    else:
+        result[..., :3] = pixels[..., :1]
+        if channels == 2:
+            result[..., 3] = pixels[..., 1]
+    return result
+
+
+def _state(context: ExportContext, image: bpy.types.Image, frame: int | None) -> tuple[Hashable, ...]:
+    """Everything that tells one version of an image's content from another, short of its pixels."""
+    settings = (image.source, image.colorspace_settings.name, image.alpha_mode, context.working_space)
+    if image.source == "GENERATED":
+        size = (image.generated_width, image.generated_height)
+        return (*settings, size, image.generated_type, tuple(image.generated_color), image.use_generated_float)
+    if image.packed_file is not None:
+        return (*settings, image.packed_file.as_pointer(), image.packed_file.size)
+    path = _path(image, frame)
+    try:
+        status = os.stat(path)
+    except OSError:
+        return (*settings, path)
+    return (*settings, path, status.st_mtime_ns, status.st_size)
+
+
+def _path(image: bpy.types.Image, frame: int | None) -> str:
+    path = bpy.path.abspath(image.filepath_raw, library=image.library)
+    if frame is None:
+        return path
+    # As Blender: the last run of digits in the file's name counts the frames.
+    folder, name = os.path.split(path)
+    stem, extension = os.path.splitext(name)
+    end = len(stem)
+    while end > 0 and not stem[end - 1].isdigit():
+        end -= 1
+    start = end
+    while start > 0 and stem[start - 1].isdigit():
+        start -= 1
+    if start == end:
+        return path
+    return os.path.join(folder, f"{stem[:start]}{frame:0{end - start}d}{stem[end:]}{extension}")
+
+
+def _frame_number(
+    context: ExportContext, image: bpy.types.Image, user: bpy.types.ImageUser | None
+) -> int | None:
+    """Which file of a sequence is shown; None for everything that is no sequence."""
+    if image.source != "SEQUENCE" or user is None:
+        return None
+    if not user.use_auto_refresh:
+        return int(user.frame_current)
+    length = user.frame_duration
+    if length <= 0:
+        return 0
+    frame = context.scene.frame_current - user.frame_start + 1
+    if user.use_cyclic:
+        frame = (frame - 1) % length + 1
+    return min(max(frame, 0), length) + user.frame_offset
+
+
+def _read_sequence(
+    context: ExportContext, image: bpy.types.Image, frame: int, key: Hashable
+) -> Image | None:
+    """One file of a sequence, through a datablock of its own: Blender's `pixels` cannot be asked for a frame."""
+    path = _path(image, frame)
+    if not os.path.isfile(path):
+        return None
+    try:
+        single = bpy.data.images.load(path, check_existing=False)
+    except RuntimeError:
+        return None
+    try:
+        single.colorspace_settings.name = image.colorspace_settings.name
+        single.alpha_mode = image.alpha_mode
+        exported = _read(context, single, key)
+    finally:
+        bpy.data.images.remove(single)
+    if exported is not None:
+        exported.name = image.name
+    return exported

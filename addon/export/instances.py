@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the dependency graph shows: every appearance of a mesh or light, gathered with as little Python as possible.
+
+Items of `object_instances` must not be kept, and are partly rewritten in place by the iterator: everything wanted of
+them is read at once, and only datablocks that outlive the iteration are remembered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from engine.scene.description import (
+    VISIBLE_CAMERA,
+    VISIBLE_DIFFUSE,
+    VISIBLE_GLOSSY,
+    VISIBLE_SHADOW,
+    VISIBLE_TRANSMISSION,
+    VISIBLE_VOLUME,
+    Float32Array,
+)
+
+from .context import ExportContext
+from .materials import MaterialExporter
+
+_RAY_VISIBILITY = (
+    ("visible_camera", VISIBLE_CAMERA),
+    ("visible_diffuse", VISIBLE_DIFFUSE),
+    ("visible_glossy", VISIBLE_GLOSSY),
+    ("visible_transmission", VISIBLE_TRANSMISSION),
+    ("visible_volume_scatter", VISIBLE_VOLUME),
+    ("visible_shadow", VISIBLE_SHADOW),
+)
+
+#: Object types nothing is made of yet. Curves, text, surfaces and metaballs appear a second time, as meshes.
+_UNSUPPORTED = {
+    "VOLUME": "volume objects are",
+    "POINTCLOUD": "point clouds are",
+    "CURVES": "hair curves are",
+    "GPENCIL": "grease pencil is",
+    "GREASEPENCIL": "grease pencil is",
+}
+
+#: Appearances between two questions whether to stop.
+_CANCEL_INTERVAL = 4096
+
+Key = tuple[int, int, int, int]
+
+
+@dataclass
+class Appearance:
+    """What all instances of one object by one instancer have in common."""
+
+    name: str
+    #: Mesh to show, None for lights.
+    mesh: bpy.types.Mesh | None
+    #: Light object to show, None for meshes.
+    light: bpy.types.Object | None
+    #: The object whose evaluation made the mesh.
+    owner: bpy.types.Object
+    visibility: int
+    pass_index: int
+    color: tuple[float, ...]
+    is_holdout: bool
+    is_shadow_catcher: bool
+    is_instance: bool
+    #: Indices into the exported materials, one a slot.
+    materials: tuple[int, ...]
+
+
+@dataclass
+class Appearances:
+    """Appearances and where each is seen, in the order of the dependency graph.
+
+    Attributes
+    ----------
+    kinds : list of Appearance
+    kind : int32 (N,)
+        Row of `kinds`, -1 for what is not shown.
+    transform : float32 (N, 4, 4)
+    random : float32 (N,)
+    generated : float32 (N, 3), uv : float32 (N, 2)
+        Texture coordinates of the instancer, as Cycles scales them; zero where no material reads them.
+    """
+
+    kinds: list[Appearance] = field(default_factory=list)
+    kind: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
+    transform: Float32Array = field(default_factory=lambda: np.zeros((0, 4, 4), np.float32))
+    random: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
+    generated: Float32Array = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    uv: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+
+
+def gather_appearances(context: ExportContext, materials: MaterialExporter) -> Appearances:
+    """Walk the instances of the dependency graph once for objects, then once for each array."""
+    result = Appearances()
+    rows: dict[Key, int] = {}
+    numbers: list[int] = []
+    append = numbers.append
+    countdown = 0
+    for item in context.depsgraph.object_instances:
+        if countdown == 0:
+            context.check_cancel()
+            countdown = _CANCEL_INTERVAL
+        countdown -= 1
+        shown = item.object
+        data = shown.data
+        if data is None:
+            append(-1)
+            continue
+        if item.is_instance:
+            key = (data.as_pointer(), item.instance_object.as_pointer(), item.parent.as_pointer(), item.show_self)
+        else:
+            key = (data.as_pointer(), shown.as_pointer(), 0, item.show_self)
+        row = rows.get(key)
+        if row is None:
+            row = rows[key] = _classify(context, materials, item, result.kinds)
+        append(row)
+    context.check_cancel()
+    result.kind = np.array(numbers, np.int32)
+    _read_arrays(context, materials, result)
+    return result
+
+
+def random_of_name(name: str) -> int:
+    """Cycles' random number of an object that is no instance: a hash of its name (Jenkins' lookup3, 2006)."""
+    mask = 0xFFFFFFFF
+    text = 0
+    for byte in name.encode():
+        # The characters are signed in Cycles.
+        text = (text * 37 + (byte if byte < 128 else byte - 256)) & mask
+    a = b = c = (0xDEADBEEF + (2 << 2) + 13) & mask
+    a = (a + text) & mask
+
+    def rotate(x: int, k: int) -> int:
+        return ((x << k) | (x >> (32 - k))) & mask
+
+    c = ((c ^ b) - rotate(b, 14)) & mask
+    a = ((a ^ c) - rotate(c, 11)) & mask
+    b = ((b ^ a) - rotate(a, 25)) & mask
+    c = ((c ^ b) - rotate(b, 16)) & mask
+    a = ((a ^ c) - rotate(c, 4)) & mask
+    b = ((b ^ a) - rotate(a, 14)) & mask
+    return ((c ^ b) - rotate(b, 24)) & mask
+
+
+def _classify(
+    context: ExportContext,
+    materials: MaterialExporter,
+    item: bpy.types.DepsgraphObjectInstance,
+    kinds: list[Appearance],
+) -> int:
+    """Decide what an object is shown as; append that to `kinds` and return its row, -1 for nothing."""
+    shown = item.object
+    if not shown.original.is_evaluated and item.show_particles:
+        _notice_hair(context, shown)
+    if not item.show_self:
+        return -1
+    is_mesh = isinstance(shown.data, bpy.types.Mesh)
+    if not is_mesh and shown.type != "LIGHT":
+        if shown.type in _UNSUPPORTED:
+            context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
+        return -1
+    if is_mesh and not context.view_layer.use_solid:
+        return -1
+    owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
+    parent = item.parent if item.is_instance else shown
+    visibility = _ray_visibility(shown)
+    is_holdout = False
+    if is_mesh:
+        if item.is_instance:
+            visibility &= _ray_visibility(parent)
+        is_holdout = parent.is_holdout or parent.holdout_get(view_layer=context.view_layer)
+        if not is_holdout and parent.indirect_only_get(view_layer=context.view_layer):
+            visibility &= ~VISIBLE_CAMERA
+        if visibility == 0:
+            return -1
+    kinds.append(
+        Appearance(
+            name=shown.name,
+            mesh=shown.data if is_mesh else None,
+            light=None if is_mesh else owner,
+            owner=owner,
+            visibility=visibility,
+            pass_index=shown.pass_index,
+            color=tuple(shown.color),
+            is_holdout=is_holdout,
+            is_shadow_catcher=shown.is_shadow_catcher or parent.is_shadow_catcher,
+            is_instance=item.is_instance,
+            materials=_slots(context, materials, shown) if is_mesh else (),
+        )
+    )
+    if kinds[-1].is_shadow_catcher and is_mesh:
+        context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
+    return len(kinds) - 1
+
+
+def _ray_visibility(shown: bpy.types.Object) -> int:
+    visibility = 0
+    for name, bit in _RAY_VISIBILITY:
+        if getattr(shown, name):
+            visibility |= bit
+    return visibility
+
+
+def _slots(context: ExportContext, materials: MaterialExporter, shown: bpy.types.Object) -> tuple[int, ...]:
+    override = context.view_layer.material_override
+    if override is not None:
+        override = override.evaluated_get(context.depsgraph)
+        return (materials.index_of(override, shown.name),) * max(len(shown.material_slots), 1)
+    return tuple(materials.index_of(slot.material, shown.name) for slot in shown.material_slots) or (-1,)
+
+
+def _notice_hair(context: ExportContext, shown: bpy.types.Object) -> None:
+    for system in shown.particle_systems:
+        if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
+            context.notice(f"{shown.name} / {system.name}", "hair is not supported", "left out of the picture")
+
+
+def _read_arrays(context: ExportContext, materials: MaterialExporter, result: Appearances) -> None:
+    """Per-instance values, each in one call."""
+    count = len(result.kind)
+    instances = context.depsgraph.object_instances
+    matrices = np.empty(count * 16, np.float32)
+    identifiers = np.zeros(count, np.int32)
+    result.generated = np.zeros((count, 3), np.float32)
+    result.uv = np.zeros((count, 2), np.float32)
+    instances.foreach_get("matrix_world", matrices)
+    # Blender stores columns.
+    result.transform = matrices.reshape(count, 4, 4).transpose(0, 2, 1)
+    if any(kind.is_instance for kind in result.kinds):
+        instances.foreach_get("random_id", identifiers)
+        context.check_cancel()
+        if any(request.instancer for request in materials.requests):
+            orco = np.empty(count * 3, np.float32)
+            instances.foreach_get("orco", orco)
+            is_instance = np.zeros(len(result.kinds) + 1, bool)
+            is_instance[:-1] = [kind.is_instance for kind in result.kinds]
+            mask = is_instance[result.kind]
+            result.generated[mask] = 0.5 * orco.reshape(count, 3)[mask] - 0.5
+            uv = np.empty(count * 2, np.float32)
+            instances.foreach_get("uv", uv)
+            result.uv[mask] = uv.reshape(count, 2)[mask]
+    numbers = identifiers.view(np.uint32)
+    for row, kind in enumerate(result.kinds):
+        if not kind.is_instance:
+            numbers[result.kind == row] = random_of_name(kind.name)
+    # 2^-32 as Cycles; its largest value, one, is just outside our interval.
+    result.random = np.minimum(numbers.astype(np.float32) * np.float32(2.0**-32), np.float32(1.0 - 2.0**-24))

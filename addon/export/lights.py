@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light objects in Blender's own units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from engine.scene.description import Float32Array, Light
+
+from .context import ExportContext, cycles_property
+from .nodes import GraphExporter
+
+if TYPE_CHECKING:
+    import bpy
+
+
+def export_light(
+    context: ExportContext,
+    graphs: GraphExporter,
+    light_object: bpy.types.Object,
+    transform: Float32Array,
+    visibility: int,
+    random: float,
+    key: object,
+) -> Light | None:
+    """One appearance of a light object; None for portals, which emit nothing.
+
+    Parameters
+    ----------
+    transform : float32 (4, 4)
+        Object to world.
+    visibility : int
+        VISIBLE_* bits.
+    random : float
+        In [0, 1), for Object Info.
+    """
+    data = light_object.data
+    name = light_object.name
+    if data.type == "AREA" and cycles_property(data, "is_portal", False):
+        context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
+        return None
+    graph = None
+    if data.use_nodes and data.node_tree is not None:
+        graph = graphs.export(data.node_tree, name)
+    light = Light(
+        key=("light", key),
+        name=name,
+        kind=data.type,
+        transform=transform,
+        color=_color(data),
+        energy=data.energy,
+        is_normalized=getattr(data, "normalize", True),
+        use_soft_falloff=getattr(data, "use_soft_falloff", True),
+        cast_shadow=_casts_shadow(data),
+        use_mis=cycles_property(data, "use_multiple_importance_sampling", True),
+        max_bounces=cycles_property(data, "max_bounces", 1024),
+        visibility=visibility,
+        graph=graph,
+        random=random,
+    )
+    if data.type in ("POINT", "SPOT"):
+        light.radius = data.shadow_soft_size
+    if data.type == "SPOT":
+        light.spot_angle = data.spot_size
+        light.spot_blend = data.spot_blend
+    elif data.type == "SUN":
+        light.angle = data.angle
+    elif data.type == "AREA":
+        light.shape = data.shape
+        light.size_x = data.size
+        light.size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
+        light.spread = data.spread
+    return light
+
+
+def _color(data: bpy.types.Light) -> tuple[float, float, float]:
+    color = np.array(data.color, np.float64)
+    if getattr(data, "use_temperature", False):
+        color *= np.array(data.temperature_color, np.float64)
+    color *= 2.0 ** getattr(data, "exposure", 0.0)
+    return float(color[0]), float(color[1]), float(color[2])
+
+
+def _casts_shadow(data: bpy.types.Light) -> bool:
+    """Cycles kept its own switch until Blender 4.2 made one for all engines."""
+    own = cycles_property(data, "cast_shadow", None)
+    return bool(data.use_shadow if own is None else own)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Materials: their graphs, and which mesh attributes the graphs ask for."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Link, Material, Node, NodeGraph
+
+from .context import ExportContext, cycles_property
+from .nodes import GraphExporter
+
+
+@dataclass(frozen=True)
+class AttributeRequest:
+    """What materials want to know about a mesh besides its shape and UV maps.
+
+    `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one); `generated` whether
+    undeformed coordinates are of use, `instancer` whether those of the instancer are.
+    """
+
+    names: frozenset[str] = frozenset()
+    tangents: frozenset[str] = frozenset()
+    generated: bool = False
+    instancer: bool = False
+
+    def __or__(self, other: AttributeRequest) -> AttributeRequest:
+        return AttributeRequest(
+            self.names | other.names,
+            self.tangents | other.tangents,
+            self.generated or other.generated,
+            self.instancer or other.instancer,
+        )
+
+
+@dataclass
+class MaterialExporter:
+    """Collects materials in the order they are met."""
+
+    context: ExportContext
+    graphs: GraphExporter
+    materials: list[Material] = field(default_factory=list)
+    requests: list[AttributeRequest] = field(default_factory=list)
+    _indices: dict[int, int] = field(default_factory=dict)
+
+    def index_of(self, material: bpy.types.Material | None, user: str) -> int:
+        """Index into `materials`, -1 for an empty slot.
+
+        Parameters
+        ----------
+        user : str
+            An object that uses it, for notices.
+        """
+        if material is None:
+            return -1
+        address = material.original.as_pointer()
+        if address not in self._indices:
+            self._indices[address] = len(self.materials)
+            exported = self._export(material, user)
+            self.materials.append(exported)
+            self.requests.append(attribute_request(exported.graph))
+        return self._indices[address]
+
+    def _export(self, material: bpy.types.Material, user: str) -> Material:
+        context = self.context
+        if material.node_tree is not None and (context.is_modern or material.use_nodes):
+            graph = self.graphs.export(material.node_tree, f"{user} / {material.name}")
+        else:
+            graph = _plain_graph(material)
+        exported = Material(
+            key=None,
+            name=material.name,
+            graph=graph,
+            pass_index=material.pass_index,
+            use_backface_culling=False,
+            use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
+            use_transparent_shadow=_use_transparent_shadow(material),
+            emission_sampling=_emission_sampling(material),
+        )
+        exported.key = (material.name_full, fingerprint(exported))
+        kept = context.cache.materials.get(material.name_full)
+        if kept is not None and kept.key == exported.key:
+            return kept
+        context.cache.materials[material.name_full] = exported
+        return exported
+
+
+def fingerprint(material: Material) -> str:
+    """A digest of everything a material says."""
+    digest = hashlib.blake2b(digest_size=16)
+
+    def add(value: Any) -> None:
+        if isinstance(value, np.ndarray):
+            digest.update(value.tobytes())
+        elif isinstance(value, dict):
+            for name, item in value.items():
+                digest.update(name.encode())
+                add(item)
+        elif isinstance(value, NodeGraph):
+            add([(node.kind, node.name, node.inputs, node.properties) for node in value.nodes])
+            add((value.surface, value.volume, value.displacement))
+        elif isinstance(value, (list, tuple)):
+            digest.update(b"(")
+            for item in value:
+                add(item)
+            digest.update(b")")
+        else:
+            digest.update(repr(value).encode())
+            digest.update(b";")
+
+    add({name: value for name, value in vars(material).items() if name != "key"})
+    return digest.hexdigest()
+
+
+def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
+    """The attributes the nodes of a graph read."""
+    names: set[str] = set()
+    tangents: set[str] = set()
+    generated = instancer = False
+    linked = _linked_outputs(graph) if graph is not None else set()
+    for index, node in enumerate(graph.nodes if graph is not None else ()):
+        if node.kind == "ShaderNodeAttribute" and node.properties.get("attribute_type", "GEOMETRY") == "GEOMETRY":
+            names.add(node.properties["attribute_name"])
+        elif node.kind == "ShaderNodeVertexColor":
+            names.add(node.properties["layer_name"])
+        elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":
+            tangents.add(node.properties["uv_map"])
+        elif node.kind == "ShaderNodeTangent" and node.properties["direction_type"] == "UV_MAP":
+            tangents.add(node.properties["uv_map"])
+        elif node.kind == "ShaderNodeTangent":
+            generated = True
+        elif node.kind == "ShaderNodeTexCoord" and (index, "Generated") in linked:
+            generated = True
+        elif node.kind.startswith("ShaderNodeTex") and node.kind != "ShaderNodeTexCoord":
+            generated = generated or "Vector" not in node.inputs
+        elif node.kind in ("ShaderNodeBsdfPrincipled", "ShaderNodeBsdfAnisotropic"):
+            generated = generated or _is_anisotropic(node)
+        if node.kind in ("ShaderNodeTexCoord", "ShaderNodeUVMap") and node.properties.get("from_instancer"):
+            instancer = True
+    return AttributeRequest(frozenset(names), frozenset(tangents), generated, instancer)
+
+
+def _linked_outputs(graph: NodeGraph) -> set[tuple[int, str]]:
+    links = [graph.surface, graph.volume, graph.displacement]
+    for node in graph.nodes:
+        links.extend(value for value in node.inputs.values() if isinstance(value, Link))
+    return {(link.node, link.output) for link in links if link is not None}
+
+
+def _is_anisotropic(node: Node) -> bool:
+    """Whether the default tangent, which circles Generated coordinates, is used."""
+    strength = node.inputs.get("Anisotropic", node.inputs.get("Anisotropy", 0.0))
+    return strength != 0.0 and "Tangent" not in node.inputs
+
+
+def _plain_graph(material: bpy.types.Material) -> NodeGraph:
+    """A material without nodes is diffuse in its viewport colour, as in Cycles."""
+    color = (*material.diffuse_color[:3], 1.0)
+    node = Node("ShaderNodeBsdfDiffuse", "Diffuse BSDF", {"Color": color, "Roughness": 0.0})
+    return NodeGraph([node], surface=Link(0, "BSDF"))
+
+
+def _emission_sampling(material: bpy.types.Material) -> str:
+    """Before Blender 3.5 there was one switch."""
+    method = cycles_property(material, "emission_sampling", None)
+    if method is not None:
+        return method
+    return "AUTO" if cycles_property(material, "sample_as_light", True) else "NONE"
+
+
+def _use_transparent_shadow(material: bpy.types.Material) -> bool:
+    """Cycles kept its own switch until Blender 4.2 made one for all engines."""
+    own = cycles_property(material, "use_transparent_shadow", None)
+    return bool(getattr(material, "use_transparent_shadow", True) if own is None else own)

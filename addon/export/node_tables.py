@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Colour ramps and curves as tables, sampled where Cycles samples them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Float32Array
+
+#: Cycles' RAMP_TABLE_SIZE.
+TABLE_SIZE = 256
+
+
+def bake_ramp(ramp: bpy.types.ColorRamp) -> Float32Array:
+    """Colour and alpha over [0, 1], float32 (256, 4)."""
+    return np.array([tuple(ramp.evaluate(i / (TABLE_SIZE - 1))) for i in range(TABLE_SIZE)], np.float32)
+
+
+def bake_curves(mapping: bpy.types.CurveMapping, kind: str) -> dict[str, Any]:
+    """Properties of a curves node.
+
+    Returns
+    -------
+    dict
+        `curves` float32 (256, 3), or (256, 1) for a float curve, over [`min_x`, `max_x`], which spans every curve;
+        `extrapolate` whether the curves go on outside. For RGB curves the combined curve is applied first.
+    """
+    mapping.initialize()
+    channel_count = {"ShaderNodeRGBCurve": 4, "ShaderNodeVectorCurve": 3, "ShaderNodeFloatCurve": 1}[kind]
+    curves = [mapping.curves[i] for i in range(channel_count)]
+    min_x = min(curve.points[0].location[0] for curve in curves)
+    max_x = max(curve.points[-1].location[0] for curve in curves)
+    positions = [min_x + i / (TABLE_SIZE - 1) * (max_x - min_x) for i in range(TABLE_SIZE)]
+    if kind == "ShaderNodeRGBCurve":
+        combined = curves.pop()
+        positions = [mapping.evaluate(combined, x) for x in positions]
+    columns = [[mapping.evaluate(curve, x) for x in positions] for curve in curves]
+    return {
+        "curves": np.array(columns, np.float32).T.copy(),
+        "min_x": float(min_x),
+        "max_x": float(max_x),
+        "extrapolate": mapping.extend == "EXTRAPOLATED",
+    }

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nodes of Blender before 5.0 as the nodes of 5.0, with the adjustments Blender makes to such a file on loading it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from engine.scene.description import Link, Node
+
+#: Principled BSDF before 4.0.
+_PRINCIPLED_INPUTS = {
+    "Subsurface": "Subsurface Weight",
+    "Specular": "Specular IOR Level",
+    "Transmission": "Transmission Weight",
+    "Clearcoat": "Coat Weight",
+    "Clearcoat Roughness": "Coat Roughness",
+    "Clearcoat Normal": "Coat Normal",
+    "Sheen": "Sheen Weight",
+    "Emission": "Emission Color",
+}
+
+#: Inputs of Principled BSDF that older versions lack, with the value that changes nothing.
+_PRINCIPLED_DEFAULTS: dict[str, Any] = {
+    "Diffuse Roughness": 0.0,
+    "Coat Tint": (1.0, 1.0, 1.0, 1.0),
+    "Sheen Roughness": 0.5,
+    "Thin Film Thickness": 0.0,
+    "Thin Film IOR": 1.33,
+}
+
+_WHITE = (1.0, 1.0, 1.0, 1.0)
+
+#: Kinds that another kind replaced: new kind, properties, input names, output names.
+_REPLACED: dict[str, tuple[str, dict[str, Any], dict[str, str], dict[str, str]]] = {
+    "ShaderNodeSeparateRGB": (
+        "ShaderNodeSeparateColor",
+        {"mode": "RGB"},
+        {"Image": "Color"},
+        {"R": "Red", "G": "Green", "B": "Blue"},
+    ),
+    "ShaderNodeSeparateHSV": (
+        "ShaderNodeSeparateColor",
+        {"mode": "HSV"},
+        {},
+        {"H": "Red", "S": "Green", "V": "Blue"},
+    ),
+    "ShaderNodeCombineRGB": (
+        "ShaderNodeCombineColor",
+        {"mode": "RGB"},
+        {"R": "Red", "G": "Green", "B": "Blue"},
+        {"Image": "Color"},
+    ),
+    "ShaderNodeCombineHSV": (
+        "ShaderNodeCombineColor",
+        {"mode": "HSV"},
+        {"H": "Red", "S": "Green", "V": "Blue"},
+        {},
+    ),
+    "ShaderNodeBsdfVelvet": ("ShaderNodeBsdfSheen", {"distribution": "ASHIKHMIN"}, {"Sigma": "Roughness"}, {}),
+}
+
+
+def modernize(node: Node, index: int) -> list[Node]:
+    """`node` in the terms of Blender 5.0, last in a list with whatever it needs before it.
+
+    Parameters
+    ----------
+    index : int
+        Where the first node of the list will stand in the graph.
+    """
+    if node.kind in _REPLACED:
+        kind, properties, inputs, outputs = _REPLACED[node.kind]
+        node.kind = kind
+        node.properties.update(properties)
+        node.inputs = {inputs.get(name, name): value for name, value in node.inputs.items()}
+        if outputs:
+            node.properties["_outputs"] = outputs
+    if node.kind == "ShaderNodeBsdfPrincipled" and "Clearcoat" in node.inputs:
+        return _principled(node, index)
+    if node.kind == "ShaderNodeBsdfGlossy":
+        node.kind = "ShaderNodeBsdfAnisotropic"
+        node.inputs.setdefault("Anisotropy", 0.0)
+        node.inputs.setdefault("Rotation", 0.0)
+    if node.properties.get("distribution") == "SHARP":
+        node.properties["distribution"] = "GGX"
+        node.inputs["Roughness"] = 0.0
+    if node.kind == "ShaderNodeTexNoise":
+        node.properties.setdefault("noise_type", "FBM")
+        node.properties.setdefault("normalize", True)
+        node.inputs.setdefault("Lacunarity", 2.0)
+    elif node.kind == "ShaderNodeTexVoronoi":
+        node.properties.setdefault("normalize", False)
+        for name, value in (("Detail", 0.0), ("Roughness", 0.5), ("Lacunarity", 2.0)):
+            node.inputs.setdefault(name, value)
+    elif node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
+        node.properties["aerosol_density"] = node.properties.pop("dust_density")
+    elif node.kind == "ShaderNodeBump":
+        node.inputs.setdefault("Filter Width", 1.0)
+    return [node]
+
+
+def _principled(node: Node, index: int) -> list[Node]:
+    """Blender 3's Principled BSDF: see `version_principled_bsdf_*` of Blender's loader for the factors."""
+    old = node.inputs
+    before: list[Node] = []
+
+    def mix(factor: Any, a: Any, b: Any) -> Any:
+        if not any(isinstance(value, Link) for value in (factor, a, b)):
+            return tuple(x + (y - x) * factor for x, y in zip(a, b, strict=True))
+        before.append(
+            Node(
+                "ShaderNodeMix",
+                node.name,
+                {"Factor_Float": factor, "A_Color": a, "B_Color": b},
+                {
+                    "data_type": "RGBA",
+                    "blend_type": "MIX",
+                    "factor_mode": "UNIFORM",
+                    "clamp_factor": True,
+                    "clamp_result": False,
+                },
+            )
+        )
+        return Link(index + len(before) - 1, "Result_Color")
+
+    new = {_PRINCIPLED_INPUTS.get(name, name): value for name, value in old.items()}
+    for name in ("Subsurface Color", "Transmission Roughness"):
+        new.pop(name, None)
+    for name, value in _PRINCIPLED_DEFAULTS.items():
+        new.setdefault(name, value)
+
+    coat_is_linked = isinstance(old["Clearcoat"], Link)
+    new["Coat IOR"] = 1.2 if coat_is_linked else 1.5
+    if not coat_is_linked:
+        new["Coat Weight"] = 0.25 * old["Clearcoat"]
+
+    sheen_is_linked = isinstance(old["Sheen"], Link)
+    new["Sheen Tint"] = (0.2, 0.2, 0.2, 1.0) if sheen_is_linked else _WHITE
+    if not sheen_is_linked:
+        new["Sheen Weight"] = 0.2 * old["Sheen"]
+
+    new["Subsurface Scale"] = 0.05
+    if old["Subsurface"] != 0.0:
+        new["Base Color"] = mix(old["Subsurface"], old["Base Color"], old["Subsurface Color"])
+        new["Subsurface Scale"] = old["Subsurface"]
+        new["Subsurface Weight"] = 1.0
+
+    tint = old["Specular Tint"]
+    new["Specular Tint"] = _WHITE if tint == 0.0 else mix(tint, _WHITE, new["Base Color"])
+    node.inputs = new
+    return [*before, node]

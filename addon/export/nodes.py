@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender node trees to `NodeGraph`: groups, reroutes, muted nodes and older versions' sockets resolved."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Link, Node, NodeGraph
+
+from .context import ExportContext
+from .images import ImageExporter
+from .node_tables import bake_curves, bake_ramp
+from .node_versions import modernize
+
+#: Linear Rec.709 luminance, Cycles' weights where a colour meets a float socket.
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+_FLOAT_SOCKETS = ("VALUE", "INT", "BOOLEAN")
+_VALUE_SOCKETS = (*_FLOAT_SOCKETS, "VECTOR", "RGBA", "STRING", "ROTATION", "MENU")
+_SIMPLE_PROPERTIES = ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
+_OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld")
+#: Nodes whose value is edited on their own output socket.
+_VALUE_ON_OUTPUT = ("ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal")
+#: A node's depth in a chain of nodes is a few Python frames.
+_RECURSION_LIMIT = 100_000
+
+#: What feeds an input: a link, a constant, or None where the surface supplies the value.
+Source = Any
+
+
+@dataclass
+class _Tree:
+    """One appearance of a node tree: the outermost one, or a group inside `parent`."""
+
+    tree: bpy.types.NodeTree
+    parent: _Tree | None
+    #: The group node in `parent` this tree stands for.
+    group: bpy.types.Node | None
+    #: Link into each input socket, by the socket's address.
+    links: dict[int, bpy.types.NodeLink] = field(default_factory=dict)
+    #: Trees of group nodes, and finished nodes, by the node's address.
+    groups: dict[int, _Tree] = field(default_factory=dict)
+    finished: dict[int, int] = field(default_factory=dict)
+    unfinished: set[int] = field(default_factory=set)
+
+
+class GraphExporter:
+    """Exports node trees of materials, lights and worlds."""
+
+    def __init__(self, context: ExportContext, images: ImageExporter) -> None:
+        self._context = context
+        self._images = images
+        self._graph = NodeGraph()
+        self._subject = ""
+
+    def export(self, tree: bpy.types.NodeTree, subject: str) -> NodeGraph:
+        """What the active output of `tree` depends on, in an order where a node follows its inputs.
+
+        Parameters
+        ----------
+        subject : str
+            Names the user of the tree in notices, as "Cube / Glass".
+        """
+        self._graph = NodeGraph()
+        self._subject = subject
+        output = _active_output(tree)
+        if output is None:
+            return self._graph
+        root = _open_tree(tree, None, None)
+        with _recursion():
+            for socket in output.inputs:
+                name = socket.identifier.lower()
+                if name in ("surface", "volume", "displacement"):
+                    source = self._linked(root, socket)
+                    setattr(self._graph, name, source if isinstance(source, Link) else None)
+        return self._graph
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # Sockets
+
+    def _input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+        """Link or constant of an input socket."""
+        source = self._linked(tree, socket)
+        return _constant(socket) if source is None else source
+
+    def _linked(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+        """What is linked to an input socket (a constant if a group hands one on), None if nothing is."""
+        link = tree.links.get(socket.as_pointer())
+        if link is None:
+            return None
+        source = self._output(tree, link.from_node, link.from_socket)
+        return self._convert(source, link.from_socket.type, socket.type, to_proxy=False)
+
+    def _output(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+        """What an output socket carries."""
+        address = node.as_pointer()
+        # Reroutes, muted nodes and group boundaries may form a loop of their own, without a node to stop at.
+        passes = node.mute or node.bl_idname in ("NodeReroute", "NodeGroupInput") or hasattr(node, "node_tree")
+        mark = socket.as_pointer() if passes else address
+        if mark in tree.unfinished:
+            self._notice(node, "is part of a loop of links", "the loop is cut open there")
+            return None
+        tree.unfinished.add(mark)
+        try:
+            if node.bl_idname == "NodeReroute":
+                return self._through(tree, node.inputs[0], socket)
+            if node.mute:
+                return self._muted(tree, node, socket)
+            if node.bl_idname == "NodeGroupInput":
+                return self._group_input(tree, socket)
+            if hasattr(node, "node_tree"):
+                return self._group(tree, node, socket)
+            if address not in tree.finished:
+                tree.finished[address] = self._node(tree, node)
+            return _renamed_output(self._graph.nodes[tree.finished[address]], tree.finished[address], socket)
+        finally:
+            tree.unfinished.discard(mark)
+
+    def _through(self, tree: _Tree, inner: bpy.types.NodeSocket, outer: bpy.types.NodeSocket) -> Source:
+        return self._convert(self._linked(tree, inner), inner.type, outer.type, to_proxy=True)
+
+    def _muted(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+        """Blender says which input a muted node hands on to which output."""
+        for internal in node.internal_links:
+            if internal.to_socket == socket:
+                source = self._input(tree, internal.from_socket)
+                return self._convert(source, internal.from_socket.type, socket.type, to_proxy=True)
+        return None
+
+    def _group_input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+        if tree.parent is None or tree.group is None:
+            return None
+        for outer in tree.group.inputs:
+            if outer.identifier == socket.identifier:
+                source = self._input(tree.parent, outer)
+                return self._convert(source, outer.type, socket.type, to_proxy=True)
+        return None
+
+    def _group(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+        if node.node_tree is None:
+            self._notice(node, "is a group without a node tree", "nothing comes out of it")
+            return None
+        inner = tree.groups.get(node.as_pointer())
+        if inner is None:
+            inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
+        for output in inner.tree.nodes:
+            if output.bl_idname == "NodeGroupOutput" and output.is_active_output:
+                for inside in output.inputs:
+                    if inside.identifier == socket.identifier:
+                        return self._convert(self._input(inner, inside), inside.type, socket.type, to_proxy=True)
+        return None
+
+    def _convert(self, source: Source, from_type: str, to_type: str, *, to_proxy: bool) -> Source:
+        """Make `source` what it becomes on a socket of another type.
+
+        A node's own input converts by itself what it is linked to; a group's or reroute's socket does not survive
+        into the graph, so a conversion that loses something becomes a node.
+        """
+        if source is None or from_type == to_type or to_type == "CUSTOM":
+            return source
+        if to_type == "SHADER":
+            color = self._add("ShaderNodeEmission", {"Color": source, "Strength": 1.0})
+            return Link(color, "Emission")
+        if from_type == "SHADER":
+            return None
+        if not isinstance(source, Link):
+            return _convert_constant(source, from_type, to_type)
+        if not to_proxy:
+            return source
+        if to_type in _FLOAT_SOCKETS and from_type == "RGBA":
+            return Link(self._add("ShaderNodeRGBToBW", {"Color": source}), "Val")
+        if to_type in _FLOAT_SOCKETS and from_type == "VECTOR":
+            third = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+            inputs = {"Vector": source, "Vector_001": third}
+            return Link(self._add("ShaderNodeVectorMath", inputs, operation="DOT_PRODUCT"), "Value")
+        if to_type == "INT" and from_type == "VALUE":
+            return Link(self._add("ShaderNodeMath", {"Value": source}, operation="TRUNC", use_clamp=False), "Value")
+        if to_type == "VECTOR" and from_type == "RGBA":
+            inputs = {"Vector": source, "Vector_001": (0.0, 0.0, 0.0)}
+            return Link(self._add("ShaderNodeVectorMath", inputs, operation="ADD"), "Vector")
+        return source
+
+    # -----------------------------------------------------------------------------------------------------------------
+    # Nodes
+
+    def _node(self, tree: _Tree, node: bpy.types.Node) -> int:
+        """Append a node after everything it depends on, and return its index."""
+        inputs: dict[str, Any] = {}
+        for socket in node.inputs:
+            if socket.is_unavailable or not socket.enabled:
+                continue
+            source = self._input(tree, socket)
+            if source is not None:
+                inputs[socket.identifier] = source
+        result = Node(node.bl_idname, node.name, inputs, self._properties(node))
+        self._graph.nodes.extend(modernize(result, len(self._graph.nodes)))
+        return len(self._graph.nodes) - 1
+
+    def _add(self, kind: str, inputs: dict[str, Any], **properties: Any) -> int:
+        self._graph.nodes.append(Node(kind, "conversion", inputs, properties))
+        return len(self._graph.nodes) - 1
+
+    def _properties(self, node: bpy.types.Node) -> dict[str, Any]:
+        properties: dict[str, Any] = {}
+        for name, kind in _own_properties(node):
+            if kind in _SIMPLE_PROPERTIES:
+                value = getattr(node, name)
+                if isinstance(value, set):
+                    value = tuple(sorted(value))
+                elif not isinstance(value, (str, int, float)):
+                    value = tuple(value)
+                properties[name] = value
+        idname = node.bl_idname
+        if idname in _VALUE_ON_OUTPUT:
+            properties["value"] = _socket_value(node.outputs[0])
+        elif idname == "ShaderNodeValToRGB":
+            properties["ramp"] = bake_ramp(node.color_ramp)
+            properties["interpolation"] = node.color_ramp.interpolation
+        elif idname in ("ShaderNodeRGBCurve", "ShaderNodeVectorCurve", "ShaderNodeFloatCurve"):
+            properties.update(bake_curves(node.mapping, idname))
+        elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
+            properties["value"] = self._view_layer_attribute(node.attribute_name)
+        if hasattr(node, "image"):
+            properties["image"] = self._image(node)
+        if getattr(node, "object", None) is not None:
+            matrix = np.array(node.object.matrix_world, np.float64)
+            properties["object_matrix"] = np.linalg.pinv(matrix).astype(np.float32)
+        mapping = getattr(node, "texture_mapping", None)
+        if mapping is not None and not _is_identity(mapping):
+            self._notice(node, "has a texture mapping of its own, which is not supported", "coordinates as they come")
+        return properties
+
+    def _image(self, node: bpy.types.Node) -> int:
+        subject = f"{self._subject} / {node.name}"
+        if node.image is None:
+            return -1
+        return self._images.export(node.image, node.image_user, subject)
+
+    def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
+        """A custom property of the view layer, scene or world, as four floats; zeros if there is none."""
+        context = self._context
+        for owner in (context.view_layer, context.scene, context.scene.world):
+            if owner is None:
+                continue
+            value = owner.get(name)
+            if value is None:
+                try:
+                    value = owner.path_resolve(name)
+                except (ValueError, AttributeError):
+                    continue
+            if isinstance(value, (int, float)):
+                return (float(value), float(value), float(value), 1.0)
+            try:
+                numbers = [float(number) for number in value][:4]
+            except (TypeError, ValueError):
+                continue
+            padded = [*numbers, *(0.0, 0.0, 0.0, 1.0)[len(numbers) :]]
+            return (padded[0], padded[1], padded[2], padded[3])
+        return (0.0, 0.0, 0.0, 0.0)
+
+    def _notice(self, node: bpy.types.Node, problem: str, fallback: str) -> None:
+        self._context.notice(f"{self._subject} / {node.name}", problem, fallback)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _recursion() -> Iterator[None]:
+    """Chains of nodes may be longer than Python's default limit of frames."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(limit, _RECURSION_LIMIT))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(limit)
+
+
+def _active_output(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
+    """The output Cycles would use: its own before one for all engines."""
+    if hasattr(tree, "get_output_node"):
+        output = tree.get_output_node("CYCLES")
+        if output is not None:
+            return output
+    candidates = [node for node in tree.nodes if node.bl_idname in _OUTPUTS and node.target in ("ALL", "CYCLES")]
+    candidates.sort(key=lambda node: (not node.is_active_output, node.target != "CYCLES"))
+    return candidates[0] if candidates else None
+
+
+def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.Node | None) -> _Tree:
+    opened = _Tree(tree, parent, group)
+    for link in tree.links:
+        # Blender marks links that close a loop, or join what cannot be joined, as invalid.
+        if link.is_valid and not link.is_muted and link.from_socket is not None and link.to_socket is not None:
+            if not link.from_socket.is_unavailable:
+                opened.links[link.to_socket.as_pointer()] = link
+    return opened
+
+
+def _renamed_output(node: Node, index: int, socket: bpy.types.NodeSocket) -> Link:
+    renames = node.properties.get("_outputs")
+    identifier = socket.identifier
+    return Link(index, renames.get(identifier, identifier) if renames else identifier)
+
+
+def _constant(socket: bpy.types.NodeSocket) -> Source:
+    """The value typed into a socket; None if it has none, or if the surface supplies a default."""
+    if socket.type not in _VALUE_SOCKETS or (socket.type == "VECTOR" and socket.hide_value):
+        return None
+    return _socket_value(socket)
+
+
+def _socket_value(socket: bpy.types.NodeSocket) -> Source:
+    value = getattr(socket, "default_value", None)
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return value
+    return tuple(value)
+
+
+def _convert_constant(value: Any, from_type: str, to_type: str) -> Any:
+    if isinstance(value, tuple):
+        red, green, blue = value[:3]
+        if to_type in _FLOAT_SOCKETS:
+            weights = _LUMINANCE if from_type == "RGBA" else (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+            value = red * weights[0] + green * weights[1] + blue * weights[2]
+            return int(value) if to_type == "INT" else value
+        return (red, green, blue, 1.0) if to_type == "RGBA" else (red, green, blue)
+    if isinstance(value, str):
+        return None
+    if to_type == "VECTOR":
+        return (float(value),) * 3
+    if to_type == "RGBA":
+        return (float(value),) * 3 + (1.0,)
+    if to_type == "STRING":
+        return None
+    return int(value) if to_type == "INT" else float(value)
+
+
+_property_names: dict[str, list[tuple[str, str]]] = {}
+
+
+def _own_properties(node: bpy.types.Node) -> list[tuple[str, str]]:
+    """Name and type of the properties a node has besides those of every node."""
+    kind = node.bl_idname
+    if kind not in _property_names:
+        common = set(bpy.types.ShaderNode.bl_rna.properties.keys())
+        _property_names[kind] = [
+            (prop.identifier, prop.type) for prop in node.bl_rna.properties if prop.identifier not in common
+        ]
+    return _property_names[kind]
+
+
+def _is_identity(mapping: bpy.types.TexMapping) -> bool:
+    # POINT and TEXTURE with unit transforms are the same.
+    if (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z) != ("X", "Y", "Z"):
+        return False
+    if any(mapping.translation) or any(mapping.rotation) or any(scale != 1.0 for scale in mapping.scale):
+        return False
+    return not (mapping.use_min or mapping.use_max)

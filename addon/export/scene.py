@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Puts the parts of a `SceneDescription` together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Instances, Light, Mesh, SceneDescription
+
+from .camera import export_camera, export_frame
+from .colorspaces import working_space
+from .context import ExportCache, ExportContext
+from .geometry import export_mesh
+from .images import ImageExporter
+from .instances import Appearances, gather_appearances
+from .lights import export_light
+from .materials import AttributeRequest, MaterialExporter
+from .nodes import GraphExporter
+from .world import export_world
+
+
+def export_scene(
+    depsgraph: bpy.types.Depsgraph,
+    *,
+    engine: bpy.types.RenderEngine | None = None,
+    view_layer: bpy.types.ViewLayer | None = None,
+    cache: ExportCache | None = None,
+    should_cancel: Callable[[], bool] | None = None,
+) -> SceneDescription:
+    """Describe what `depsgraph` shows.
+
+    Parameters
+    ----------
+    engine : RenderEngine, optional
+        Asked for the camera's matrix and shift where there is one.
+    view_layer : ViewLayer, optional
+        Evaluated; the dependency graph's own by default.
+    cache : ExportCache, optional
+        Kept by the caller between frames: what did not change comes back as the same object with the same key.
+    should_cancel : callable, optional
+        Asked often.
+
+    Raises
+    ------
+    ValueError
+        If the scene has no camera.
+    ExportCancelled
+        Once `should_cancel()` is true.
+    """
+    cache = ExportCache() if cache is None else cache
+    context = ExportContext(
+        depsgraph=depsgraph,
+        scene=depsgraph.scene_eval,
+        view_layer=view_layer or depsgraph.view_layer_eval,
+        engine=engine,
+        cache=cache,
+        should_cancel=should_cancel,
+        updated=_updated_datablocks(depsgraph, engine, cache),
+    )
+    context.check_cancel()
+    camera = export_camera(context)
+    to_xyz = _set_working_space(context)
+    images = ImageExporter(context)
+    graphs = GraphExporter(context, images)
+    materials = MaterialExporter(context, graphs)
+    world = export_world(context, graphs)
+    appearances = gather_appearances(context, materials)
+    meshes, instances = _export_instances(context, materials, appearances)
+    lights = _export_lights(context, graphs, appearances)
+    if context.scene.render.use_motion_blur:
+        context.notice(context.scene.name, "motion blur is not supported", "everything as at the frame's own time")
+    cache.depsgraph = depsgraph.as_pointer()
+    return SceneDescription(
+        camera=camera,
+        frame=export_frame(context),
+        meshes=meshes,
+        instances=instances,
+        materials=materials.materials,
+        images=images.images,
+        lights=lights,
+        world=world,
+        notices=context.notices,
+        working_space=context.working_space,
+        to_xyz=to_xyz,
+        frame_current=context.scene.frame_current + context.scene.frame_subframe,
+    )
+
+
+def _updated_datablocks(
+    depsgraph: bpy.types.Depsgraph, engine: bpy.types.RenderEngine | None, cache: ExportCache
+) -> frozenset[int] | None:
+    """Addresses of original datablocks changed since the last export, None if Blender cannot tell.
+
+    Only a dependency graph that a render kept from frame to frame has flags worth trusting: they are cleared when the
+    engine is done, and nowhere else.
+    """
+    if engine is None or cache.depsgraph != depsgraph.as_pointer():
+        return None
+    if not depsgraph.scene.render.use_persistent_data:
+        return None
+    return frozenset(update.id.original.as_pointer() for update in depsgraph.updates)
+
+
+def _set_working_space(context: ExportContext) -> np.ndarray | None:
+    """Take over the file's working space; returns its matrix to XYZ, None for Rec.709."""
+    settings = getattr(bpy.data, "colorspace", None)
+    if settings is None:
+        return None
+    name = settings.working_space
+    known = working_space(name)
+    if known is None:
+        context.notice(context.scene.name, f"working space {name!r} is not supported", "Linear Rec.709")
+        return None
+    context.working_space, to_xyz = known
+    return to_xyz
+
+
+def _export_instances(
+    context: ExportContext, materials: MaterialExporter, appearances: Appearances
+) -> tuple[list[Mesh], Instances]:
+    kinds = appearances.kinds
+    # One mesh serves all its instances: it carries what any of their materials asks for.
+    requests: dict[int, AttributeRequest] = {}
+    addresses = [0 if kind.mesh is None else kind.mesh.as_pointer() for kind in kinds]
+    for address, kind in zip(addresses, kinds, strict=True):
+        request = requests.get(address, AttributeRequest())
+        for index in kind.materials:
+            if index >= 0:
+                request |= materials.requests[index]
+        requests[address] = request
+
+    meshes: list[Mesh] = []
+    rows: dict[int, int] = {0: -1}
+    for address, kind in zip(addresses, kinds, strict=True):
+        if address in rows or kind.mesh is None:
+            continue
+        context.check_cancel()
+        mesh = export_mesh(context, kind.mesh, kind.owner, requests[address])
+        rows[address] = -1 if mesh is None else len(meshes)
+        if mesh is not None:
+            meshes.append(mesh)
+            if not np.isfinite(mesh.vertices).all():
+                context.notice(kind.name, "has NaN or infinite vertices", "their triangles are left out")
+
+    slots: list[int] = []
+    kind_mesh = np.array([rows[address] for address in addresses] + [-1], np.int32)
+    kind_offset = np.zeros(len(kinds) + 1, np.int32)
+    for row, kind in enumerate(kinds):
+        if kind_mesh[row] < 0:
+            continue
+        kind_offset[row] = len(slots)
+        slots.extend(kind.materials)
+        # A face's slot beyond the object's last is its last.
+        needed = int(meshes[kind_mesh[row]].material_slots.max()) + 1
+        slots.extend([kind.materials[-1]] * (needed - len(kind.materials)))
+
+    chosen = np.flatnonzero(kind_mesh[appearances.kind] >= 0)
+    transform = np.ascontiguousarray(appearances.transform[chosen])
+    chosen, transform = _drop_broken(context, appearances, chosen, transform)
+    kind_of = appearances.kind[chosen]
+    names = [kind.name for kind in kinds]
+
+    def column(values: list, dtype: type, width: int = 0) -> np.ndarray:
+        shape = (len(kinds), width) if width else (len(kinds),)
+        return np.array(values, dtype).reshape(shape)[kind_of]
+
+    return meshes, Instances(
+        mesh=kind_mesh[kind_of],
+        transform=transform,
+        material_offset=kind_offset[kind_of],
+        materials=np.array(slots, np.int32),
+        visibility=column([kind.visibility for kind in kinds], np.uint32),
+        pass_index=column([kind.pass_index for kind in kinds], np.int32),
+        random=appearances.random[chosen],
+        color=column([kind.color for kind in kinds], np.float32, 4),
+        is_holdout=column([kind.is_holdout for kind in kinds], np.bool_),
+        name=[names[row] for row in kind_of.tolist()],
+        dupli_generated=appearances.generated[chosen],
+        dupli_uv=appearances.uv[chosen],
+        is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
+    )
+
+
+def _drop_broken(
+    context: ExportContext, appearances: Appearances, chosen: np.ndarray, transform: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Leave out instances whose transform cannot be inverted; Cycles shows nothing of them either."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        a, b, c = (transform[:, :3, i].astype(np.float64) for i in range(3))
+        determinant = np.einsum("ni,ni->n", a, np.cross(b, c))
+        is_good = np.isfinite(transform).all(axis=(1, 2)) & (determinant != 0.0)
+    if is_good.all():
+        return chosen, transform
+    for row in np.unique(appearances.kind[chosen[~is_good]]).tolist():
+        name = appearances.kinds[row].name
+        context.notice(name, "has a transform that is not finite or flattens it (zero scale)", "left out")
+    return chosen[is_good], transform[is_good]
+
+
+def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: Appearances) -> list[Light]:
+    lights: list[Light] = []
+    is_light = np.array([kind.light is not None for kind in appearances.kinds] + [False], bool)
+    counts: dict[str, int] = {}
+    for item in np.flatnonzero(is_light[appearances.kind]).tolist():
+        kind = appearances.kinds[appearances.kind[item]]
+        if kind.light is None:
+            continue
+        context.check_cancel()
+        number = counts[kind.light.name_full] = counts.get(kind.light.name_full, -1) + 1
+        transform = np.ascontiguousarray(appearances.transform[item])
+        if not np.isfinite(transform).all():
+            context.notice(kind.name, "has a transform that is not finite", "left out")
+            continue
+        light = export_light(
+            context,
+            graphs,
+            kind.light,
+            transform,
+            kind.visibility,
+            float(appearances.random[item]),
+            (kind.light.name_full, number),
+        )
+        if light is not None:
+            lights.append(light)
+    return lights

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The world: background shader, how it is sampled, who sees it."""
+
+from __future__ import annotations
+
+from engine.scene.description import (
+    VISIBLE_CAMERA,
+    VISIBLE_DIFFUSE,
+    VISIBLE_GLOSSY,
+    VISIBLE_TRANSMISSION,
+    VISIBLE_VOLUME,
+    World,
+)
+
+from .context import ExportContext, cycles_property
+from .nodes import GraphExporter
+
+_VISIBILITY = (
+    ("camera", VISIBLE_CAMERA),
+    ("diffuse", VISIBLE_DIFFUSE),
+    ("glossy", VISIBLE_GLOSSY),
+    ("transmission", VISIBLE_TRANSMISSION),
+    ("scatter", VISIBLE_VOLUME),
+)
+
+
+def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
+    """The world of the view layer; None where there is none or the layer leaves it out."""
+    world = getattr(context.view_layer, "world_override", None) or context.scene.world
+    if world is None or not context.view_layer.use_sky:
+        return None
+    visibility = 0
+    for name, bit in _VISIBILITY:
+        if cycles_property(world, name, True, group="cycles_visibility"):
+            visibility |= bit
+    graph = None
+    # use_nodes is always on from Blender 5.0, and deprecated there.
+    if world.node_tree is not None and (context.is_modern or world.use_nodes):
+        graph = graphs.export(world.node_tree, world.name)
+    return World(
+        key=("world", world.name_full),
+        name=world.name,
+        graph=graph,
+        color=tuple(world.color),
+        visibility=visibility,
+        sampling=cycles_property(world, "sampling_method", "AUTOMATIC"),
+        map_resolution=cycles_property(world, "sample_map_resolution", 1024),
+        max_bounces=cycles_property(world, "max_bounces", 1024),
+    )
