@@ -71,9 +71,11 @@ class Node:
         A socket of type vector that is unlinked and takes a default from the surface (Normal, texture coordinates)
         is absent. A socket identifier is Blender 5.0's `socket.identifier` (older hosts translate).
     properties : dict
-        The node's own settings by their RNA names (`operation`, `blend_type`, `interpolation`, ...); ramps and
-        curves as float32 tables under `'ramp'` (256, 4) and `'curves'` (256, 3 or 4), images as an index into
-        `SceneDescription.images` under `'image'` (-1 = missing).
+        The node's own settings by their RNA names (`operation`, `blend_type`, `interpolation`, ...); images as an
+        index into `SceneDescription.images` under `'image'` (-1 = missing). Ramps as a float32 table `'ramp'` (256, 4)
+        over [0, 1], with `'interpolate'` (False = constant steps). Curves as `'curves'`, (256, 3) for colours (the
+        combined curve first, then each channel's) and vectors, (256, 1) for Float Curve, sampled evenly from
+        `'min_x'` to `'max_x'` (the extent of all curves), with `'extrapolate'`.
     """
 
     kind: str

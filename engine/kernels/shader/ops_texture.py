@@ -1,28 +1,172 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
-import math
+import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
+from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
+from engine.kernels.shader.procedural_noise import noise_texture
+from engine.kernels.shader.procedural_voronoi import voronoi_texture
+from engine.shaders.arrays import SINK
 
 OP_CHECKER = TEXTURE_FIRST + 0  # color, fac <- vector, color1, color2, scale
+# fac, color <- vector, w, scale, detail, roughness, lacunarity, offset, gain, distortion
+#   | dimensions, kind, normalize
+OP_NOISE = TEXTURE_FIRST + 1
+OP_GRADIENT = TEXTURE_FIRST + 2  # color, fac <- vector | kind
+# distance, color, position, w, radius <- vector, w, scale, detail, roughness, lacunarity, smoothness, exponent,
+#   randomness | dimensions, feature, metric, normalize
+OP_VORONOI = TEXTURE_FIRST + 3
+# color, fac <- vector, scale, distortion, detail, detail scale, detail roughness, phase | kind, direction, profile
+OP_WAVE = TEXTURE_FIRST + 4
+# color, fac <- vector, color1, color2, mortar, scale, mortar size, mortar smooth, bias, brick width, row height,
+#   offset, squash | offset frequency, squash frequency
+OP_BRICK = TEXTURE_FIRST + 5
+OP_MAGIC = TEXTURE_FIRST + 6  # color, fac <- vector, scale, distortion | depth
+OP_WHITE_NOISE = TEXTURE_FIRST + 7  # value, color <- vector, w | dimensions
+
+
+@kernel
+def _run_noise(code, pc, memory):
+    dimensions = np.int64(code[pc + 13])  # int64 as in `wave`: one compiled copy of the noise
+    p = read3(memory, code[pc + 4])
+    scale = memory[code[pc + 6]]
+    x, y, z, w = p[0] * scale, p[1] * scale, p[2] * scale, memory[code[pc + 5]] * scale
+    if dimensions == 1:
+        x = w
+    color = noise_texture(
+        x, y, z, w,
+        dimensions,
+        np.int64(code[pc + 14]),
+        memory[code[pc + 7]],
+        memory[code[pc + 8]],
+        memory[code[pc + 9]],
+        memory[code[pc + 10]],
+        memory[code[pc + 11]],
+        memory[code[pc + 12]],
+        np.int64(code[pc + 15]),
+        np.int64(1 if code[pc + 3] == SINK else 3),
+    )  # fmt: skip
+    memory[code[pc + 2]] = color[0]
+    write3(memory, code[pc + 3], color)
+
+
+@kernel
+def _run_voronoi(code, pc, memory):
+    dimensions = np.int64(code[pc + 16])
+    p = read3(memory, code[pc + 7])
+    x, y, z, w = p[0], p[1], p[2], memory[code[pc + 8]]
+    if dimensions == 1:
+        x = w
+    if dimensions < 2:
+        y = 0.0
+    if dimensions < 3:
+        z = 0.0
+    if dimensions < 4:
+        w = 0.0
+    distance, red, green, blue, px, py, pz, pw = voronoi_texture(
+        x, y, z, w,
+        memory[code[pc + 9]],
+        dimensions,
+        code[pc + 17],
+        code[pc + 18],
+        memory[code[pc + 10]],
+        memory[code[pc + 11]],
+        memory[code[pc + 12]],
+        memory[code[pc + 13]],
+        memory[code[pc + 14]],
+        memory[code[pc + 15]],
+        code[pc + 19],
+    )  # fmt: skip
+    memory[code[pc + 2]] = distance
+    write3(memory, code[pc + 3], (red, green, blue))
+    if dimensions == 1:
+        write3(memory, code[pc + 4], (0.0, 0.0, 0.0))
+        memory[code[pc + 5]] = px
+    else:
+        write3(memory, code[pc + 4], (px, py, pz))
+        memory[code[pc + 5]] = pw
+    memory[code[pc + 6]] = distance
+
+
+@kernel
+def _run_brick(code, pc, memory):
+    p = read3(memory, code[pc + 4])
+    first = read3(memory, code[pc + 5])
+    second = read3(memory, code[pc + 6])
+    joint = read3(memory, code[pc + 7])
+    scale = memory[code[pc + 8]]
+    tint, mortar = brick(
+        p[0] * scale,
+        p[1] * scale,
+        memory[code[pc + 9]],
+        memory[code[pc + 10]],
+        memory[code[pc + 11]],
+        memory[code[pc + 12]],
+        memory[code[pc + 13]],
+        memory[code[pc + 14]],
+        code[pc + 16],
+        memory[code[pc + 15]],
+        code[pc + 17],
+    )
+    keep = (1.0 - mortar) * (1.0 - tint)
+    other = (1.0 - mortar) * tint
+    color = (
+        keep * first[0] + other * second[0] + mortar * joint[0],
+        keep * first[1] + other * second[1] + mortar * joint[1],
+        keep * first[2] + other * second[2] + mortar * joint[2],
+    )
+    memory[code[pc + 3]] = mortar
+    write3(memory, code[pc + 2], color)
 
 
 @kernel(forceinline=True)
 def run_texture_op(opcode, code, pc, memory, tables):
     """Run the instruction at `pc`. `tables` is the pool of ramps and curves (ShaderArrays.tables)."""
-    if opcode == OP_CHECKER:
+    if opcode == OP_NOISE:
+        _run_noise(code, pc, memory)
+    elif opcode == OP_VORONOI:
+        _run_voronoi(code, pc, memory)
+    elif opcode == OP_BRICK:
+        _run_brick(code, pc, memory)
+    elif opcode == OP_CHECKER:
         p = read3(memory, code[pc + 4])
         scale = memory[code[pc + 7]]
-        # Cycles nudges the coordinate so that cells do not flicker where a surface lies on their boundary.
-        x = int(math.floor((p[0] * scale + 0.000001) * 0.999999))
-        y = int(math.floor((p[1] * scale + 0.000001) * 0.999999))
-        z = int(math.floor((p[2] * scale + 0.000001) * 0.999999))
-        if (x ^ y ^ z) & 1:
-            memory[code[pc + 3]] = 1.0
-            write3(memory, code[pc + 2], read3(memory, code[pc + 5]))
+        fac = checker(p[0] * scale, p[1] * scale, p[2] * scale)
+        color = read3(memory, code[pc + 5] if fac == 1.0 else code[pc + 6])
+        memory[code[pc + 3]] = fac
+        write3(memory, code[pc + 2], color)
+    elif opcode == OP_MAGIC:
+        p = read3(memory, code[pc + 4])
+        color = magic(p[0], p[1], p[2], memory[code[pc + 5]], code[pc + 7], memory[code[pc + 6]])
+        memory[code[pc + 3]] = (color[0] + color[1] + color[2]) / 3.0
+        write3(memory, code[pc + 2], color)
+    elif opcode == OP_WHITE_NOISE:
+        p = read3(memory, code[pc + 4])
+        value, red, green, blue = white_noise(p[0], p[1], p[2], memory[code[pc + 5]], code[pc + 6])
+        memory[code[pc + 2]] = value
+        write3(memory, code[pc + 3], (red, green, blue))
+    else:
+        p = read3(memory, code[pc + 4])
+        value = 0.0
+        if opcode == OP_WAVE:
+            scale = memory[code[pc + 5]]
+            value = wave(
+                p[0] * scale,
+                p[1] * scale,
+                p[2] * scale,
+                code[pc + 11],
+                code[pc + 12],
+                code[pc + 13],
+                memory[code[pc + 6]],
+                memory[code[pc + 7]],
+                memory[code[pc + 8]],
+                memory[code[pc + 9]],
+                memory[code[pc + 10]],
+            )
         else:
-            memory[code[pc + 3]] = 0.0
-            write3(memory, code[pc + 2], read3(memory, code[pc + 6]))
+            value = gradient(p[0], p[1], p[2], code[pc + 5])
+        memory[code[pc + 3]] = value
+        write3(memory, code[pc + 2], (value, value, value))
