@@ -19,7 +19,7 @@ from .log import log_failure
 _FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
 
 
-class RenderFailed(Exception):  # noqa: N818 (an outcome, not a mistake in the program)
+class RenderFailed(Exception):
     """A frame could not be rendered or saved; the message says why."""
 
 

@@ -138,8 +138,11 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.session import Session
 
         assert self._pending is not None
-        if self._session is None or self._session.settings != self._settings:
+        if self._session is None:
             self._session = Session(self._settings)
+        elif self._session.settings != self._settings:
+            # Built geometry stays; only what the settings touch is built anew.
+            self._session.settings = self._settings
         for view, description in self._pending:
             if view:
                 self.active_view_set(view)
@@ -187,11 +190,11 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     bar.close()
             passes.write_layer(target.layers[0], view, wanted, result.passes)
             keep = True
-            cancelled = self._should_cancel()
-            self._report_result(depsgraph, target, result.report, cancelled)
+            cancelled = result.report.cancelled
         finally:
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
+        self._report_result(depsgraph, result.report, cancelled)
 
     # -- telling the user ---------------------------------------------------------------------------------------------
 
@@ -241,34 +244,35 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     logger.warning(text)
                 self.report({"WARNING"}, text)
 
-    def _report_result(
-        self, depsgraph: bpy.types.Depsgraph, target: bpy.types.RenderResult, report: Any, cancelled: bool
-    ) -> None:
+    def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any, cancelled: bool) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
         self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
-        seconds = time.monotonic() - self._started
-        summary = (
-            f"{depsgraph.view_layer_eval.name}, frame {depsgraph.scene.frame_current}: "
-            f"{'cancelled after' if cancelled else 'finished in'} {format_duration(seconds)}, "
-            f"{report.samples} samples, {format_count(report.rays)}rays, "
-            f"{format_count(report.rays / max(report.seconds, 1e-6))}rays/s, "
-            f"peak memory {report.peak_memory / 2**20:.0f} MiB"
+        name = depsgraph.view_layer_eval.name
+        ray_count = sum(report.rays.values())
+        megabytes = report.peak_memory / 2**20
+        logger.info(
+            f"{name}, frame {depsgraph.scene.frame_current}: {'cancelled after' if cancelled else 'finished in'} "
+            f"{format_duration(time.monotonic() - self._started)}, {report.sample_count:.4g} samples, "
+            f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
+            f"peak memory {megabytes:.0f} MiB"
         )
-        logger.info(summary)
-        reject_count = sum(report.rejects.values()) if isinstance(report.rejects, dict) else report.rejects
-        if reject_count:
-            text = f"{reject_count} samples were NaN or infinite and were left out"
+        if report.reject_count:
+            text = f"{report.reject_count} samples were NaN or infinite and were left out"
             logger.warning(text)
             self.report({"WARNING"}, text)
-        megabytes = report.peak_memory / 2**20
         self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
         for field, value in (
-            ("samples", str(report.samples)),
-            ("render_time", f"{report.seconds:.3f}"),
-            ("rays", str(report.rays)),
-            ("rejects", str(reject_count)),
+            ("samples", f"{report.sample_count:.6g}"),
+            ("render_time", f"{report.render_seconds:.3f}"),
+            ("build_time", f"{report.build_seconds:.3f}"),
+            ("kernel_time", f"{report.prepare_seconds:.3f}"),
+            ("rays", str(ray_count)),
+            ("rejects", str(report.reject_count)),
+            ("peak_memory_mib", f"{megabytes:.0f}"),
+            ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in report.notices)[:4000]),
         ):
-            target.stamp_data_add_field(f"neuralguide.{depsgraph.view_layer_eval.name}.{field}", value)
+            # Only the full result's fields reach the file, not those of the part being rendered.
+            self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)
 
     def _status(self, message: str, layer: str) -> None:
         if not bpy.app.background:

@@ -50,7 +50,7 @@ def log_file() -> Path:
 
 def register() -> None:
     """Start logging; does nothing the second time."""
-    if logger.handlers:
+    if any(isinstance(handler, _TerminalHandler) for handler in logger.handlers):
         return
     logger.setLevel(logging.INFO)
     logger.propagate = False
@@ -73,5 +73,5 @@ def log_failure(message: str) -> Path | None:
 def unregister() -> None:
     """Stop logging."""
     for handler in list(logger.handlers):
-        logger.removeHandler(handler)
-        handler.close()
+        if isinstance(handler, _TerminalHandler):
+            logger.removeHandler(handler)

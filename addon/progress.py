@@ -11,9 +11,9 @@ from typing import Any, TextIO
 _BAR_WIDTH = 24
 
 
-def format_duration(seconds: float) -> str:
+def format_duration(seconds: float | None) -> str:
     """`75` as `1:15`, `4000` as `1:06:40`; `--:--` where it is not known yet."""
-    if not 0.0 <= seconds < 1e7:
+    if seconds is None or not 0.0 <= seconds < 1e7:
         return "--:--"
     whole = round(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
