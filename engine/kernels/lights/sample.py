@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light sampling as the stages use it: `sample_light` and the densities of hits, all with the tree's choice included.
+
+Conventions
+-----------
+p, n : where the receiver stands and the unit normal the tree saw there; a hit must be weighted with the same p, n and
+    `has_transmission` that the sample was drawn with.
+pdf : [sr^-1] in solid angle at p, times the probability of choosing the emitter. Lights that are a delta (points
+    without a radius, suns without an angle, area lights without spread) return the bare probability, and as radiance
+    what they contribute per unit of f_cos (1 / distance^2 included); for them `use_mis` is False.
+radiance : what the light emits towards p if `program` is -1, else the factor on that program's emission.
+"""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.constants import INV_TWO_PI
+from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_attenuation
+from engine.kernels.lights.background import map_pdf, sample_map
+from engine.kernels.lights.mapping import uniform_cone
+from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
+from engine.kernels.lights.tree import emitter_pmf, pick_emitter
+from engine.kernels.lights.triangle import sample_triangle, triangle_pdf
+from engine.kernels.vector import add, dot, length, scale, subtract
+from engine.scene.light_arrays import (
+    DISTANT,
+    EMITTER_BACK,
+    EMITTER_FLAGS,
+    EMITTER_FRONT,
+    EMITTER_INSTANCE,
+    EMITTER_KIND,
+    EMITTER_LAMP,
+    EMITTER_MIRRORED,
+    EMITTER_PROGRAM,
+    EMITTER_TRIANGLE,
+    EMITTER_VISIBILITY,
+    HEADER_BACKGROUND_EMITTER,
+    HEADER_BACKGROUND_MAX_BOUNCES,
+    LAMP_DIRECTION,
+    LAMP_EMITTER,
+    LAMP_FLAG_DELTA,
+    LAMP_FLAG_MIS,
+    LAMP_FLAG_SHADOW,
+    LAMP_FLAGS,
+    LAMP_KIND,
+    LAMP_MAX_BOUNCES,
+    LAMP_ONE_MINUS_COS,
+    LAMP_P,
+    LAMP_RADIANCE,
+    LIGHT_AREA,
+    LIGHT_BACKGROUND,
+    LIGHT_SUN,
+    LIGHT_TRIANGLE,
+    TRIANGLE_EDGE1,
+    TRIANGLE_EDGE2,
+    TRIANGLE_RADIANCE,
+    TRIANGLE_V0,
+)
+
+_DISTANT = np.float32(DISTANT)
+_UNLIMITED = 1 << 20
+
+
+@kernel
+def _sides(flags, facing):
+    """Whether a triangle is sampled towards the side where dot(cross(edge1, edge2), wi) = `facing`, wi towards it."""
+    is_front = facing < 0.0
+    if flags & EMITTER_MIRRORED:
+        is_front = facing > 0.0
+    if is_front:
+        return (flags & EMITTER_FRONT) != 0
+    return (flags & EMITTER_BACK) != 0
+
+
+@kernel
+def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
+    """Choose an emitter and a direction towards it for next-event estimation.
+
+    Parameters
+    ----------
+    lights : LightArrays
+    geometry : GeometryArrays
+        Not read: emissive triangles are kept in world space in `lights`.
+    p, n : 3-tuples, world space
+    has_transmission : bool
+        The receiver also scatters light that comes from behind n.
+    u_pick, u0, u1 : float32 in [0, 1)
+
+    Returns
+    -------
+    pdf : float [sr^-1], 0 = no sample
+    emitter, kind : int, row of `lights.emitters` and LIGHT_*
+    wi : unit direction towards the light
+    distance : float, DISTANT for suns and the background
+    point, ng : position and unit normal on the light (facing the receiver); for distant lights wi and -wi
+    u, v : barycentrics on the triangle, texture coordinates on lamps
+    instance, triangle : int, -1 for lamps and the background
+    program : int, to evaluate for the emission, -1 = radiance is final
+    radiance : 3-tuple
+    visibility : int, VISIBLE_* bits of the light
+    cast_shadow : bool
+    max_bounces : int, the light takes no part beyond this depth
+    use_mis : bool, False: weight 1, nothing else finds this light
+    """
+    emitter, pmf = pick_emitter(lights.nodes, lights.links, lights.distant, p, n, has_transmission, u_pick)
+    pdf = 0.0 * u0
+    u = pdf
+    v = pdf
+    distance = pdf
+    factor = pdf + 1.0
+    kind = 0
+    wi = (pdf, pdf, factor)
+    ng = wi
+    point = p
+    instance = -1
+    triangle = -1
+    program = -1
+    radiance = (factor, factor, factor)
+    visibility = 0
+    cast_shadow = True
+    max_bounces = _UNLIMITED
+    use_mis = True
+    if emitter >= 0:
+        kind = int(lights.emitters[emitter, EMITTER_KIND])
+        program = int(lights.emitters[emitter, EMITTER_PROGRAM])
+        visibility = int(lights.emitters[emitter, EMITTER_VISIBILITY])
+        if kind == LIGHT_TRIANGLE:
+            instance = int(lights.emitters[emitter, EMITTER_INSTANCE])
+            triangle = int(lights.emitters[emitter, EMITTER_TRIANGLE])
+            pdf, wi, distance, u, v, normal = sample_triangle(lights.triangles, emitter, p, u0, u1)
+            facing = dot(normal, wi)
+            if facing == 0.0 or not _sides(lights.emitters[emitter, EMITTER_FLAGS], facing):
+                pdf = 0.0 * u0
+            ng = scale(normal, (-1.0 if facing > 0.0 else 1.0) / length(normal))
+            radiance = (
+                lights.triangles[emitter, TRIANGLE_RADIANCE],
+                lights.triangles[emitter, TRIANGLE_RADIANCE + 1],
+                lights.triangles[emitter, TRIANGLE_RADIANCE + 2],
+            )
+            point = add(
+                (
+                    lights.triangles[emitter, TRIANGLE_V0],
+                    lights.triangles[emitter, TRIANGLE_V0 + 1],
+                    lights.triangles[emitter, TRIANGLE_V0 + 2],
+                ),
+                add(
+                    scale(
+                        (
+                            lights.triangles[emitter, TRIANGLE_EDGE1],
+                            lights.triangles[emitter, TRIANGLE_EDGE1 + 1],
+                            lights.triangles[emitter, TRIANGLE_EDGE1 + 2],
+                        ),
+                        u,
+                    ),
+                    scale(
+                        (
+                            lights.triangles[emitter, TRIANGLE_EDGE2],
+                            lights.triangles[emitter, TRIANGLE_EDGE2 + 1],
+                            lights.triangles[emitter, TRIANGLE_EDGE2 + 2],
+                        ),
+                        v,
+                    ),
+                ),
+            )
+        elif kind == LIGHT_BACKGROUND:
+            max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
+            pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, u0, u1)
+            ng = (-wi[0], -wi[1], -wi[2])
+            point = wi
+            distance = _DISTANT
+        else:
+            row = int(lights.emitters[emitter, EMITTER_LAMP])
+            flags = lights.lamp_table[row, LAMP_FLAGS]
+            cast_shadow = (flags & LAMP_FLAG_SHADOW) != 0
+            use_mis = (flags & LAMP_FLAG_MIS) != 0
+            max_bounces = int(lights.lamp_table[row, LAMP_MAX_BOUNCES])
+            if kind == LIGHT_SUN:
+                wi = (lights.lamps[row, LAMP_P], lights.lamps[row, LAMP_P + 1], lights.lamps[row, LAMP_P + 2])
+                pdf = 0.0 * u0 + 1.0
+                if not flags & LAMP_FLAG_DELTA:
+                    one_minus_cos = lights.lamps[row, LAMP_ONE_MINUS_COS]
+                    wi, _ = uniform_cone(wi, one_minus_cos, u0, u1)
+                    pdf = INV_TWO_PI / one_minus_cos
+                ng = (-wi[0], -wi[1], -wi[2])
+                point = wi
+                distance = _DISTANT
+            else:
+                if kind == LIGHT_AREA:
+                    pdf, wi, distance, factor, u, v = sample_area(lights.lamps, lights.lamp_table, row, p, u0, u1)
+                    ng = (
+                        lights.lamps[row, LAMP_DIRECTION],
+                        lights.lamps[row, LAMP_DIRECTION + 1],
+                        lights.lamps[row, LAMP_DIRECTION + 2],
+                    )
+                else:
+                    pdf, wi, distance, ng, factor = sample_sphere(
+                        lights.lamps, lights.lamp_table, row, p, n, has_transmission, u0, u1
+                    )
+                point = add(p, scale(wi, distance))
+                if not factor > 0.0:
+                    pdf = 0.0 * u0
+            radiance = (
+                factor * lights.lamps[row, LAMP_RADIANCE],
+                factor * lights.lamps[row, LAMP_RADIANCE + 1],
+                factor * lights.lamps[row, LAMP_RADIANCE + 2],
+            )
+    return (
+        pdf * pmf,
+        emitter,
+        kind,
+        wi,
+        distance,
+        point,
+        ng,
+        u,
+        v,
+        instance,
+        triangle,
+        program,
+        radiance,
+        visibility,
+        cast_shadow,
+        max_bounces,
+        use_mis,
+    )
+
+
+@kernel
+def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmission, wi, distance, ng_unit):
+    """Density [sr^-1] with which `sample_light` at p, n would have proposed this point of an emissive triangle.
+
+    `wi` and `distance` lead from p to the hit, through transparent surfaces if need be. 0 for triangles that are not
+    sampled, and for sides that are not: such a hit counts whole. `geometry` and `ng_unit` are not read: which side was
+    hit follows from `wi`.
+    """
+    first = lights.lookup_offset[instance, 0]
+    if first < 0:
+        return 0.0 * distance
+    emitter = lights.lookup[first + triangle - lights.lookup_offset[instance, 1]]
+    if emitter < 0:
+        return 0.0 * distance
+    e1 = (
+        lights.triangles[emitter, TRIANGLE_EDGE1],
+        lights.triangles[emitter, TRIANGLE_EDGE1 + 1],
+        lights.triangles[emitter, TRIANGLE_EDGE1 + 2],
+    )
+    e2 = (
+        lights.triangles[emitter, TRIANGLE_EDGE2],
+        lights.triangles[emitter, TRIANGLE_EDGE2 + 1],
+        lights.triangles[emitter, TRIANGLE_EDGE2 + 2],
+    )
+    facing = wi[0] * (e1[1] * e2[2] - e1[2] * e2[1])
+    facing += wi[1] * (e1[2] * e2[0] - e1[0] * e2[2])
+    facing += wi[2] * (e1[0] * e2[1] - e1[1] * e2[0])
+    if not _sides(lights.emitters[emitter, EMITTER_FLAGS], facing):
+        return 0.0 * distance
+    pdf = triangle_pdf(lights.triangles, emitter, p, wi, distance)
+    if not pdf > 0.0:
+        return pdf
+    return pdf * emitter_pmf(
+        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
+    )
+
+
+@kernel
+def background_pdf(lights, p, n, has_transmission, direction):
+    """Density [sr^-1] with which `sample_light` would have proposed this direction as background; 0: never."""
+    emitter = lights.header[HEADER_BACKGROUND_EMITTER]
+    if emitter < 0:
+        return 0.0 * p[0]
+    pdf = map_pdf(lights.map_marginal, lights.map_conditional, direction)
+    if not pdf > 0.0:
+        return pdf
+    return pdf * emitter_pmf(
+        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
+    )
+
+
+@kernel
+def lamp_hit(lights, row, origin, direction, t_min, t_max):
+    """Distance from `origin` at which a ray meets lamp `row` (a point, spot or area lamp), -1 = not."""
+    if lights.lamp_table[row, LAMP_KIND] == LIGHT_AREA:
+        return hit_area(lights.lamps, lights.lamp_table, row, origin, direction, t_min, t_max)
+    return hit_sphere(lights.lamps, lights.lamp_table, row, origin, direction, t_min, t_max)
+
+
+@kernel
+def lamp_factor(lights, row, p, wi):
+    """Share of lamp `row`'s radiance that leaves along -wi towards p: a spot's cone, an area lamp's spread."""
+    if lights.lamp_table[row, LAMP_KIND] == LIGHT_AREA:
+        cosine = -(
+            wi[0] * lights.lamps[row, LAMP_DIRECTION]
+            + wi[1] * lights.lamps[row, LAMP_DIRECTION + 1]
+            + wi[2] * lights.lamps[row, LAMP_DIRECTION + 2]
+        )
+        return spread_attenuation(lights.lamps, row, cosine)
+    return sphere_attenuation(lights.lamps, lights.lamp_table, row, p, wi)
+
+
+@kernel
+def lamp_pdf(lights, row, p, n, has_transmission, wi, distance):
+    """Density [sr^-1] with which `sample_light` would have proposed a hit of lamp `row` at `distance` along wi."""
+    kind = lights.lamp_table[row, LAMP_KIND]
+    if kind == LIGHT_AREA:
+        pdf = area_pdf(lights.lamps, lights.lamp_table, row, p, wi, distance)
+    else:
+        pdf = sphere_pdf(lights.lamps, lights.lamp_table, row, p, n, has_transmission, wi, distance)
+    emitter = lights.lamp_table[row, LAMP_EMITTER]
+    return pdf * emitter_pmf(
+        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
+    )
+
+
+@kernel
+def sun_is_hit(lights, row, direction):
+    """Whether a direction lies within sun `row`'s disc."""
+    axis = (lights.lamps[row, LAMP_P], lights.lamps[row, LAMP_P + 1], lights.lamps[row, LAMP_P + 2])
+    chord = subtract(direction, axis)
+    return 0.5 * dot(chord, chord) <= lights.lamps[row, LAMP_ONE_MINUS_COS]
+
+
+@kernel
+def sun_pdf(lights, row, p, n, has_transmission):
+    """Density [sr^-1] with which `sample_light` proposes directions of sun `row`'s disc."""
+    emitter = lights.lamp_table[row, LAMP_EMITTER]
+    return (INV_TWO_PI / lights.lamps[row, LAMP_ONE_MINUS_COS]) * emitter_pmf(
+        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
+    )

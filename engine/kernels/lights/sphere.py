@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Point and spot lights: a sphere, or with soft falloff a disc that turns to face the receiver.
+
+A spot is a point light seen through a cone; where its whole sphere is wider than its cone, directions are drawn from
+the cone instead.
+"""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.constants import INV_PI, INV_TWO_PI, PI
+from engine.kernels.lights.mapping import (
+    concentric_disk,
+    cosine_hemisphere,
+    one_minus_cos_of_sin_squared,
+    surroundings_pdf,
+    uniform_cone,
+    uniform_sphere,
+)
+from engine.kernels.vector import add, dot, length, normalize, orthonormal_basis, scale, subtract
+from engine.scene.light_arrays import (
+    LAMP_COS_SPOT,
+    LAMP_DIRECTION,
+    LAMP_FLAG_SPHERE,
+    LAMP_FLAGS,
+    LAMP_INVERSE,
+    LAMP_KIND,
+    LAMP_ONE_MINUS_COS,
+    LAMP_P,
+    LAMP_RADIUS,
+    LAMP_SPOT_SCALE,
+    LIGHT_SPOT,
+)
+
+
+@kernel
+def spot_attenuation(lamps, row, wi):
+    """What a spot's cone lets through towards -wi, 0 to 1: a smooth step over the blend, in the lamp's own space."""
+    x = lamps[row, LAMP_INVERSE] * wi[0] + lamps[row, LAMP_INVERSE + 1] * wi[1] + lamps[row, LAMP_INVERSE + 2] * wi[2]
+    y = (
+        lamps[row, LAMP_INVERSE + 3] * wi[0]
+        + lamps[row, LAMP_INVERSE + 4] * wi[1]
+        + lamps[row, LAMP_INVERSE + 5] * wi[2]
+    )
+    z = (
+        lamps[row, LAMP_INVERSE + 6] * wi[0]
+        + lamps[row, LAMP_INVERSE + 7] * wi[1]
+        + lamps[row, LAMP_INVERSE + 8] * wi[2]
+    )
+    norm = math.sqrt(x * x + y * y + z * z)
+    if not norm > 0.0:
+        return 0.0 * norm
+    t = min(1.0, max(0.0, (z / norm - lamps[row, LAMP_COS_SPOT]) * lamps[row, LAMP_SPOT_SCALE]))
+    return t * t * (3.0 - 2.0 * t)
+
+
+@kernel
+def ray_sphere(center, radius, origin, direction, t_min, t_max):
+    """First crossing of a sphere's surface at t in (t_min, t_max) from outside, or leaving it from inside; -1 = none.
+
+    `origin` is where the ray started, whatever t_min: a light that contains it is crossed on the way out.
+    """
+    to_center = subtract(center, origin)
+    along = dot(to_center, direction)
+    squared = dot(to_center, to_center)
+    outside = squared > radius * radius
+    if outside and along < 0.0:
+        return 0.0 * along - 1.0
+    across = subtract(to_center, scale(direction, along))
+    half_chord_squared = radius * radius - dot(across, across)
+    if half_chord_squared < 0.0:
+        return 0.0 * along - 1.0
+    half_chord = math.sqrt(half_chord_squared)
+    t = along - half_chord if outside else along + half_chord
+    if t > t_min and t < t_max:
+        return t
+    return 0.0 * along - 1.0
+
+
+@kernel
+def sphere_cone(lamps, lamp_table, row, distance_squared):
+    """1 - cos of the cone that directions towards a spherical lamp are drawn from, and whether it is the spot's own."""
+    radius = lamps[row, LAMP_RADIUS]
+    wide = one_minus_cos_of_sin_squared(radius * radius / distance_squared)
+    if lamp_table[row, LAMP_KIND] == LIGHT_SPOT and lamps[row, LAMP_ONE_MINUS_COS] <= wide:
+        return lamps[row, LAMP_ONE_MINUS_COS], True
+    return wide, False
+
+
+@kernel
+def hit_sphere(lamps, lamp_table, row, origin, direction, t_min, t_max):
+    """Distance at which a ray meets a point or spot lamp with a radius, -1 = not."""
+    center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
+    from_center = subtract(origin, center)
+    is_sphere = (lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE) != 0
+    if lamp_table[row, LAMP_KIND] == LIGHT_SPOT and dot(direction, from_center) >= 0.0:
+        return 0.0 * t_min - 1.0
+    if is_sphere:
+        return ray_sphere(center, lamps[row, LAMP_RADIUS], origin, direction, t_min, t_max)
+    # The disc through the centre, perpendicular to the line from the ray's start.
+    distance = length(from_center)
+    facing = -dot(direction, from_center)
+    if not facing > 0.0:
+        return 0.0 * t_min - 1.0
+    t = distance * distance / facing
+    offset = add(from_center, scale(direction, t))
+    if t > t_min and t < t_max and dot(offset, offset) < lamps[row, LAMP_RADIUS] * lamps[row, LAMP_RADIUS]:
+        return t
+    return 0.0 * t_min - 1.0
+
+
+@kernel
+def sphere_pdf(lamps, lamp_table, row, p, n, has_transmission, wi, t):
+    """Density [sr^-1] of `sample_sphere` for a direction that meets the lamp at distance t."""
+    center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
+    from_center = subtract(p, center)
+    squared = dot(from_center, from_center)
+    radius = lamps[row, LAMP_RADIUS]
+    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+        if squared > radius * radius:
+            one_minus_cos, _ = sphere_cone(lamps, lamp_table, row, squared)
+            return INV_TWO_PI / one_minus_cos
+        return surroundings_pdf(n, wi, has_transmission)
+    cosine = -dot(from_center, wi) / math.sqrt(squared)
+    if cosine > 0.0:
+        return t * t * INV_PI / (cosine * radius * radius)
+    return 0.0 * t
+
+
+@kernel
+def sphere_attenuation(lamps, lamp_table, row, p, wi):
+    """Share of a point or spot lamp's radiance that leaves along -wi towards p."""
+    if lamp_table[row, LAMP_KIND] != LIGHT_SPOT:
+        return 0.0 * p[0] + 1.0
+    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+        center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
+        from_center = subtract(p, center)
+        if dot(from_center, from_center) <= lamps[row, LAMP_RADIUS] * lamps[row, LAMP_RADIUS]:
+            return 0.0 * p[0] + 1.0
+    return spot_attenuation(lamps, row, wi)
+
+
+@kernel
+def sample_sphere(lamps, lamp_table, row, p, n, has_transmission, u0, u1):
+    """Direction towards a point or spot lamp.
+
+    Returns
+    -------
+    pdf : float [sr^-1]; 1 for a lamp without radius; 0 = none
+    wi : unit direction; distance : float; ng : unit normal of the lamp there
+    factor : float, of the lamp's radiance: the spot's cone, and 1 / distance^2 without a radius
+    """
+    center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
+    from_center = subtract(p, center)
+    squared = dot(from_center, from_center)
+    center_distance = math.sqrt(squared)
+    radius = lamps[row, LAMP_RADIUS]
+    pdf = 0.0 * u0
+    t = 0.0 * u0
+    wi = (0.0, 0.0, 1.0)
+    ng = wi
+    if not center_distance > 0.0 and radius <= 0.0:
+        return pdf, wi, t, ng, pdf
+    axis = (0.0, 0.0, 1.0)
+    if center_distance > 0.0:
+        axis = scale(from_center, -1.0 / center_distance)
+    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+        if squared > radius * radius:
+            one_minus_cos, from_spot = sphere_cone(lamps, lamp_table, row, squared)
+            cone_axis = axis
+            if from_spot:
+                cone_axis = (
+                    -lamps[row, LAMP_DIRECTION],
+                    -lamps[row, LAMP_DIRECTION + 1],
+                    -lamps[row, LAMP_DIRECTION + 2],
+                )
+            wi, turned = uniform_cone(cone_axis, one_minus_cos, u0, u1)
+            if from_spot:
+                t = ray_sphere(center, radius, p, wi, 0.0, 3e38)
+                if t < 0.0:
+                    return pdf, wi, t, ng, pdf
+            else:
+                half_chord_squared = radius * radius - squared * turned * (2.0 - turned)
+                t = center_distance * (1.0 - turned) - math.sqrt(max(0.0, half_chord_squared))
+            pdf = INV_TWO_PI / one_minus_cos
+        else:
+            if has_transmission:
+                wi = uniform_sphere(u0, u1)
+            else:
+                wi, _ = cosine_hemisphere(n, u0, u1)
+            pdf = surroundings_pdf(n, wi, has_transmission)
+            along = center_distance * dot(axis, wi)
+            t = along + math.sqrt(max(0.0, radius * radius - squared + along * along))
+        ng = normalize(add(from_center, scale(wi, t)))
+        return pdf, wi, t, ng, sphere_attenuation(lamps, lamp_table, row, p, wi)
+
+    x, y = concentric_disk(u0, u1)
+    tangent, bitangent = orthonormal_basis(axis)
+    to_point = subtract(add(scale(tangent, x * radius), scale(bitangent, y * radius)), from_center)
+    t = length(to_point)
+    wi = scale(to_point, 1.0 / t)
+    factor = sphere_attenuation(lamps, lamp_table, row, p, wi)
+    ng = (-wi[0], -wi[1], -wi[2])
+    if radius > 0.0:
+        pdf = t * t / (PI * radius * radius * max(1e-20, dot(axis, wi)))
+        return pdf, wi, t, ng, factor
+    return 0.0 * pdf + 1.0, wi, t, ng, factor / (t * t)

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Picking an emitter: the light tree for those nearby, a short list for those at infinity.
+
+Every choice is made in proportion to one estimate, the irradiance a receiver could get from what lies below a node
+(`node_importance`) or from a distant emitter (`distant_importance`); sampling walks down, the probability of a given
+emitter is found by walking up. `has_transmission` receivers count light from both sides.
+
+References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting", Eq. (3).
+"""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.scene.light_arrays import (
+    DISTANT_COS,
+    DISTANT_DIRECTION,
+    DISTANT_EMITTER,
+    DISTANT_ENERGY,
+    DISTANT_SIN,
+    EMITTER_NODE,
+    LINK_CHILD,
+    LINK_PARENT,
+    NODE_AXIS,
+    NODE_CENTER,
+    NODE_COS_EMISSION,
+    NODE_COS_NORMALS,
+    NODE_ENERGY,
+    NODE_HALF_SIZE,
+    NODE_RADIUS_SQUARED,
+    NODE_SIN_NORMALS,
+    NODE_SPREAD,
+    NODE_TWO_SIDED,
+)
+
+
+@kernel
+def node_importance(nodes, k, p, n, has_transmission):
+    """Irradiance at p, up to a constant, that node k may cause; 0 only where it causes none.
+
+    Cosines are those of the most favourable point of the node's bounding sphere; the distance is the mean over its
+    energy.
+    """
+    dx = nodes[k, NODE_CENTER] - p[0]
+    dy = nodes[k, NODE_CENTER + 1] - p[1]
+    dz = nodes[k, NODE_CENTER + 2] - p[2]
+    height = n[0] * dx + n[1] * dy + n[2] * dz
+    if not has_transmission:
+        reach = (
+            abs(n[0]) * nodes[k, NODE_HALF_SIZE]
+            + abs(n[1]) * nodes[k, NODE_HALF_SIZE + 1]
+            + abs(n[2]) * nodes[k, NODE_HALF_SIZE + 2]
+        )
+        if height + reach <= 0.0:
+            return 0.0 * height
+    squared = dx * dx + dy * dy + dz * dz
+    radius_squared = nodes[k, NODE_RADIUS_SQUARED]
+    importance = nodes[k, NODE_ENERGY] / (squared + nodes[k, NODE_SPREAD] + 1e-20)
+    if squared <= radius_squared:
+        return importance
+
+    inverse = 1.0 / math.sqrt(squared)
+    ratio = radius_squared / squared
+    sin_u = math.sqrt(ratio)
+    cos_u = math.sqrt(1.0 - ratio)
+
+    # theta' = theta - theta_o - theta_u, between the receiver and the nearest normal of an emitter.
+    cosine = -(nodes[k, NODE_AXIS] * dx + nodes[k, NODE_AXIS + 1] * dy + nodes[k, NODE_AXIS + 2] * dz) * inverse
+    if nodes[k, NODE_TWO_SIDED] > 0.0:
+        cosine = abs(cosine)
+    if cosine < cos_u:
+        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+        nearest = cosine * cos_u + sine * sin_u
+        cos_normals = nodes[k, NODE_COS_NORMALS]
+        if nearest < cos_normals:
+            nearest_sine = sine * cos_u - cosine * sin_u
+            emitted = nearest * cos_normals + nearest_sine * nodes[k, NODE_SIN_NORMALS]
+            if emitted <= nodes[k, NODE_COS_EMISSION]:
+                return 0.0 * importance
+            importance *= emitted
+
+    received = height * inverse
+    if has_transmission:
+        received = abs(received)
+    if received < cos_u:
+        received = received * cos_u + math.sqrt(max(0.0, 1.0 - received * received)) * sin_u
+        if received <= 0.0:
+            return 0.0 * importance
+        importance *= received
+    return importance
+
+
+@kernel
+def distant_importance(distant, k, n, has_transmission):
+    """Irradiance a distant emitter may cause on a surface with normal n."""
+    cosine = (
+        n[0] * distant[k, DISTANT_DIRECTION]
+        + n[1] * distant[k, DISTANT_DIRECTION + 1]
+        + n[2] * distant[k, DISTANT_DIRECTION + 2]
+    )
+    if has_transmission:
+        cosine = abs(cosine)
+    cos_u = distant[k, DISTANT_COS]
+    if cosine < cos_u:
+        cosine = cosine * cos_u + math.sqrt(max(0.0, 1.0 - cosine * cosine)) * distant[k, DISTANT_SIN]
+        return distant[k, DISTANT_ENERGY] * max(0.0, cosine)
+    return distant[k, DISTANT_ENERGY]
+
+
+@kernel
+def _group_importances(nodes, distant, p, n, has_transmission):
+    """Importance of the whole tree and of everything (local, total); (1, 1) if there is nothing distant."""
+    distant_count = distant.shape[0]
+    local = 0.0 * p[0]
+    if nodes.shape[0] > 0:
+        if distant_count == 0:
+            return local + 1.0, local + 1.0
+        local = node_importance(nodes, 0, p, n, has_transmission)
+    total = local
+    for k in range(distant_count):
+        total += distant_importance(distant, k, n, has_transmission)
+    return local, total
+
+
+@kernel
+def pick_emitter(nodes, links, distant, p, n, has_transmission, u):
+    """Choose an emitter for a receiver at p with unit normal n.
+
+    Returns
+    -------
+    emitter : int, -1 where none can contribute
+    pmf : float, its probability
+    """
+    local, total = _group_importances(nodes, distant, p, n, has_transmission)
+    if not total > 0.0:
+        return -1, 0.0 * local
+    u = u * total
+    if u >= local:
+        # Rounding may leave nothing of u for the last one: keep the last that could be chosen.
+        chosen = -1
+        chosen_importance = 0.0 * local
+        u -= local
+        for k in range(distant.shape[0]):
+            importance = distant_importance(distant, k, n, has_transmission)
+            if importance > 0.0:
+                chosen = int(distant[k, DISTANT_EMITTER])
+                chosen_importance = importance
+                if u < importance:
+                    break
+                u -= importance
+        if chosen >= 0:
+            return chosen, chosen_importance / total
+        u = local
+    u = min(u / local, ONE_MINUS_EPSILON)
+    pmf = local / total
+    node = 0
+    child = links[0, LINK_CHILD]
+    while child >= 0:
+        left = node_importance(nodes, child, p, n, has_transmission)
+        right = node_importance(nodes, child + 1, p, n, has_transmission)
+        both = left + right
+        if not both > 0.0:
+            return -1, 0.0 * local
+        probability = left / both
+        if u < probability:
+            node = child
+            u /= probability
+        else:
+            node = child + 1
+            u -= probability
+            probability = right / both
+            u /= probability
+        u = min(u, ONE_MINUS_EPSILON)
+        pmf *= probability
+        child = links[node, LINK_CHILD]
+    return ~child, pmf
+
+
+@kernel
+def emitter_pmf(nodes, links, distant, emitters, emitter, p, n, has_transmission):
+    """Probability that `pick_emitter` chooses `emitter` for this receiver."""
+    local, total = _group_importances(nodes, distant, p, n, has_transmission)
+    if not total > 0.0:
+        return 0.0 * local
+    node = emitters[emitter, EMITTER_NODE]
+    if node < 0:
+        return distant_importance(distant, ~node, n, has_transmission) / total
+    pmf = local / total
+    while node > 0:
+        mine = node_importance(nodes, node, p, n, has_transmission)
+        if not mine > 0.0:
+            return 0.0 * local
+        pmf *= mine / (mine + node_importance(nodes, node ^ 1, p, n, has_transmission))
+        node = links[node, LINK_PARENT]
+    return pmf

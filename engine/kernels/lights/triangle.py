@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Emissive triangles: uniform in solid angle where that can be computed well, else uniform in area.
+
+Both `sample_triangle` and `triangle_pdf` decide by the solid angle, a function of the receiver alone.
+
+References: Arvo 1995, "Stratified Sampling of Spherical Triangles"; Van Oosterom and Strackee 1983, "The Solid Angle of
+a Plane Triangle"; Heitz 2019, "A Low-Distortion Map Between Triangle and Square".
+"""
+
+import math
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.vector import add, cross, dot, length, normalize, scale, subtract
+from engine.scene.light_arrays import TRIANGLE_EDGE1, TRIANGLE_EDGE2, TRIANGLE_V0
+
+#: Below, single precision cannot place a point within the spherical triangle; above, the receiver lies almost in it.
+_SMALLEST_SOLID_ANGLE = np.float32(3e-4)
+_LARGEST_SOLID_ANGLE = np.float32(6.2)
+
+
+@kernel
+def triangle_vectors(triangles, row, p):
+    """First vertex seen from p, and the two edges from it."""
+    return (
+        (
+            triangles[row, TRIANGLE_V0] - p[0],
+            triangles[row, TRIANGLE_V0 + 1] - p[1],
+            triangles[row, TRIANGLE_V0 + 2] - p[2],
+        ),
+        (triangles[row, TRIANGLE_EDGE1], triangles[row, TRIANGLE_EDGE1 + 1], triangles[row, TRIANGLE_EDGE1 + 2]),
+        (triangles[row, TRIANGLE_EDGE2], triangles[row, TRIANGLE_EDGE2 + 1], triangles[row, TRIANGLE_EDGE2 + 2]),
+    )
+
+
+@kernel
+def triangle_solid_angle(a, edge1, edge2, normal):
+    """Solid angle [sr] of the triangle a, a + edge1, a + edge2 from the origin; `normal` = cross(edge1, edge2)."""
+    b = add(a, edge1)
+    c = add(a, edge2)
+    la = length(a)
+    lb = length(b)
+    lc = length(c)
+    denominator = la * lb * lc + dot(a, b) * lc + dot(a, c) * lb + dot(b, c) * la
+    return 2.0 * math.atan2(abs(dot(a, normal)), denominator)
+
+
+@kernel
+def _uses_solid_angle(solid_angle):
+    return solid_angle > _SMALLEST_SOLID_ANGLE and solid_angle < _LARGEST_SOLID_ANGLE
+
+
+@kernel
+def triangle_pdf(triangles, row, p, wi, distance):
+    """Density [sr^-1] with which `sample_triangle` proposes a point of the triangle seen along wi at `distance`."""
+    a, edge1, edge2 = triangle_vectors(triangles, row, p)
+    normal = cross(edge1, edge2)
+    solid_angle = triangle_solid_angle(a, edge1, edge2, normal)
+    if _uses_solid_angle(solid_angle):
+        return 1.0 / solid_angle
+    projected = 0.5 * abs(dot(normal, wi))
+    if projected > 0.0:
+        return distance * distance / projected
+    return 0.0 * distance
+
+
+@kernel
+def _point_on_arc(origin, away, one_minus_cos):
+    """Unit vector on the great circle from unit `origin` towards `away`, at an angle given by 1 - cos."""
+    tangent = normalize(subtract(away, scale(origin, dot(away, origin))))
+    sine = math.sqrt(max(0.0, one_minus_cos * (2.0 - one_minus_cos)))
+    return add(scale(origin, 1.0 - one_minus_cos), scale(tangent, sine))
+
+
+@kernel
+def _spherical_direction(a, b, c, solid_angle, u0, u1):
+    """Uniform direction within the spherical triangle of unit vectors a, b, c."""
+    ab = normalize(cross(a, b))
+    ac = normalize(cross(a, c))
+    cos_alpha = min(1.0, max(-1.0, dot(ab, ac)))
+    sin_alpha = length(cross(ab, ac))
+    alpha = math.atan2(sin_alpha, cos_alpha)
+    phi = u0 * solid_angle - alpha
+    sin_phi = math.sin(phi)
+    cos_phi = math.cos(phi)
+    u = cos_phi - cos_alpha
+    v = sin_phi + sin_alpha * dot(a, b)
+    numerator = (v * cos_phi - u * sin_phi) * cos_alpha - v
+    denominator = (v * sin_phi + u * cos_phi) * sin_alpha
+    cos_b = dot(a, c)
+    q = 1.0
+    if denominator != 0.0:
+        q = min(1.0, max(min(cos_b, 1.0), numerator / denominator))
+    cut = _point_on_arc(a, c, 1.0 - q)
+    chord = subtract(cut, b)
+    return _point_on_arc(b, cut, u1 * (0.5 * dot(chord, chord)))
+
+
+@kernel
+def sample_triangle(triangles, row, p, u0, u1):
+    """Point of a triangle, for a receiver at p.
+
+    Returns
+    -------
+    pdf : float [sr^-1], 0 = none
+    wi : unit direction; distance : float
+    u, v : barycentrics of vertices 1 and 2
+    normal : cross(edge 1, edge 2), not normalised
+    """
+    a, edge1, edge2 = triangle_vectors(triangles, row, p)
+    normal = cross(edge1, edge2)
+    squared = dot(normal, normal)
+    solid_angle = triangle_solid_angle(a, edge1, edge2, normal)
+    u = u0
+    v = u1
+    pdf = 0.0 * u0
+    inside = _uses_solid_angle(solid_angle)
+    if inside:
+        wi = _spherical_direction(
+            normalize(a), normalize(add(a, edge1)), normalize(add(a, edge2)), solid_angle, u0, u1
+        )
+        # Where the direction meets the plane, as barycentrics; rounding may put them slightly outside.
+        facing = dot(normal, wi)
+        t = 0.0 * u0
+        if facing != 0.0:
+            t = dot(normal, a) / facing
+        offset = subtract(scale(wi, t), a)
+        u = max(0.0, dot(cross(offset, edge2), normal) / squared)
+        v = max(0.0, dot(cross(edge1, offset), normal) / squared)
+        if u + v > 1.0:
+            excess = 1.0 / (u + v)
+            u *= excess
+            v *= excess
+        pdf = 1.0 / solid_angle
+    elif v > u:
+        u *= 0.5
+        v -= u
+    else:
+        v *= 0.5
+        u -= v
+    point = add(a, add(scale(edge1, u), scale(edge2, v)))
+    distance = length(point)
+    if not distance > 0.0:
+        return 0.0 * u0, (0.0, 0.0, 1.0), distance, u, v, normal
+    wi = scale(point, 1.0 / distance)
+    if not inside:
+        projected = 0.5 * abs(dot(normal, wi))
+        if projected > 0.0:
+            pdf = distance * distance / projected
+    return pdf, wi, distance, u, v, normal

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: light of lamps that a ray crosses before its closest surface, and of suns where it leaves the scene.
+
+Lamps do not stop rays: each one crossed adds its light. As in Cycles, camera rays see the lamps that are visible to the
+camera, other rays only those with multiple importance sampling; suns without it are never seen.
+"""
+
+from engine.jit import kernel
+from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
+from engine.kernels.radiance import power_heuristic
+from engine.kernels.vector import load
+from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
+from engine.scene.light_arrays import (
+    HEADER_FIRST_SUN,
+    HEADER_HITTABLE,
+    HEADER_LAST_SUN,
+    LAMP_ESTIMATE,
+    LAMP_FLAG_MIS,
+    LAMP_FLAGS,
+    LAMP_RADIANCE,
+    LAMP_VISIBILITY,
+)
+from engine.state import (
+    RAY_CAMERA,
+    RAY_DIFFUSE,
+    RAY_GLOSSY,
+    RAY_MIS_HAD_TRANSMISSION,
+    RAY_MIS_SKIP,
+    RAY_REFLECT,
+    RAY_TRANSMIT,
+)
+
+_GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
+
+
+@kernel
+def _sees(flags, visibility):
+    """Whether a ray of this kind sees a lamp; glossy visibility is about reflections only."""
+    if flags & RAY_CAMERA and not visibility & VISIBLE_CAMERA:
+        return False
+    if flags & RAY_DIFFUSE and not visibility & VISIBLE_DIFFUSE:
+        return False
+    if flags & _GLOSSY_REFLECTION == _GLOSSY_REFLECTION and not visibility & VISIBLE_GLOSSY:
+        return False
+    return not (flags & RAY_TRANSMIT and not visibility & VISIBLE_TRANSMISSION)
+
+
+@kernel
+def _add_emission(lights, row, factor, options, paths, lane):
+    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering."""
+    limit = options.clamp_indirect if paths.depth[lane] > 1 else options.clamp_direct
+    if limit > 0.0:
+        total = 0.0 * factor
+        for c in range(len(paths.channels)):
+            emitted = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
+            total += abs(emitted * factor * paths.throughput[lane, c])
+        if total > 3.0 * limit:
+            factor *= 3.0 * limit / total
+    for c in range(len(paths.channels)):
+        emitted = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
+        paths.radiance[lane, c] += emitted * factor * paths.throughput[lane, c]
+
+
+@kernel
+def shade_lights(lights, options, paths, lanes, lane_count):
+    """Add the light of lamps and suns to rays that `intersect_closest` has traced, MIS-weighted.
+
+    The hit and its density are found from `mis_origin`, where the light sample they are weighed against was drawn;
+    transparent surfaces since then only move the range of distances (`mis_distance`, `hit_distance`).
+
+    Parameters
+    ----------
+    lights : LightArrays
+    options : IntegratorOptions
+        `use_nee` 0: every lamp counts whole, those without multiple importance sampling included.
+    paths : PathState
+        `hit_instance` is -1 and `hit_distance` the ray's length where nothing was hit.
+    lanes : int32 (>= lane_count,)
+    """
+    hittable_count = lights.header[HEADER_HITTABLE]
+    first_sun = lights.header[HEADER_FIRST_SUN]
+    last_sun = lights.header[HEADER_LAST_SUN]
+    if hittable_count == 0 and first_sun == last_sun:
+        return
+    for k in range(lane_count):
+        lane = lanes[k]
+        flags = paths.flags[lane]
+        is_camera = flags & RAY_CAMERA
+        counts_whole = options.use_nee == 0 or (flags & RAY_MIS_SKIP) != 0
+        had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
+        origin = load(paths.mis_origin, lane)
+        n = load(paths.mis_normal, lane)
+        wi = load(paths.direction, lane)
+        t_min = paths.mis_distance[lane]
+        t_max = t_min + paths.hit_distance[lane]
+        for row in range(hittable_count):
+            if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or is_camera or options.use_nee == 0):
+                continue
+            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]):
+                continue
+            distance = lamp_hit(lights, row, origin, wi, t_min, t_max)
+            if distance < 0.0:
+                continue
+            factor = lamp_factor(lights, row, origin, wi)
+            if not factor > 0.0:
+                continue
+            if not counts_whole:
+                pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
+                factor *= power_heuristic(paths.mis_pdf[lane], pdf)
+            _add_emission(lights, row, factor, options, paths, lane)
+        if first_sun == last_sun or paths.hit_instance[lane] >= 0:
+            continue
+        for row in range(first_sun, last_sun):
+            if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or options.use_nee == 0):
+                continue
+            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]) or not sun_is_hit(lights, row, wi):
+                continue
+            factor = 0.0 * t_min + 1.0
+            if not counts_whole:
+                factor = power_heuristic(
+                    paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
+                )
+            _add_emission(lights, row, factor, options, paths, lane)
