@@ -138,6 +138,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.session import Session
 
         assert self._pending is not None
+        assert self._settings is not None
         if self._session is None:
             self._session = Session(self._settings)
         elif self._session.settings != self._settings:

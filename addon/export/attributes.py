@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 import numpy as np
 
 from engine.scene.description import Attribute, Float32Array
 
-if TYPE_CHECKING:
-    from .geometry import Topology
+from .topology import Topology, gather
 
 #: Blender's types: property to read, width, type of the numbers.
 _TYPES: dict[str, tuple[str, int, type]] = {
@@ -43,8 +40,8 @@ def read_attribute(mesh: bpy.types.Mesh, name: str, topology: Topology) -> Attri
     if stored.domain == "EDGE":
         return Attribute("POINT", _edges_to_points(mesh, values))
     if stored.domain == "FACE":
-        return Attribute("FACE", values[topology.polygons])
-    return Attribute("CORNER", values[topology.corners.reshape(-1)])
+        return Attribute("FACE", gather(values, topology.polygons))
+    return Attribute("CORNER", gather(values, topology.corners))
 
 
 def read_uv_map(mesh: bpy.types.Mesh, layer: bpy.types.MeshUVLoopLayer) -> Float32Array:

@@ -3,34 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 
-from engine.scene.description import Attribute, Float32Array, Int32Array, Mesh, Uint32Array
+from engine.scene.description import Attribute, Float32Array, Int32Array, Mesh
 
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
 from .tangents import compute_tangents
+from .topology import Topology, gather, read_topology
 
 #: Undeformed positions of a deformed mesh, for Generated coordinates (before the texture space is applied).
 UNDEFORMED = "__undeformed"
-
-
-@dataclass
-class Topology:
-    """How triangles lie on a Blender mesh.
-
-    corners : uint32 (T, 3), rows of Blender's face corners
-    vertices : uint32 (T, 3)
-    polygons : int32 (T,)
-    """
-
-    corners: Uint32Array
-    vertices: Uint32Array
-    polygons: Int32Array
 
 
 def export_mesh(
@@ -100,7 +85,7 @@ def _read_mesh(
     triangle_count = len(mesh.loop_triangles)
     if triangle_count == 0:
         return None
-    topology = _read_topology(mesh, triangle_count)
+    topology = read_topology(mesh, triangle_count)
     vertices = read_positions(mesh)
     context.check_cancel()
     exported = Mesh(
@@ -128,24 +113,6 @@ def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
     return flat.reshape(-1, 3)
 
 
-def _read_topology(mesh: bpy.types.Mesh, triangle_count: int) -> Topology:
-    corners = np.empty(triangle_count * 3, np.uint32)
-    mesh.loop_triangles.foreach_get("loops", corners)
-    corner_vertices = np.empty(len(mesh.loops), np.int32)
-    stored = mesh.attributes.get(".corner_vert")
-    if stored is not None:
-        stored.data.foreach_get("value", corner_vertices)
-    else:
-        mesh.loops.foreach_get("vertex_index", corner_vertices)
-    polygons = np.empty(triangle_count, np.int32)
-    if hasattr(mesh, "loop_triangle_polygons"):
-        mesh.loop_triangle_polygons.foreach_get("value", polygons)
-    else:
-        mesh.loop_triangles.foreach_get("polygon_index", polygons)
-    vertices = corner_vertices.view(np.uint32)[corners]
-    return Topology(corners.reshape(-1, 3), vertices.reshape(-1, 3), polygons)
-
-
 def _read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
     """Split normals, float32 (T, 3, 3), or None where every face is flat."""
     flat = np.empty(len(mesh.loops) * 3, np.float32)
@@ -162,7 +129,7 @@ def _read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | No
         mesh.calc_normals_split()
         mesh.loops.foreach_get("normal", flat)
         mesh.free_normals_split()
-    return flat.reshape(-1, 3)[topology.corners]
+    return gather(flat.reshape(-1, 3), topology.corners).reshape(-1, 3, 3)
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:
@@ -175,7 +142,7 @@ def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array
         stored.data.foreach_get("value", slots)
     else:
         mesh.polygons.foreach_get("material_index", slots)
-    return np.maximum(slots, 0)[topology.polygons]
+    return gather(np.maximum(slots, 0), topology.polygons)
 
 
 def _add_attributes(
@@ -187,7 +154,7 @@ def _add_attributes(
     exported: Mesh,
 ) -> None:
     for layer in mesh.uv_layers:
-        exported.attributes[layer.name] = Attribute("CORNER", read_uv_map(mesh, layer)[topology.corners.reshape(-1)])
+        exported.attributes[layer.name] = Attribute("CORNER", gather(read_uv_map(mesh, layer), topology.corners))
         if layer.active_render:
             exported.default_uv = layer.name
     index = mesh.color_attributes.render_color_index

@@ -15,7 +15,6 @@ from engine.scene.description import Float32Array, Image
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import ExportContext
 
-
 _MISSING = "the image is missing or cannot be read"
 _PINK = "Blender's pink"
 

@@ -223,6 +223,7 @@ class GraphExporter:
         elif idname == "ShaderNodeValToRGB":
             properties["ramp"] = bake_ramp(node.color_ramp)
             properties["interpolation"] = node.color_ramp.interpolation
+            properties["interpolate"] = node.color_ramp.interpolation != "CONSTANT"
         elif idname in ("ShaderNodeRGBCurve", "ShaderNodeVectorCurve", "ShaderNodeFloatCurve"):
             properties.update(bake_curves(node.mapping, idname))
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
