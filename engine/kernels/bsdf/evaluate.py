@@ -1,34 +1,52 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Value, density and samples of all lobes of a lane together.
+"""Value, density, samples and albedo of all lobes of a lane together.
 
 Lobes are chosen by sample weight; the density of a direction is the mixture's (Veach 1997, section 9.2.4: one-sample
-model with balance heuristic).
+model with the balance heuristic).
 """
+
+import math
 
 from engine.jit import kernel
 from engine.kernels.bsdf.diffuse import oren_nayar_f_cos
+from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo, transmitted_albedo
 from engine.kernels.bsdf.kinds import (
+    ALPHA_X,
+    ALPHA_Y,
     DIFFUSE,
+    ETA,
+    FIRST_MICROFACET,
+    GLASS,
     IS_BUMPED,
     LAST_DIFFUSE,
+    LAST_MICROFACET,
     OREN_MULTIPLE,
     OREN_NAYAR,
+    REFRACTION,
+    SHEEN,
     TRANSLUCENT,
     TRANSPARENT,
 )
+from engine.kernels.bsdf.microfacet import delta_weight, eval_microfacet, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
+from engine.kernels.bsdf.sheen import sample_sheen, sheen_pdf
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
-from engine.kernels.constants import INV_PI
+from engine.kernels.constants import INV_PI, ONE_MINUS_EPSILON
 from engine.kernels.vector import dot, negate
 from engine.state import (
     CLOSURE_N,
     CLOSURE_SAMPLE_WEIGHT,
     CLOSURE_WEIGHT,
     RAY_DIFFUSE,
+    RAY_GLOSSY,
     RAY_REFLECT,
+    RAY_SINGULAR,
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
 )
+
+#: Mask that hides no lobe.
+EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 
 @kernel
@@ -40,7 +58,7 @@ def closure_normal(closures, lane, i):
 
 @kernel
 def eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row):
-    """Add `factor` times f cos of a diffuse lobe to out[row] and return its pdf [sr^-1]."""
+    """Add `factor` times f cos of a diffuse kind to out[row] and return its pdf [sr^-1]."""
     param = closures.param
     cos_i = dot(n, wi)
     if kind == TRANSLUCENT:
@@ -48,44 +66,57 @@ def eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row):
     if cos_i <= 0.0:
         return 0.0
     pdf = cos_i * INV_PI
-    if factor != 0.0:
-        if kind == OREN_NAYAR:
-            single, multiple = oren_nayar_f_cos(closures, lane, i, n, wo, wi, cos_i)
-            for c in range(len(closures.channels)):
-                f_cos = single + multiple * param[lane, i, OREN_MULTIPLE + c]
-                out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * f_cos * factor
-        else:
-            for c in range(len(closures.channels)):
-                out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
+    if kind == OREN_NAYAR:
+        single, multiple = oren_nayar_f_cos(closures, lane, i, n, wo, wi, cos_i)
+        for c in range(len(closures.channels)):
+            f_cos = single + multiple * param[lane, i, OREN_MULTIPLE + c]
+            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * f_cos * factor
+        return pdf
+    if kind == SHEEN:
+        pdf = sheen_pdf(closures, lane, i, n, wi)
+    for c in range(len(closures.channels)):
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
     return pdf
 
 
 @kernel
-def eval_lobes(closures, tables, lane, wo, wi, visibility, sampled, out, row):
-    """Write f cos of all non-delta lobes into out[row] and return the mixture's pdf.
+def is_visible(kind, visibility):
+    """Whether lobes of `kind` may see a light of RAY_* mask `visibility`; glass needs either kind of ray (Cycles)."""
+    if kind <= LAST_DIFFUSE:
+        return visibility & RAY_DIFFUSE != 0
+    if kind < REFRACTION:
+        return visibility & RAY_GLOSSY != 0
+    if kind == GLASS:
+        return visibility & (RAY_GLOSSY | RAY_TRANSMIT) != 0
+    return visibility & RAY_TRANSMIT != 0
+
+
+@kernel
+def eval_lobes(closures, lane, wo, wi, visibility, sampled, out, row):
+    """Write f |cos| of all non-delta lobes into out[row] and return the mixture's pdf.
 
     `sampled` is the index of the lobe that proposed `wi`, -1 if none did.
     """
     param = closures.param
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
-    weighted_pdf = 0.0
+    pdf = 0.0
     weight_sum = 0.0
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         sample_weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         weight_sum += sample_weight
         n = closure_normal(closures, lane, i)
-        is_diffuse = kind <= LAST_DIFFUSE
         factor = 1.0
         if param[lane, i, IS_BUMPED] != 0.0:
-            factor = bump_shadowing(closures, lane, n, wi, is_diffuse, i == sampled)
-        if is_diffuse:
-            if not visibility & RAY_DIFFUSE:
-                factor = 0.0
-            pdf = eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row)
-            weighted_pdf += sample_weight * pdf
-    return weighted_pdf / weight_sum if weight_sum > 0.0 else 0.0
+            factor = bump_shadowing(closures, lane, n, wi, kind <= LAST_DIFFUSE, i == sampled)
+        if not is_visible(kind, visibility):
+            factor = 0.0
+        if kind <= LAST_DIFFUSE:
+            pdf += sample_weight * eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row)
+        elif kind <= LAST_MICROFACET:
+            pdf += sample_weight * eval_microfacet(closures, lane, i, kind, n, wo, wi, factor, out, row)
+    return pdf / weight_sum if weight_sum > 0.0 else 0.0
 
 
 @kernel
@@ -95,7 +126,7 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     Parameters
     ----------
     wo, wi, ng : tuple of 3 float32
-        Unit, world space; geometric normal on the side of `wo` (not looked at, as in Cycles: smooth terminators).
+        Unit, world space; the geometric normal is not looked at, as in Cycles (it would show facets of smooth meshes).
     visibility : int
         RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT bits: lobes of another kind count into the pdf only.
     out : float32 (R, C)
@@ -104,9 +135,15 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     Returns
     -------
     pdf : float32 [sr^-1]
-        Of `sample_bsdf` choosing `wi`, delta lobes keeping their share.
+        Of `sample_bsdf` choosing `wi`; delta lobes keep their share of the choice.
     """
-    return eval_lobes(closures, tables, lane, wo, wi, visibility, -1, out, row)
+    if closures.count[lane] == 1 and closures.kind[lane, 0] == DIFFUSE and closures.param[lane, 0, IS_BUMPED] == 0.0:
+        pdf = max(dot(closure_normal(closures, lane, 0), wi), 0.0) * INV_PI
+        value = pdf if visibility & RAY_DIFFUSE != 0 else 0.0
+        for c in range(len(closures.channels)):
+            out[row, c] = closures.param[lane, 0, CLOSURE_WEIGHT + c] * value
+        return pdf
+    return eval_lobes(closures, lane, wo, wi, visibility, -1, out, row)
 
 
 @kernel
@@ -117,64 +154,99 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     ----------
     u0, u1, u2 : float32 in [0, 1)
         `u0` picks the lobe, then reflection or refraction.
+    out : float32 (R, C)
+        Row `row` receives f |cos| of the mixture [sr^-1]; of a delta lobe what makes out / pdf the throughput.
 
     Returns
     -------
-    pdf : float32 [sr^-1], of the mixture; of a delta lobe its probability; 0 = no sample
+    pdf : float32 [sr^-1]
+        Of the mixture; of a delta lobe its probability; 0 = no sample.
     wi : tuple of 3 float32
-    label : int, RAY_* bits
-    roughness : float32, alpha of the lobe (geometric mean), 1 for diffuse lobes, 0 for transparent ones
-    eta : float32, refractive index crossed (1 if none)
-
-    out[row] receives f |cos| of the mixture, of a delta lobe what makes out / pdf the throughput.
+    label : int
+        RAY_DIFFUSE or RAY_GLOSSY, with RAY_REFLECT or RAY_TRANSMIT, RAY_SINGULAR for delta lobes; a transparent
+        closure has RAY_TRANSPARENT | RAY_TRANSMIT.
+    roughness : float32
+        Geometric mean of the lobe's alphas, 1 for diffuse kinds, 0 for a transparent closure.
+    eta : float32
+        Relative refractive index of the interface crossed, 1 if none.
     """
     param = closures.param
-    invalid = (0.0, (0.0, 0.0, 0.0), 0, 0.0, 1.0)
     count = closures.count[lane]
     weight_sum = 0.0
     for i in range(count):
         weight_sum += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-    if not weight_sum > 0.0:
-        return invalid
-    chosen = 0
     remaining = u0 * weight_sum
+    chosen = 0
     while chosen < count - 1 and remaining >= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]:
         remaining -= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
         chosen += 1
     sample_weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
-    if not sample_weight > 0.0:
-        return invalid
-    u0 = min(remaining / sample_weight, 0.99999994)
     kind = closures.kind[lane, chosen]
     n = closure_normal(closures, lane, chosen)
-    if kind == TRANSPARENT:
-        for c in range(len(closures.channels)):
-            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
-        return sample_weight / weight_sum, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, 1.0
-    label = RAY_DIFFUSE | RAY_REFLECT
+    wi = wo
     roughness = 1.0
     eta = 1.0
-    if kind == TRANSLUCENT:
-        label = RAY_DIFFUSE | RAY_TRANSMIT
-        n = negate(n)
-    wi, cos_i = sample_cosine_hemisphere(n, u1, u2)
-    if (dot(ng, wi) > 0.0) != (label & RAY_REFLECT != 0) or cos_i <= 0.0:
-        return invalid
-    if count == 1 and kind == DIFFUSE and param[lane, 0, IS_BUMPED] == 0.0:
-        pdf = cos_i * INV_PI
+    if count == 0 or not sample_weight > 0.0:
+        return 0.0, wi, 0, roughness, eta
+    u0 = min(remaining / sample_weight, ONE_MINUS_EPSILON)
+
+    if kind <= LAST_DIFFUSE:
+        label = RAY_DIFFUSE | RAY_REFLECT
+        if kind == TRANSLUCENT:
+            label = RAY_DIFFUSE | RAY_TRANSMIT
+            n = negate(n)
+            ng = negate(ng)
+        if kind == SHEEN:
+            wi = sample_sheen(closures, lane, chosen, n, u1, u2)
+        else:
+            wi, cos_i = sample_cosine_hemisphere(n, u1, u2)
+            if count == 1 and kind == DIFFUSE and param[lane, 0, IS_BUMPED] == 0.0:
+                pdf = cos_i * INV_PI if dot(ng, wi) > 0.0 else 0.0
+                for c in range(len(closures.channels)):
+                    out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
+                return pdf, wi, label, roughness, eta
+        if dot(ng, wi) <= 0.0:
+            return 0.0, wi, label, roughness, eta
+    elif kind <= LAST_MICROFACET:
+        is_valid, wi, is_refracted, is_delta, blend, branch_pmf = sample_microfacet(
+            closures, lane, chosen, kind, n, wo, ng, u0, u1, u2
+        )
+        label = RAY_GLOSSY | (RAY_TRANSMIT if is_refracted else RAY_REFLECT)
+        roughness = math.sqrt(param[lane, chosen, ALPHA_X] * param[lane, chosen, ALPHA_Y])
+        if is_refracted:
+            eta = param[lane, chosen, ETA]
+        if not is_valid:
+            return 0.0, wi, label, roughness, eta
+        if is_delta:
+            for c in range(len(closures.channels)):
+                out[row, c] = delta_weight(closures, lane, chosen, kind, blend, is_refracted, c)
+            return branch_pmf * sample_weight / weight_sum, wi, label | RAY_SINGULAR, roughness, eta
+    else:
         for c in range(len(closures.channels)):
-            out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
-        return pdf, wi, label, roughness, eta
-    every_kind = -1
-    pdf = eval_lobes(closures, tables, lane, wo, wi, every_kind, chosen, out, row)
+            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
+        return sample_weight / weight_sum, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, eta
+    pdf = eval_lobes(closures, lane, wo, wi, EVERY_KIND, chosen, out, row)
     return pdf, wi, label, roughness, eta
 
 
 @kernel
 def albedo(closures, tables, lane, wo, out, row):
-    """Write the estimated directional albedo of all lobes into out[row] (Albedo pass)."""
+    """Write the estimated directional albedo of all lobes into out[row]; transparent closures are left out."""
+    param = closures.param
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
     for i in range(closures.count[lane]):
+        kind = closures.kind[lane, i]
+        if kind == TRANSPARENT:
+            continue
+        is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
+        at_view = 1.0
+        mean = 1.0
+        if is_microfacet:
+            at_view, mean = albedo_blends(closures, tables, lane, i, kind, wo)
         for c in range(len(closures.channels)):
-            out[row, c] += closures.param[lane, i, CLOSURE_WEIGHT + c]
+            share = 1.0
+            if is_microfacet:
+                share = reflected_albedo(closures, lane, i, kind, mean, c)
+                share += transmitted_albedo(closures, lane, i, kind, at_view, c)
+            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share

@@ -1,26 +1,180 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Microfacet closures of the Glossy, Refraction and Glass BSDF. (Being built: lobes are diffuse for now.)"""
+"""Closures of the Glossy, Refraction and Glass BSDF."""
+
+import math
 
 from engine.jit import kernel
-from engine.kernels.bsdf.closures import append_closure
-from engine.kernels.bsdf.kinds import DIFFUSE
+from engine.kernels.bsdf.closures import append_closure, store_color
+from engine.kernels.bsdf.energy import preserve_energy, scale_by_albedo
+from engine.kernels.bsdf.fresnel import f0_of_eta, interface_mean_blend
+from engine.kernels.bsdf.kinds import (
+    ALPHA_X,
+    ALPHA_Y,
+    CLOSURE_NO_REFLECTIVE_CAUSTICS,
+    CLOSURE_NO_REFRACTIVE_CAUSTICS,
+    ENERGY_SCALE,
+    ETA,
+    F0,
+    F0_REAL,
+    GLASS,
+    GLOSSY,
+    MULTI_GGX,
+    REFLECTION_TINT,
+    REFRACTION,
+    TANGENT,
+    TRANSMISSION_TINT,
+)
+from engine.kernels.constants import TWO_PI
+from engine.kernels.vector import add, cross, dot, normalize, scale
+
+
+@kernel
+def rotate_tangent(tangent, axis, turns):
+    """Rotate `tangent` about unit `axis` (Rodrigues), [turns]."""
+    if turns == 0.0:
+        return tangent
+    sine = math.sin(TWO_PI * turns)
+    cosine = math.cos(TWO_PI * turns)
+    along = scale(axis, dot(axis, tangent) * (1.0 - cosine))
+    return add(add(scale(tangent, cosine), scale(cross(axis, tangent), sine)), along)
+
+
+@kernel
+def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent, eta):
+    """Append a microfacet lobe without its Fresnel colours; -1 as `append_closure`.
+
+    `tangent` need not be orthogonal to `n`; if it is parallel or zero the lobe becomes isotropic.
+    """
+    i = append_closure(closures, lane, kind, weight, n)
+    if i >= 0:
+        param = closures.param
+        alpha_x = min(max(alpha_x, 0.0), 1.0)
+        alpha_y = min(max(alpha_y, 0.0), 1.0)
+        if alpha_x != alpha_y:
+            bitangent = cross(n, tangent)
+            if dot(bitangent, bitangent) > 1e-12:
+                tangent = cross(normalize(bitangent), n)
+                for k in range(3):
+                    param[lane, i, TANGENT + k] = tangent[k]
+            else:
+                alpha_x = math.sqrt(alpha_x * alpha_y)
+                alpha_y = alpha_x
+        param[lane, i, ALPHA_X] = alpha_x
+        param[lane, i, ALPHA_Y] = alpha_y
+        param[lane, i, ETA] = eta
+        param[lane, i, ENERGY_SCALE] = 1.0
+    return i
 
 
 @kernel
 def add_glossy(
     closures, tables, lane, weight, color, wo, n, tangent, distribution, roughness, anisotropy, rotation
 ):
+    """Lobe of the Glossy BSDF: reflection of constant colour.
+
+    Parameters
+    ----------
+    weight, color : tuple of 3 float32
+        Weight without the colour, and the colour.
+    wo, n, tangent : tuple of 3 float32
+        Direction to the viewer, normal (see `valid_specular_normal`), direction of anisotropy; unit, world space.
+    distribution : int
+        MULTI_GGX compensates energy; others are GGX.
+    roughness : float32 in [0, 1], alpha is its square
+    anisotropy : float32 in (-1, 1)
+    rotation : float32 [turns]
+    """
     weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    append_closure(closures, lane, DIFFUSE, weight, n)
+    roughness = min(max(roughness, 0.0), 1.0)
+    alpha_x = roughness * roughness
+    alpha_y = alpha_x
+    anisotropy = min(max(anisotropy, -0.99), 0.99)
+    if abs(anisotropy) > 1e-4:
+        tangent = rotate_tangent(tangent, n, rotation)
+        if anisotropy < 0.0:
+            alpha_x /= 1.0 + anisotropy
+            alpha_y *= 1.0 + anisotropy
+        else:
+            alpha_x *= 1.0 - anisotropy
+            alpha_y /= 1.0 - anisotropy
+    i = append_microfacet(closures, lane, GLOSSY, weight, n, alpha_x, alpha_y, tangent, 1.0)
+    if i >= 0 and distribution == MULTI_GGX:
+        fresnel = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
+        preserve_energy(closures, tables, lane, i, GLOSSY, wo, fresnel)
 
 
 @kernel
 def add_refraction(closures, tables, lane, weight, color, wo, n, distribution, roughness, ior, is_backfacing):
+    """Lobe of the Refraction BSDF: refraction of constant colour, none at total internal reflection.
+
+    Parameters as `add_glossy`; `ior` is the material's refractive index over its surroundings'.
+    """
     weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    append_closure(closures, lane, DIFFUSE, weight, n)
+    eta = max(ior, 1e-5)
+    if is_backfacing:
+        eta = 1.0 / eta
+    alpha = roughness * roughness
+    append_microfacet(closures, lane, REFRACTION, weight, n, alpha, alpha, n, eta)
+
+
+@kernel
+def append_glass(
+    closures, tables, lane, weight, wo, n, is_multiple, alpha, ior, is_backfacing, f0, reflection_tint, transmission_tint
+):
+    """Append a dielectric interface whose Fresnel term runs from `f0` to 1; caustics switched off drop a tint."""
+    reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
+    refracts = closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS == 0
+    if not reflects and not refracts:
+        return
+    eta = ior
+    if is_backfacing:
+        eta = 1.0 / ior
+    i = append_microfacet(closures, lane, GLASS, weight, n, alpha, alpha, n, eta)
+    if i < 0:
+        return
+    black = (0.0, 0.0, 0.0)
+    if not reflects:
+        reflection_tint = black
+    if not refracts:
+        transmission_tint = black
+    f0 = (min(max(f0[0], 0.0), 1.0), min(max(f0[1], 0.0), 1.0), min(max(f0[2], 0.0), 1.0))
+    f0_real = f0_of_eta(eta)
+    closures.param[lane, i, F0_REAL] = f0_real
+    store_color(closures, lane, i, F0, f0)
+    store_color(closures, lane, i, REFLECTION_TINT, reflection_tint)
+    store_color(closures, lane, i, TRANSMISSION_TINT, transmission_tint)
+    scale_by_albedo(closures, tables, lane, i, GLASS, wo)
+    if is_multiple:
+        fresnel = transmission_tint
+        if transmission_tint == black:
+            s = interface_mean_blend(eta, f0_real)
+            fresnel = (
+                reflection_tint[0] * (f0[0] + (1.0 - f0[0]) * s),
+                reflection_tint[1] * (f0[1] + (1.0 - f0[1]) * s),
+                reflection_tint[2] * (f0[2] + (1.0 - f0[2]) * s),
+            )
+        preserve_energy(closures, tables, lane, i, GLASS, wo, fresnel)
 
 
 @kernel
 def add_glass(closures, tables, lane, weight, color, wo, n, distribution, roughness, ior, is_backfacing):
-    weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    append_closure(closures, lane, DIFFUSE, weight, n)
+    """Lobe of the Glass BSDF: reflection and refraction by Fresnel, both tinted. Parameters as `add_refraction`."""
+    ior = max(ior, 1e-5)
+    roughness = min(max(roughness, 0.0), 1.0)
+    tint = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
+    f0 = f0_of_eta(ior)
+    append_glass(
+        closures,
+        tables,
+        lane,
+        weight,
+        wo,
+        n,
+        distribution == MULTI_GGX,
+        roughness * roughness,
+        ior,
+        is_backfacing,
+        (f0, f0, f0),
+        tint,
+        tint,
+    )
