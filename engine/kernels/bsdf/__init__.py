@@ -21,6 +21,10 @@ from engine.kernels.bsdf.evaluate import sample_bsdf as sample_bsdf
 from engine.kernels.bsdf.glossy import add_glass as add_glass
 from engine.kernels.bsdf.glossy import add_glossy as add_glossy
 from engine.kernels.bsdf.glossy import add_refraction as add_refraction
+from engine.kernels.bsdf.kinds import HAS_DELTA as HAS_DELTA
+from engine.kernels.bsdf.kinds import HAS_EVAL as HAS_EVAL
+from engine.kernels.bsdf.kinds import HAS_TRANSMISSION as HAS_TRANSMISSION
+from engine.kernels.bsdf.kinds import HAS_TRANSPARENT as HAS_TRANSPARENT
 from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
 from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
 from engine.kernels.bsdf.principled import add_principled as add_principled
