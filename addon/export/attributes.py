@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
 from engine.scene.description import Attribute, Float32Array
 
 from .topology import Topology, gather
 
 #: Blender's types: property to read, width, type of the numbers.
-_TYPES: dict[str, tuple[str, int, type]] = {
+_TYPES: dict[str, tuple[str, int, npt.DTypeLike]] = {
     "FLOAT": ("value", 1, np.float32),
     "INT": ("value", 1, np.int32),
     "INT8": ("value", 1, np.int32),
@@ -32,7 +33,7 @@ def read_attribute(mesh: bpy.types.Mesh, name: str, topology: Topology) -> Attri
     if stored is None or stored.data_type not in _TYPES or len(stored.data) == 0:
         return None
     prop, width, dtype = _TYPES[stored.data_type]
-    flat = np.empty(len(stored.data) * width, dtype)
+    flat: np.ndarray = np.empty(len(stored.data) * width, dtype)
     stored.data.foreach_get(prop, flat)
     values = flat.reshape(-1, width).astype(np.float32, copy=False)
     if stored.domain == "POINT":

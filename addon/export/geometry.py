@@ -31,7 +31,9 @@ def export_mesh(
         Whose evaluation made the mesh.
     """
     original = owner.original
-    identity = (original.name_full, mesh.name_full)
+    names = (original.name_full, mesh.name_full)
+    number = context.mesh_counts[names] = context.mesh_counts.get(names, -1) + 1
+    identity = (*names, number)
     kept = context.cache.meshes.get(identity)
     if kept is not None and kept.request == request and _is_untouched(context, original):
         return kept.mesh

@@ -56,7 +56,7 @@ class ImageExporter:
         if exported is not None:
             if kept is not None and image.is_dirty:
                 # Painted on: only its pixels tell whether it changed.
-                if kept.key[:2] == key[:2] and np.array_equal(kept.pixels, exported.pixels):
+                if isinstance(kept.key, tuple) and kept.key[: len(key)] == key and np.array_equal(kept.pixels, exported.pixels):
                     return kept
                 exported.key = (*key, context.cache.new_version())
             context.cache.images[image.name_full, frame] = exported

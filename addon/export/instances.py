@@ -129,8 +129,7 @@ def random_of_name(name: str) -> int:
     mask = 0xFFFFFFFF
     text = 0
     for byte in name.encode():
-        # The characters are signed in Cycles.
-        text = (text * 37 + (byte if byte < 128 else byte - 256)) & mask
+        text = (text * 37 + byte) & mask
     a = b = c = (0xDEADBEEF + (2 << 2) + 13) & mask
     a = (a + text) & mask
 

@@ -96,7 +96,7 @@ class GraphExporter:
         if link is None:
             return None
         source = self._output(tree, link.from_node, link.from_socket)
-        return self._convert(source, link.from_socket.type, socket.type, to_proxy=False)
+        return self._convert(source, link.from_socket.type, socket.type)
 
     def _output(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
         """What an output socket carries."""
@@ -124,14 +124,13 @@ class GraphExporter:
             tree.unfinished.discard(mark)
 
     def _through(self, tree: _Tree, inner: bpy.types.NodeSocket, outer: bpy.types.NodeSocket) -> Source:
-        return self._convert(self._linked(tree, inner), inner.type, outer.type, to_proxy=True)
+        return self._convert(self._linked(tree, inner), inner.type, outer.type)
 
     def _muted(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
         """Blender says which input a muted node hands on to which output."""
         for internal in node.internal_links:
             if internal.to_socket == socket:
-                source = self._input(tree, internal.from_socket)
-                return self._convert(source, internal.from_socket.type, socket.type, to_proxy=True)
+                return self._through(tree, internal.from_socket, socket)
         return None
 
     def _group_input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
@@ -140,7 +139,7 @@ class GraphExporter:
         for outer in tree.group.inputs:
             if outer.identifier == socket.identifier:
                 source = self._input(tree.parent, outer)
-                return self._convert(source, outer.type, socket.type, to_proxy=True)
+                return self._convert(source, outer.type, socket.type)
         return None
 
     def _group(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
@@ -154,38 +153,23 @@ class GraphExporter:
             if output.bl_idname == "NodeGroupOutput" and output.is_active_output:
                 for inside in output.inputs:
                     if inside.identifier == socket.identifier:
-                        return self._convert(self._input(inner, inside), inside.type, socket.type, to_proxy=True)
+                        return self._convert(self._input(inner, inside), inside.type, socket.type)
         return None
 
-    def _convert(self, source: Source, from_type: str, to_type: str, *, to_proxy: bool) -> Source:
+    def _convert(self, source: Source, from_type: str, to_type: str) -> Source:
         """Make `source` what it becomes on a socket of another type.
 
-        A node's own input converts by itself what it is linked to; a group's or reroute's socket does not survive
-        into the graph, so a conversion that loses something becomes a node.
+        As in Blender 5.0, a link through groups and reroutes arrives as it set out, whatever the types of the sockets
+        between; a typed-in value takes the type of every socket it passes. A node converts what it is linked to.
         """
         if source is None or from_type == to_type or to_type == "CUSTOM":
             return source
         if to_type == "SHADER":
-            color = self._add("ShaderNodeEmission", {"Color": source, "Strength": 1.0})
-            return Link(color, "Emission")
+            self._graph.nodes.append(Node("ShaderNodeEmission", "conversion", {"Color": source, "Strength": 1.0}))
+            return Link(len(self._graph.nodes) - 1, "Emission")
         if from_type == "SHADER":
             return None
-        if not isinstance(source, Link):
-            return _convert_constant(source, from_type, to_type)
-        if not to_proxy:
-            return source
-        if to_type in _FLOAT_SOCKETS and from_type == "RGBA":
-            return Link(self._add("ShaderNodeRGBToBW", {"Color": source}), "Val")
-        if to_type in _FLOAT_SOCKETS and from_type == "VECTOR":
-            third = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
-            inputs = {"Vector": source, "Vector_001": third}
-            return Link(self._add("ShaderNodeVectorMath", inputs, operation="DOT_PRODUCT"), "Value")
-        if to_type == "INT" and from_type == "VALUE":
-            return Link(self._add("ShaderNodeMath", {"Value": source}, operation="TRUNC", use_clamp=False), "Value")
-        if to_type == "VECTOR" and from_type == "RGBA":
-            inputs = {"Vector": source, "Vector_001": (0.0, 0.0, 0.0)}
-            return Link(self._add("ShaderNodeVectorMath", inputs, operation="ADD"), "Vector")
-        return source
+        return source if isinstance(source, Link) else _convert_constant(source, from_type, to_type)
 
     # -----------------------------------------------------------------------------------------------------------------
     # Nodes
@@ -201,10 +185,6 @@ class GraphExporter:
                 inputs[socket.identifier] = source
         result = Node(node.bl_idname, node.name, inputs, self._properties(node))
         self._graph.nodes.extend(modernize(result, len(self._graph.nodes)))
-        return len(self._graph.nodes) - 1
-
-    def _add(self, kind: str, inputs: dict[str, Any], **properties: Any) -> int:
-        self._graph.nodes.append(Node(kind, "conversion", inputs, properties))
         return len(self._graph.nodes) - 1
 
     def _properties(self, node: bpy.types.Node) -> dict[str, Any]:
