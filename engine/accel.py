@@ -110,10 +110,26 @@ for _name, _result, _arguments in (
     _function = getattr(_lib, _name)
     _function.restype, _function.argtypes = _result, _arguments
 
-llvm.add_symbol("neuralguide_rtcIntersect1", ctypes.cast(_lib.rtcIntersect1, ctypes.c_void_p).value)
-llvm.add_symbol("neuralguide_rtcOccluded1", ctypes.cast(_lib.rtcOccluded1, ctypes.c_void_p).value)
-_rtc_intersect = types.ExternalFunction("neuralguide_rtcIntersect1", types.void(types.intp, types.intp, types.intp))
-_rtc_occluded = types.ExternalFunction("neuralguide_rtcOccluded1", types.void(types.intp, types.intp, types.intp))
+
+
+def _external(name: str, signature: Any) -> types.ExternalFunction:
+    """An Embree function that kernels can call and still be cached on disk."""
+    symbol = f"neuralguide_{name}"
+    llvm.add_symbol(symbol, ctypes.cast(getattr(_lib, name), ctypes.c_void_p).value)
+    return types.ExternalFunction(symbol, signature)
+
+
+_rtc_intersect = _external("rtcIntersect1", types.void(types.intp, types.intp, types.intp))
+_rtc_occluded = _external("rtcOccluded1", types.void(types.intp, types.intp, types.intp))
+# A hundred thousand instances are attached by a kernel: through ctypes it would take longer than building the tree.
+_new_geometry = _external("rtcNewGeometry", types.intp(types.intp, types.int32))
+_set_instanced_scene = _external("rtcSetGeometryInstancedScene", types.void(types.intp, types.intp))
+_set_time_steps = _external("rtcSetGeometryTimeStepCount", types.void(types.intp, types.uint32))
+_set_transform = _external("rtcSetGeometryTransform", types.void(types.intp, types.uint32, types.int32, types.intp))
+_set_mask = _external("rtcSetGeometryMask", types.void(types.intp, types.uint32))
+_commit = _external("rtcCommitGeometry", types.void(types.intp))
+_attach = _external("rtcAttachGeometryByID", types.void(types.intp, types.intp, types.uint32))
+_release = _external("rtcReleaseGeometry", types.void(types.intp))
 
 _NONE = np.uint32(0xFFFFFFFF)
 
@@ -164,6 +180,20 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
     bits[11] = 0
     _rtc_occluded(scene, address, 0)
     return ray[8] < 0.0
+
+
+@kernel
+def _attach_instances(device, top, indices, scenes, transforms, masks):
+    """Attach instance geometries; scenes, intp (K,), and transforms, intp (K,), are addresses."""
+    for k in range(indices.shape[0]):
+        handle = _new_geometry(device, np.int32(_GEOMETRY_INSTANCE))
+        _set_instanced_scene(handle, scenes[k])
+        _set_time_steps(handle, np.uint32(1))
+        _set_transform(handle, np.uint32(0), np.int32(_FORMAT_FLOAT3X4_ROW_MAJOR), transforms[k])
+        _set_mask(handle, masks[k])
+        _commit(handle)
+        _attach(top, handle, np.uint32(indices[k]))
+        _release(handle)
 
 
 class RayScratch:
@@ -254,36 +284,38 @@ def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, thread
     _lib.rtcSetSceneBuildQuality(top, _BUILD_QUALITY_HIGH)
     table = geometry.instance_table
     masks = (table[:, INSTANCE_VISIBILITY].astype(np.uint32) & np.uint32(31)) | shadow_masks.astype(np.uint32)
-    mesh_scenes: dict[int, int] = {}
-    for index in range(len(table)):
-        mesh = int(table[index, INSTANCE_MESH])
-        if geometry.mesh_table[mesh, MESH_TRIANGLE_COUNT] == 0 or masks[index] == 0:
-            continue
-        if table[index, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-            handle = _triangle_geometry(device, geometry, mesh, geometry.triangles)
-        else:
-            if mesh not in mesh_scenes:
-                scene = _lib.rtcNewScene(device)
-                _lib.rtcSetSceneFlags(scene, _SCENE_ROBUST)
-                _lib.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_HIGH)
-                inner = _triangle_geometry(device, geometry, mesh, geometry.triangles)
-                _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
-                _lib.rtcCommitGeometry(inner)
-                _lib.rtcAttachGeometryByID(scene, inner, 0)
-                _lib.rtcReleaseGeometry(inner)
-                _lib.rtcCommitScene(scene)
-                mesh_scenes[mesh] = scene
-                accelerator.scenes.append(scene)
-            handle = _lib.rtcNewGeometry(device, _GEOMETRY_INSTANCE)
-            _lib.rtcSetGeometryInstancedScene(handle, mesh_scenes[mesh])
-            _lib.rtcSetGeometryTimeStepCount(handle, 1)
-            _lib.rtcSetGeometryTransform(
-                handle, 0, _FORMAT_FLOAT3X4_ROW_MAJOR, geometry.transforms.ctypes.data + index * 48
-            )
+    has_triangles = geometry.mesh_table[table[:, INSTANCE_MESH], MESH_TRIANGLE_COUNT] > 0
+    wanted = has_triangles & (masks != 0)
+    is_baked = (table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED) != 0
+    for index in np.flatnonzero(wanted & is_baked):
+        handle = _triangle_geometry(device, geometry, int(table[index, INSTANCE_MESH]), geometry.triangles)
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
         _lib.rtcCommitGeometry(handle)
-        _lib.rtcAttachGeometryByID(top, handle, index)
+        _lib.rtcAttachGeometryByID(top, handle, int(index))
         _lib.rtcReleaseGeometry(handle)
+    instanced = np.flatnonzero(wanted & ~is_baked)
+    mesh_scenes = np.zeros(len(geometry.mesh_table), np.intp)
+    for mesh in np.unique(table[instanced, INSTANCE_MESH]):
+        scene = _lib.rtcNewScene(device)
+        _lib.rtcSetSceneFlags(scene, _SCENE_ROBUST)
+        _lib.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_HIGH)
+        inner = _triangle_geometry(device, geometry, int(mesh), geometry.triangles)
+        _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
+        _lib.rtcCommitGeometry(inner)
+        _lib.rtcAttachGeometryByID(scene, inner, 0)
+        _lib.rtcReleaseGeometry(inner)
+        _lib.rtcCommitScene(scene)
+        mesh_scenes[mesh] = scene
+        accelerator.scenes.append(scene)
+    if len(instanced):
+        _attach_instances(
+            device,
+            top,
+            instanced,
+            mesh_scenes[table[instanced, INSTANCE_MESH]],
+            geometry.transforms.ctypes.data + instanced.astype(np.intp) * geometry.transforms.strides[0],
+            masks[instanced],
+        )
     _lib.rtcCommitScene(top)
     error = _lib.rtcGetDeviceError(device)
     if error:

@@ -56,11 +56,8 @@ def _module_file(name: str) -> Path | None:
 
 
 @cache
-def _imports(name: str) -> frozenset[str]:
+def _imports(name: str, file: Path) -> frozenset[str]:
     """Engine modules that module `name` imports, read from its source without running it."""
-    file = _module_file(name)
-    if file is None:
-        return frozenset()
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     found: set[str] = set()
     for node in ast.walk(ast.parse(file.read_bytes())):
@@ -75,20 +72,24 @@ def _imports(name: str) -> frozenset[str]:
 
 
 @cache
-def source_hash(name: str) -> str:
-    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed."""
-    seen: set[str] = set()
-    pending = [name]
+def source_hash(name: str, file: Path) -> str:
+    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed.
+
+    The module itself may lie outside the engine (tests and benchmarks have kernels too).
+    """
+    seen: dict[str, Path] = {}
+    pending = [(name, file)]
     while pending:
-        module = pending.pop()
+        module, module_file = pending.pop()
         if module not in seen:
-            seen.add(module)
-            pending.extend(_imports(module))
+            seen[module] = module_file
+            for imported in _imports(module, module_file):
+                imported_file = _module_file(imported)
+                if imported_file is not None:
+                    pending.append((imported, imported_file))
     digest = hashlib.sha256(f"{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
     for module in sorted(seen):
-        file = _module_file(module)
-        if file is not None:
-            digest.update(file.read_bytes())
+        digest.update(seen[module].read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -139,7 +140,8 @@ def kernel(
             target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
         module = target.__module__
         previous = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{source_hash(module)}")
+        sources = source_hash(module, Path(target.__code__.co_filename))
+        numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{sources}")
         try:
             return numba.njit(
                 nogil=True,

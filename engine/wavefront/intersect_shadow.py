@@ -49,6 +49,12 @@ def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_
     pending_count = 0
     for row in range(shadow_count):
         lane = shadows.lane[row]
+        if not shadows.distance[row] > 0.0:
+            # A light that casts no shadow, or one touching the surface.
+            add_radiance(
+                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect
+            )
+            continue
         blocked = trace_occluded(
             scene, ray, bits, address, load(shadows.origin, row), load(shadows.direction, row), 0.0,
             shadows.distance[row], paths.time[lane], MASK_SHADOW_OPAQUE,

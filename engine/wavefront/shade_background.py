@@ -11,6 +11,7 @@ from engine.jit import kernel
 from engine.kernels.lights import background_pdf
 from engine.kernels.radiance import add_radiance, power_heuristic
 from engine.kernels.vector import load
+from engine.shaders.arrays import VALUE_EMISSION
 from engine.state import (
     POINT_DIFFUSE_DEPTH,
     POINT_FLAGS,
@@ -40,6 +41,17 @@ from engine.state import (
     RAY_VISIBILITY,
 )
 from engine.state import POINT_DEPTH as POINT_PATH_DEPTH
+
+
+@kernel
+def fill_background(program_values, world_program, closures, missed, missed_count):
+    """Emission of a world whose program is constant; black without a world (`world_program` -1)."""
+    for k in range(missed_count):
+        for c in range(len(closures.channels)):
+            value = 0.0
+            if world_program >= 0:
+                value = program_values[world_program, VALUE_EMISSION + c]
+            closures.emission[missed[k], c] = value
 
 
 @kernel

@@ -7,7 +7,8 @@ import numpy as np
 
 from engine.film import FEATURE_EMISSION
 from engine.jit import kernel
-from engine.kernels.bsdf import blur_glossy, keep_transparent
+from engine.kernels.bsdf import blur_glossy
+from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
 from engine.kernels.radiance import add_radiance, power_heuristic
 from engine.kernels.vector import load
@@ -20,6 +21,19 @@ from engine.state import (
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT_BACKGROUND,
 )
+
+
+@kernel
+def keep_transparent(closures, lane):
+    """Drop every lobe but the transparent one."""
+    kept = 0
+    for i in range(closures.count[lane]):
+        if closures.kind[lane, i] == TRANSPARENT:
+            closures.kind[lane, 0] = TRANSPARENT
+            for column in range(closures.param.shape[2]):
+                closures.param[lane, 0, column] = closures.param[lane, i, column]
+            kept = 1
+    closures.count[lane] = kept
 
 
 @kernel

@@ -1,0 +1,375 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine's front door: load a scene description, render it, hand out images while it goes."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from engine.film import FEATURE_PASSES, Film
+from engine.scene.build import Scene, SceneCache, build_scene
+from engine.scene.description import Frame, Notice, SceneDescription
+from engine.settings import RenderSettings
+from engine.wavefront.integrator import Batch, Integrator, Statistics, Unit
+
+#: Side of a tile [pixels].
+TILE_SIZE = 32
+#: Samples of a tile's successive units grow to this: small first for an early image, large later to keep lanes full.
+LARGEST_UNIT_SAMPLES = 64
+#: How often the main thread looks for a cancel [s].
+_POLL_SECONDS = 0.05
+#: Time until the first image and the growth of the interval after it.
+_FIRST_IMAGE_SECONDS = 0.3
+_IMAGE_INTERVAL_GROWTH = 1.6
+_LONGEST_IMAGE_INTERVAL = 20.0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a render stands. `remaining` is in seconds, None while unknown."""
+
+    fraction: float
+    sample: int
+    samples: int
+    elapsed: float
+    remaining: float | None
+    rays_per_second: float
+    message: str
+
+
+@dataclass
+class RenderReport:
+    """What happened, for logs and benchmarks; times in seconds, memory in bytes."""
+
+    notices: list[Notice] = field(default_factory=list)
+    build_seconds: float = 0.0
+    prepare_seconds: float = 0.0  # kernels: loading from the cache, or compiling
+    render_seconds: float = 0.0
+    sample_count: float = 0.0  # mean per pixel
+    path_count: int = 0
+    rays: dict[str, int] = field(default_factory=dict)
+    stage_seconds: dict[str, float] = field(default_factory=dict)  # summed over threads
+    reject_count: int = 0
+    peak_memory: int = 0
+    thread_count: int = 1
+    cancelled: bool = False
+
+
+@dataclass
+class RenderResult:
+    """passes : dict of float32 (height, width, channels), row 0 at the bottom."""
+
+    passes: dict[str, np.ndarray]
+    report: RenderReport
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far [bytes]."""
+    usage = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return usage if sys.platform == "darwin" else usage * 1024
+
+
+def _sample_ranges(samples: int) -> list[tuple[int, int]]:
+    """(first, count) of a tile's successive units: a function of the sample count alone."""
+    ranges, first, count = [], 0, 1
+    while first < samples:
+        count = min(count, samples - first)
+        ranges.append((first, count))
+        first += count
+        if first > 1:
+            count = min(2 * count, LARGEST_UNIT_SAMPLES)
+    return ranges
+
+
+def _tiles(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pixels (column, row in the full image) and film indices of each tile of the region."""
+    x0, y0, x1, y1 = frame.region
+    width = x1 - x0
+    tiles = []
+    for top in range(y0, y1, TILE_SIZE):
+        for left in range(x0, x1, TILE_SIZE):
+            rows, columns = np.mgrid[top : min(top + TILE_SIZE, y1), left : min(left + TILE_SIZE, x1)]
+            pixels = np.ascontiguousarray(np.stack([columns.ravel(), rows.ravel()], axis=1), np.int32)
+            tiles.append((pixels, ((rows - y0) * width + (columns - x0)).ravel()))
+    return tiles
+
+
+class Session:
+    """Renders scene descriptions with one set of settings.
+
+    Keep the session between frames: only what changed is rebuilt.
+    """
+
+    def __init__(self, settings: RenderSettings) -> None:
+        self.settings = settings
+        self.scene: Scene | None = None
+        self._cache = SceneCache()
+        self._build_seconds = 0.0
+
+    @property
+    def thread_count(self) -> int:
+        """Threads that trace."""
+        if self.settings.threads:
+            return self.settings.threads
+        try:
+            return max(len(os.sched_getaffinity(0)), 1)
+        except AttributeError:
+            return os.cpu_count() or 1
+
+    def load(self, description: SceneDescription) -> list[Notice]:
+        """Build or update the scene.
+
+        Returns
+        -------
+        list of Notice
+            Everything that will look different from what the host meant, the exporter's notices included.
+
+        Raises
+        ------
+        ValueError
+            Naming what in the description cannot be rendered.
+        """
+        start = time.perf_counter()
+        self.scene = build_scene(description, self.settings, self._cache, threads=self.thread_count)
+        self._build_seconds = time.perf_counter() - start
+        return self.scene.notices
+
+    def close(self) -> None:
+        """Free the scene and its acceleration structure."""
+        self.scene = None
+        self._cache = SceneCache()
+
+    def render(
+        self,
+        *,
+        on_progress: Callable[[Progress], None] | None = None,
+        on_image: Callable[[dict[str, np.ndarray]], None] | None = None,
+        should_cancel: Callable[[], bool] | None = None,
+        passes: Iterable[str] = ("Combined",),
+        ray_observer: Callable[..., None] | None = None,
+    ) -> RenderResult:
+        """Render the loaded scene.
+
+        Parameters
+        ----------
+        on_progress, on_image, should_cancel : callable, optional
+            Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals.
+            After a cancel the result holds every finished unit.
+        passes : iterable of str
+            Of `film.PASS_NAMES`.
+        ray_observer : callable, optional
+            See `Integrator.ray_observer`.
+
+        Raises
+        ------
+        RuntimeError
+            If no scene is loaded.
+        """
+        if self.scene is None:
+            raise RuntimeError("load a scene before rendering")
+        scene, settings = self.scene, self.settings
+        names = frozenset(passes)
+        frame = scene.description.frame
+        x0, y0, x1, y1 = frame.region
+        use_features = bool(names & FEATURE_PASSES)
+        integrator = Integrator(scene, settings, use_features=use_features)
+        integrator.ray_observer = ray_observer
+        film = Film(x1 - x0, y1 - y0, use_features=use_features)
+        job = _Job(scene, integrator, film, settings, self.thread_count)
+
+        def images() -> dict[str, np.ndarray]:
+            return film.passes(names, exposure=frame.exposure, transparent=settings.film_transparent)
+
+        started = time.perf_counter()
+        next_image = _FIRST_IMAGE_SECONDS
+        interval = _FIRST_IMAGE_SECONDS
+        job.start()
+        try:
+            while not job.wait(_POLL_SECONDS):
+                elapsed = time.perf_counter() - started
+                if should_cancel is not None and should_cancel():
+                    job.cancelled = True
+                    job.stop()
+                    continue
+                if on_progress is not None:
+                    on_progress(job.progress())
+                if on_image is not None and job.has_image and elapsed >= next_image:
+                    with job.film_lock:
+                        image = images()
+                    on_image(image)
+                    interval = min(interval * _IMAGE_INTERVAL_GROWTH, _LONGEST_IMAGE_INTERVAL)
+                    next_image = time.perf_counter() - started + interval
+        except BaseException:
+            job.stop()
+            raise
+        finally:
+            job.join()
+        if on_progress is not None:
+            on_progress(replace(job.progress(), remaining=0.0))
+        total = job.statistics()
+        report = RenderReport(
+            notices=list(scene.notices),
+            build_seconds=self._build_seconds,
+            prepare_seconds=job.prepare_seconds,
+            render_seconds=job.render_seconds,
+            sample_count=float(film.sums.count.mean()) if film.sums.count.size else 0.0,
+            path_count=total.path_count,
+            rays=dict(total.rays),
+            stage_seconds=dict(total.stage_seconds),
+            reject_count=total.reject_count,
+            peak_memory=peak_memory(),
+            thread_count=self.thread_count,
+            cancelled=job.cancelled,
+        )
+        return RenderResult(images(), report)
+
+
+class _Job:
+    """One render's threads and queue. Units of one tile run one after the other, different tiles at the same time."""
+
+    def __init__(
+        self, scene: Scene, integrator: Integrator, film: Film, settings: RenderSettings, thread_count: int
+    ) -> None:
+        self.scene, self.integrator, self.film, self.settings = scene, integrator, film, settings
+        self.thread_count = thread_count
+        self.film_lock = threading.Lock()
+        self.cancelled = False
+        self.has_image = False
+        self.prepare_seconds = 0.0
+        self.render_seconds = 0.0
+        self._ranges = _sample_ranges(settings.samples)
+        self._tiles = _tiles(scene.description.frame)
+        self._queue = deque((tile, 0) for tile in range(len(self._tiles)))
+        self._queue_changed = threading.Condition()
+        self._busy = 0
+        self._stop = False
+        self._batches: list[Batch] = []
+        self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
+        self._futures: list = []
+        self._finished_paths = 0
+        self._total_paths = sum(len(pixels) for pixels, _ in self._tiles) * settings.samples
+        self._created = time.perf_counter()
+        self._render_start: float | None = None
+
+    def start(self) -> None:
+        """Begin: one thread readies the kernels on a single path, then all trace."""
+        self._futures = [self._pool.submit(self._prepare)]
+
+    def stop(self) -> None:
+        """Ask all threads to stop at the next stage."""
+        with self._queue_changed:
+            self._stop = True
+            self._queue_changed.notify_all()
+
+    def should_stop(self) -> bool:
+        """True once `stop` was called."""
+        return self._stop
+
+    def wait(self, seconds: float) -> bool:
+        """Wait a little; True once all is done. Raises what a thread raised."""
+        deadline = time.perf_counter() + seconds
+        while True:
+            pending = [future for future in list(self._futures) if not future.done()]
+            if not pending:
+                for future in list(self._futures):
+                    future.result()
+                if all(future.done() for future in self._futures):
+                    return True
+                continue
+            left = deadline - time.perf_counter()
+            if left <= 0.0:
+                return False
+            try:
+                pending[0].exception(timeout=left)
+            except TimeoutError:
+                return False
+
+    def join(self) -> None:
+        """Wait for the threads to end."""
+        self._pool.shutdown(wait=True)
+        if self._render_start is not None:
+            self.render_seconds = time.perf_counter() - self._render_start
+
+    def statistics(self) -> Statistics:
+        """Sum over threads."""
+        total = Statistics()
+        for batch in self._batches:
+            total.add(batch.statistics)
+        return total
+
+    def progress(self) -> Progress:
+        """Where it stands now."""
+        now = time.perf_counter()
+        elapsed = now - (self._render_start or self._created)
+        fraction = self._finished_paths / max(self._total_paths, 1)
+        limit = self.settings.time_limit
+        remaining = None
+        if self._render_start is None:
+            return Progress(0.0, 0, self.settings.samples, elapsed, None, 0.0, "Preparing kernels (compiled once)")
+        if fraction > 0.0:
+            remaining = elapsed * (1.0 - fraction) / fraction
+        if limit:
+            remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
+            fraction = max(fraction, min(elapsed / limit, 1.0))
+        rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
+        sample = int(self._finished_paths / max(self._total_paths, 1) * self.settings.samples)
+        return Progress(
+            min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, rays / max(elapsed, 1e-6), "Rendering"
+        )
+
+    def _prepare(self) -> None:
+        largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
+        use_features = self.integrator.use_features
+        self._batches = [
+            Batch(self.scene, largest, use_features=use_features) for _ in range(self.thread_count)
+        ]
+        if self._tiles:
+            pixels, film_index = self._tiles[len(self._tiles) // 2]
+            self.integrator.warm_up(self._batches[0], Unit(pixels[:1], film_index[:1], 0, 1), self.should_stop)
+        self.prepare_seconds = time.perf_counter() - self._created
+        self._render_start = time.perf_counter()
+        self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
+
+    def _next_unit(self) -> tuple[int, int] | None:
+        with self._queue_changed:
+            while not self._queue and self._busy and not self._stop:
+                self._queue_changed.wait(0.5)
+            limit = self.settings.time_limit
+            assert self._render_start is not None
+            if limit and self.has_image and time.perf_counter() - self._render_start >= limit:
+                self._queue.clear()
+            if self._stop or not self._queue:
+                return None
+            self._busy += 1
+            return self._queue.popleft()
+
+    def _work(self, batch: Batch) -> None:
+        try:
+            while (item := self._next_unit()) is not None:
+                tile, step = item
+                pixels, film_index = self._tiles[tile]
+                first, count = self._ranges[step]
+                finished = self.integrator.trace_unit(batch, Unit(pixels, film_index, first, count), self.should_stop)
+                if finished:
+                    with self.film_lock:
+                        self.film.merge(film_index, batch.film)
+                        self._finished_paths += len(pixels) * count
+                with self._queue_changed:
+                    self._busy -= 1
+                    if finished and step + 1 < len(self._ranges):
+                        self._queue.append((tile, step + 1))
+                    if step > 0 or not any(queued_step == 0 for _, queued_step in self._queue):
+                        self.has_image = True
+                    self._queue_changed.notify_all()
+        except BaseException:
+            self.stop()
+            raise

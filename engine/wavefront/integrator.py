@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The path tracer: `Integrator.trace_unit` reads as the list of stages."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.accel import RayScratch
+from engine.film import FilmTile, allocate_tile
+from engine.scene.build import Scene
+from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_HITTABLE, HEADER_LAST_SUN, HEADER_FIRST_SUN
+from engine.shaders.arrays import (
+    MODE_CLOSURES,
+    MODE_EMISSION,
+    MODE_NO_REFLECTIVE_CAUSTICS,
+    MODE_NO_REFRACTIVE_CAUSTICS,
+    MODE_TRANSPARENCY,
+    PROGRAM_EMISSION_CONSTANT,
+    PROGRAM_FLAGS,
+    allocate_memory,
+)
+from engine.settings import RenderSettings
+from engine.state import (
+    allocate_closures,
+    allocate_light_samples,
+    allocate_paths,
+    allocate_points,
+    allocate_shadow_rays,
+)
+from engine.wavefront.accumulate import accumulate
+from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.wavefront.init_from_camera import init_from_camera
+from engine.wavefront.intersect_closest import intersect_closest
+from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.options import make_options
+from engine.wavefront.prepare_surface import prepare_surface
+from engine.wavefront.sample_light import choose_lights, connect_lights
+from engine.wavefront.scatter import scatter
+from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
+from engine.wavefront.shade_emission import shade_emission
+from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.write_features import write_features
+
+#: Paths in flight per thread. Their state has to stay near the core; fewer make the calls between stages show.
+LANE_COUNT = 4096
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A tile of pixels by a range of samples: the smallest piece of work, always done whole.
+
+    pixels : int32 (P, 2), column and row in the full image
+    film_index : int64 (P,), where they are on the film
+    """
+
+    pixels: np.ndarray
+    film_index: np.ndarray
+    sample_first: int
+    sample_count: int
+
+
+@dataclass
+class Statistics:
+    """Counts and times of one thread (or, added up, of all)."""
+
+    stage_seconds: Counter[str] = field(default_factory=Counter)
+    rays: Counter[str] = field(default_factory=Counter)
+    path_count: int = 0
+    reject_count: int = 0
+
+    def add(self, other: Statistics) -> None:
+        """Add another thread's."""
+        self.stage_seconds.update(other.stage_seconds)
+        self.rays.update(other.rays)
+        self.path_count += other.path_count
+        self.reject_count += other.reject_count
+
+
+class Batch:
+    """One thread's memory: everything a unit needs, allocated once."""
+
+    def __init__(self, scene: Scene, pixel_count: int, *, use_features: bool, channel_count: int = 3) -> None:
+        lanes = LANE_COUNT
+        self.paths = allocate_paths(lanes, channel_count)
+        self.points = allocate_points(lanes)
+        self.closures = allocate_closures(lanes, channel_count)
+        self.samples = allocate_light_samples(lanes, channel_count)
+        self.shadows = allocate_shadow_rays(lanes, channel_count)
+        #: Points and closures of lights and of shadow rays' blockers.
+        self.light_points = allocate_points(lanes)
+        self.light_closures = allocate_closures(lanes, channel_count)
+        self.f_cos = np.zeros((lanes, channel_count), np.float32)
+        self.active, self.free, self.surface, self.missed, self.lit, self.programs, self.pending = (
+            np.zeros(lanes, np.int32) for _ in range(7)
+        )
+        self.scratch = RayScratch()
+        self.memory = allocate_memory(scene.shaders)
+        self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
+        self.statistics = Statistics()
+        self._mark = 0.0
+
+    def begin(self) -> None:
+        """Start the stage clock."""
+        self._mark = time.perf_counter()
+
+    def end(self, stage: str) -> None:
+        """Charge the time since the last mark to `stage`."""
+        now = time.perf_counter()
+        self.statistics.stage_seconds[stage] += now - self._mark
+        self._mark = now
+
+
+class Integrator:
+    """Unguided path tracing of one scene with one set of settings; shared by all threads, changed by none."""
+
+    def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+        self.scene = scene
+        self.options = make_options(settings, scene.description.frame.exposure)
+        self.seed = settings.seed
+        self.use_features = use_features
+        header = scene.lights.header
+        self.has_emitters = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
+        self.has_hittable_lights = bool(header[HEADER_HITTABLE] > 0 or header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN])
+        self.mode = MODE_CLOSURES
+        if not settings.use_caustics_reflective:
+            self.mode |= MODE_NO_REFLECTIVE_CAUSTICS
+        if not settings.use_caustics_refractive:
+            self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
+        world = scene.world_program
+        self.world_is_constant = world < 0 or bool(
+            scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT
+        )
+        self.world_visibility = scene.description.world.visibility if scene.description.world else 0
+        #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
+        self.ray_observer: Callable[..., None] | None = None
+
+    def warm_up(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> None:
+        """Load (or compile) every kernel this scene can need, by one path and by calls on nothing."""
+        observer, self.ray_observer = self.ray_observer, None
+        scene, b = self.scene, batch
+        embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
+        self.trace_unit(b, unit, should_stop)
+        if self.world_is_constant:
+            fill_background(scene.shaders.program_values, scene.world_program, b.closures, b.missed, 0)
+        else:
+            prepare_background(scene.world_program, b.paths, b.points, b.missed, 0)
+        shade_background(
+            scene.lights, self.options, self.world_visibility, b.paths, b.closures, b.missed, 0, b.film,
+            self.use_features,
+        )
+        if self.has_emitters and scene.has_transparent_shadows:
+            pass_transparent(
+                *embree, self.options, scene.geometry, scene.shaders.programs, scene.shaders.program_values, b.paths,
+                b.shadows, b.light_points, b.light_closures, b.pending, 0, False,
+            )
+        b.statistics = Statistics()
+        self.ray_observer = observer
+
+    def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
+        """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
+        scene, options, b = self.scene, self.options, batch
+        paths, points, closures, shadows, film = b.paths, b.points, b.closures, b.shadows, b.film
+        geometry, shaders, tables, lights = scene.geometry, scene.shaders, scene.tables, scene.lights
+        embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
+        rays = b.statistics.rays
+        for array in film:
+            array.fill(0)
+        b.free[:] = np.arange(LANE_COUNT - 1, -1, -1)
+        path_count = len(unit.pixels) * unit.sample_count
+        next_path, active_count, free_count = 0, 0, LANE_COUNT
+        b.begin()
+        while not should_stop():
+            next_path, active_count, free_count = init_from_camera(
+                scene.camera.real, scene.camera.filter, self.seed, unit.pixels, scene.description.frame.width,
+                unit.sample_first, path_count, next_path, paths, b.active, active_count, b.free, free_count,
+            )
+            b.end("init_from_camera")
+            if active_count == 0:
+                b.statistics.path_count += path_count
+                return True
+
+            if self.ray_observer:
+                self.ray_observer("closest", paths, b.active, active_count)
+            intersect_closest(*embree, geometry, paths, b.active, active_count)
+            rays["closest"] += active_count
+            b.end("intersect_closest")
+
+            if self.has_hittable_lights:
+                shade_lights(lights, options, paths, b.active, active_count)
+                b.end("shade_lights")
+
+            surface_count, missed_count = prepare_surface(
+                geometry, shaders.programs, options, paths, points, b.active, active_count, b.surface, b.missed
+            )
+            b.end("prepare_surface")
+
+            if missed_count:
+                if self.world_is_constant:
+                    fill_background(shaders.program_values, scene.world_program, closures, b.missed, missed_count)
+                else:
+                    prepare_background(scene.world_program, paths, points, b.missed, missed_count)
+                    evaluate_shaders(
+                        shaders, geometry, tables, points, closures, b.missed, missed_count, b.memory, MODE_EMISSION
+                    )
+                shade_background(
+                    lights, options, self.world_visibility, paths, closures, b.missed, missed_count, film,
+                    self.use_features,
+                )
+                b.end("shade_background")
+
+            evaluate_shaders(shaders, geometry, tables, points, closures, b.surface, surface_count, b.memory, self.mode)
+            b.end("evaluate_shaders")
+            shade_emission(
+                lights, geometry, options, paths, points, closures, b.surface, surface_count, film, self.use_features
+            )
+            b.end("shade_emission")
+            if self.use_features:
+                write_features(
+                    scene.camera.real, geometry, tables, shaders.program_pass_index, paths, points, closures, b.f_cos,
+                    b.surface, surface_count, film,
+                )
+                b.end("write_features")
+
+            if self.has_emitters:
+                self._sample_lights(b, surface_count, embree)
+
+            scatter(options, tables, paths, points, closures, b.f_cos, b.surface, surface_count)
+            b.end("scatter")
+
+            active_count, free_count, reject_count = accumulate(
+                paths, b.active, active_count, b.free, free_count, film
+            )
+            b.statistics.reject_count += reject_count
+            b.end("accumulate")
+        return False
+
+    def _sample_lights(self, b: Batch, surface_count: int, embree: tuple) -> None:
+        """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
+        scene, options = self.scene, self.options
+        geometry, shaders, tables = scene.geometry, scene.shaders, scene.tables
+        lit_count, program_count = choose_lights(
+            scene.lights, geometry, b.paths, b.points, b.closures, b.samples, b.light_points, b.surface, surface_count,
+            b.lit, b.programs,
+        )
+        b.end("choose_lights")
+        if program_count:
+            evaluate_shaders(
+                shaders, geometry, tables, b.light_points, b.light_closures, b.programs, program_count, b.memory,
+                MODE_EMISSION,
+            )
+            b.end("evaluate_light_shaders")
+        shadow_count = connect_lights(
+            options, tables, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit, lit_count,
+            b.shadows,
+        )
+        b.end("connect_lights")
+        if self.ray_observer:
+            self.ray_observer("shadow", b.shadows, b.paths, shadow_count)
+        pending_count = intersect_shadow(
+            *embree, options, b.paths, b.shadows, shadow_count, scene.has_transparent_shadows, b.pending
+        )
+        b.statistics.rays["shadow"] += shadow_count
+        is_evaluated = False
+        while pending_count:
+            b.statistics.rays["transparent_shadow"] += pending_count
+            pending_count = pass_transparent(
+                *embree, options, geometry, shaders.programs, shaders.program_values, b.paths, b.shadows,
+                b.light_points, b.light_closures, b.pending, pending_count, is_evaluated,
+            )
+            if pending_count:
+                evaluate_shaders(
+                    shaders, geometry, tables, b.light_points, b.light_closures, b.pending, pending_count, b.memory,
+                    MODE_TRANSPARENCY,
+                )
+            is_evaluated = True
+        b.end("intersect_shadow")

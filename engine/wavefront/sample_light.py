@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages of next-event estimation: choose a point on a light, then weigh it and queue its shadow ray.
+
+Between the two, `evaluate_shaders` runs the programs of lights whose emission is not constant.
+"""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
+from engine.kernels.lights import sample_light
+from engine.kernels.radiance import power_heuristic
+from engine.kernels.rng import SET_LIGHT, sample_4d
+from engine.kernels.surface import offset_origin
+from engine.kernels.vector import dot, store
+from engine.state import (
+    LIGHT_CASTS_SHADOW,
+    LIGHT_HAS_PROGRAM,
+    LIGHT_USES_MIS,
+    POINT_DEPTH,
+    POINT_DIFFUSE_DEPTH,
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_GLOSSY_DEPTH,
+    POINT_INSTANCE,
+    POINT_LIGHT,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_PROGRAM,
+    POINT_RADIUS,
+    POINT_RANDOM,
+    POINT_RAY_FLAGS,
+    POINT_RAY_LENGTH,
+    POINT_TIME,
+    POINT_TRANSMISSION_DEPTH,
+    POINT_TRANSPARENT_DEPTH,
+    POINT_TRIANGLE,
+    POINT_U,
+    POINT_V,
+    POINT_WO,
+    RAY_DIFFUSE,
+    RAY_EMISSION,
+    RAY_GLOSSY,
+    RAY_TRANSMIT,
+)
+
+#: Bound on the relative rounding error of a point on a light.
+_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+_FAR = np.float32(1e29)
+_SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
+
+
+@kernel
+def choose_lights(lights, geometry, paths, points, closures, samples, light_points, lanes, lane_count, lit, programs):
+    """Draw one light sample for every lane that has a lobe to receive it.
+
+    Parameters
+    ----------
+    lit : int32 (L,)
+        Filled with lanes that got a sample.
+    programs : int32 (L,)
+        Filled with those of them whose light has a program to run at `light_points`.
+
+    Returns
+    -------
+    lit_count, program_count : int
+    """
+    lit_count = 0
+    program_count = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] == 0:
+            continue
+        bits = summarize(closures, lane)
+        if not bits & HAS_EVAL:
+            continue
+        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LIGHT)
+        real = points.real
+        p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
+        n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
+        (
+            pdf, _emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            cast_shadow, max_bounces, use_mis,
+        ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, u0, u1, u2)
+        if not pdf > 0.0 or paths.depth[lane] > max_bounces:
+            continue
+        if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
+            continue
+        store(samples.direction, lane, wi)
+        samples.pdf[lane] = pdf
+        samples.terminate[lane] = u3
+        samples.visibility[lane] = visibility
+        for c in range(len(paths.channels)):
+            samples.radiance[lane, c] = radiance[c]
+        flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
+        samples.distance[lane] = distance
+        # How much too long the ray could be: rounding at the light, seen at a slant.
+        if distance < _FAR:
+            slant = max(abs(dot(q_ng, wi)), 0.02)
+            extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
+            samples.offset[lane] = extent * _ERROR / slant
+        else:
+            samples.offset[lane] = 0.0
+        if program >= 0:
+            flags |= LIGHT_HAS_PROGRAM
+            out = light_points.real
+            back = dot(q_ng, wi) > 0.0
+            for c in range(3):
+                out[lane, POINT_P + c] = q[c] if distance < _FAR else wi[c]
+                out[lane, POINT_WO + c] = -wi[c]
+                out[lane, POINT_NG + c] = -q_ng[c] if back else q_ng[c]
+                out[lane, POINT_NS + c] = -q_ng[c] if back else q_ng[c]
+            out[lane, POINT_U] = u
+            out[lane, POINT_V] = v
+            out[lane, POINT_RAY_LENGTH] = distance
+            out[lane, POINT_RADIUS] = 0.0
+            out[lane, POINT_RANDOM] = u3
+            out[lane, POINT_TIME] = paths.time[lane]
+            integer = light_points.integer
+            integer[lane, POINT_INSTANCE] = instance
+            integer[lane, POINT_TRIANGLE] = triangle
+            integer[lane, POINT_PROGRAM] = program
+            integer[lane, POINT_RAY_FLAGS] = (paths.flags[lane] & ~1) | RAY_EMISSION
+            integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if back else 0
+            integer[lane, POINT_DEPTH] = paths.depth[lane]
+            integer[lane, POINT_DIFFUSE_DEPTH] = paths.diffuse_depth[lane]
+            integer[lane, POINT_GLOSSY_DEPTH] = paths.glossy_depth[lane]
+            integer[lane, POINT_TRANSMISSION_DEPTH] = paths.transmission_depth[lane]
+            integer[lane, POINT_TRANSPARENT_DEPTH] = paths.transparent_depth[lane]
+            integer[lane, POINT_LIGHT] = -1 if instance >= 0 else 0
+            programs[program_count] = lane
+            program_count += 1
+        samples.flags[lane] = flags
+        lit[lit_count] = lane
+        lit_count += 1
+    return lit_count, program_count
+
+
+@kernel
+def connect_lights(
+    options, tables, paths, points, closures, samples, light_closures, f_cos, lit, lit_count, shadows
+):
+    """Weigh light samples by BSDF and MIS, thin out the negligible, and queue shadow rays.
+
+    Both techniques' weights use the densities of choosing the direction (pmf of the light included), so they sum to
+    one. Samples that would add little survive with a probability proportional to it (Cycles' light threshold).
+
+    Parameters
+    ----------
+    f_cos : float32 (L, C)
+        Scratch for the BSDF's value.
+
+    Returns
+    -------
+    shadow_count : int
+    """
+    shadow_count = 0
+    for k in range(lit_count):
+        lane = lit[k]
+        real = points.real
+        wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
+        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
+        wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
+        bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, samples.visibility[lane] & _SCATTERED, f_cos, lane)
+        pdf = samples.pdf[lane]
+        flags = samples.flags[lane]
+        weight = 1.0 / pdf
+        if flags & LIGHT_USES_MIS:
+            weight *= power_heuristic(pdf, bsdf_pdf)
+        largest = 0.0
+        for c in range(len(paths.channels)):
+            value = f_cos[lane, c] * samples.radiance[lane, c] * weight
+            if flags & LIGHT_HAS_PROGRAM:
+                value *= light_closures.emission[lane, c]
+            f_cos[lane, c] = value
+            largest = max(largest, abs(value))
+        if not largest > 0.0:
+            continue
+        scale = 1.0
+        if options.inverse_light_threshold > 0.0:
+            survival = largest * options.inverse_light_threshold
+            if survival < 1.0:
+                if samples.terminate[lane] >= survival:
+                    continue
+                scale = 1.0 / survival
+        row = shadow_count
+        shadow_count += 1
+        shadows.lane[row] = lane
+        for c in range(len(paths.channels)):
+            shadows.radiance[row, c] = paths.throughput[lane, c] * f_cos[lane, c] * scale
+        store(shadows.direction, row, wi)
+        p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
+        store(shadows.origin, row, offset_origin(p, ng, wi, paths.offset[lane]))
+        distance = samples.distance[lane] - samples.offset[lane] - paths.offset[lane]
+        shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
+    return shadow_count
