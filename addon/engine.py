@@ -215,8 +215,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         except MemoryError:
             message = f"out of memory while {doing}: lower the resolution, or simplify meshes and textures"
             log_failure(message)
-        except ImportError as error:
-            message = f"a part of NeuralGuide is not installed ({error}); reinstall the add-on"
+        except ModuleNotFoundError as error:
+            message = f"Python package {error.name} is missing: reinstall NeuralGuide, which brings it"
             log_failure(message)
         except Exception as error:
             message = f"internal error while {doing}: {type(error).__name__}: {error}"

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Builds the Blender extension: `python tools/build_extension.py` puts a zip for each platform into dist/.
+
+Blender's rules for extensions forbid entries on `sys.path` and top-level modules. The packages `addon` and `engine` are
+therefore copied with their imports of each other made relative, and live inside the extension's own package. numba,
+llvmlite and embreex travel as wheels at the versions of requirements.lock; Blender brings numpy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib.metadata
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("addon", "engine")
+FILES = ("__init__.py", "LICENSE", "README.md", "CHANGELOG.md")
+WHEELS = ("numba", "llvmlite", "embreex")
+PYTHON_VERSION = "3.11"  # of Blender 4.2 to 5.0
+
+#: Blender's name of a platform: tags of wheels that run there, best first.
+PLATFORMS = {
+    "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
+    "windows-x64": ("win_amd64",),
+    "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
+}
+
+
+def relative_imports(source: str, folder: Sequence[str]) -> str:
+    """Source with `from engine.x import y` written as `from ..engine.x import y`.
+
+    Parameters
+    ----------
+    source : str
+        Text of a module.
+    folder : sequence of str
+        Folders between the extension's root and the module: `('addon', 'export')`.
+
+    Raises
+    ------
+    ValueError
+        For `import engine.x`, which has no relative form.
+    """
+    lines = source.splitlines(keepends=True)
+    dots = "." * (len(folder) + 1)
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and (node.module or "").split(".")[0] in PACKAGES:
+            row = node.lineno - 1
+            lines[row] = lines[row].replace(f"from {node.module}", f"from {dots}{node.module}", 1)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name.split(".")[0] not in PACKAGES:
+                    continue
+                parent, _, name = alias.name.rpartition(".")
+                if not alias.asname or len(node.names) > 1:
+                    better = f"from {parent} import {name}" if parent else "from the package"
+                    raise ValueError(f"line {node.lineno}: write `import {alias.name}` as `{better}`")
+                row = node.lineno - 1
+                lines[row] = lines[row].replace(
+                    f"import {alias.name} as", f"from {dots}{parent} import {name} as", 1
+                )
+    return "".join(lines)
+
+
+def absolute_imports(source: str) -> list[str]:
+    """Imports of our packages that are still absolute."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.append(node.module or "")
+        elif isinstance(node, ast.Import):
+            found.extend(alias.name for alias in node.names)
+    return [name for name in found if name.split(".")[0] in PACKAGES]
+
+
+def stage_sources(target: Path) -> None:
+    """Copy what the extension holds into `target`, which is emptied first."""
+    shutil.rmtree(target, ignore_errors=True)
+    target.mkdir(parents=True)
+    for name in FILES:
+        shutil.copy(ROOT / name, target / name)
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*")):
+            relative = path.relative_to(ROOT)
+            if not path.is_file() or "__pycache__" in relative.parts:
+                continue
+            destination = target / relative
+            destination.parent.mkdir(parents=True, exist_ok=True)
+            if path.suffix != ".py":
+                shutil.copy(path, destination)
+                continue
+            text = relative_imports(path.read_text(encoding="utf-8"), relative.parts[:-1])
+            if left := absolute_imports(text):
+                raise ValueError(f"{relative}: cannot make relative: {', '.join(left)}")
+            destination.write_text(text, encoding="utf-8")
+
+
+def _pinned_versions() -> Iterator[str]:
+    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
+        if line.partition("==")[0] in WHEELS:
+            yield line
+
+
+def download_wheels(platform: str, folder: Path) -> list[Path]:
+    """Wheels for `platform`, from the package index unless they are in `folder` already; empty if there are none."""
+    pins = list(_pinned_versions())
+    found = [path for pin in pins for path in folder.glob(pin.replace("==", "-") + "-*.whl")]
+    if len(found) < len(pins):
+        folder.mkdir(parents=True, exist_ok=True)
+        tags = [item for tag in PLATFORMS[platform] for item in ("--platform", tag)]
+        command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
+        command += ["--only-binary", ":all:", "--python-version", PYTHON_VERSION, "--dest", str(folder), *tags, *pins]
+        if subprocess.run(command, check=False).returncode != 0:
+            return []
+        found = [path for pin in pins for path in folder.glob(pin.replace("==", "-") + "-*.whl")]
+    return sorted(found)
+
+
+def write_manifest(target: Path, platform: str, wheels: Sequence[Path]) -> None:
+    """The repository's manifest with platform and wheels filled in."""
+    text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
+    listed = "".join(f'    "./wheels/{path.name}",\n' for path in wheels)
+    generated = f'platforms = ["{platform}"]\nwheels = [\n{listed}]\n'
+    marker = "[permissions]"
+    assert marker in text
+    (target / "blender_manifest.toml").write_text(text.replace(marker, f"{generated}\n{marker}"), encoding="utf-8")
+    (target / "wheels").mkdir(exist_ok=True)
+    for path in wheels:
+        shutil.copy(path, target / "wheels" / path.name)
+
+
+def blender_extension_tool() -> Path:
+    """Blender's own command-line tool for extensions, in the `bpy` package; it runs without Blender."""
+    try:
+        folder = Path(str(importlib.metadata.distribution("bpy").locate_file("bpy")))
+    except importlib.metadata.PackageNotFoundError:
+        raise SystemExit("bpy is not installed: it brings the tool that builds and checks extensions") from None
+    found = sorted(folder.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
+    if not found:
+        raise SystemExit("this bpy brings no tool for extensions")
+    return found[-1]
+
+
+def build(platform: str, output: Path) -> Path | None:
+    """Build and check the zip for one platform; None where there are no wheels for it."""
+    wheels = download_wheels(platform, ROOT / "build" / "wheels" / platform)
+    if not wheels:
+        print(f"{platform}: no wheels for it, skipped", file=sys.stderr)
+        return None
+    stage = ROOT / "build" / "extension" / platform
+    stage_sources(stage)
+    write_manifest(stage, platform, wheels)
+    output.mkdir(parents=True, exist_ok=True)
+    version = tomllib.loads((stage / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
+    target = output / f"neuralguide-{version}-{platform.replace('-', '_')}.zip"
+    tool = [sys.executable, str(blender_extension_tool())]
+    subprocess.run(
+        [*tool, "build", "--source-dir", str(stage), "--output-filepath", str(target)], check=True, stdout=sys.stderr
+    )
+    subprocess.run([*tool, "validate", str(target)], check=True, stdout=sys.stderr)
+    return target
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--platform", action="append", choices=PLATFORMS, help="default: all")
+    parser.add_argument("--output", type=Path, default=ROOT / "dist")
+    arguments = parser.parse_args()
+    built = [build(platform, arguments.output) for platform in arguments.platform or PLATFORMS]
+    for path in built:
+        if path is not None:
+            print(path)
+    return 0 if any(built) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
