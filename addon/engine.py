@@ -18,7 +18,6 @@ from .properties import render_settings
 
 if TYPE_CHECKING:
     from engine.scene.description import Notice, SceneDescription
-    from engine.settings import RenderSettings
 
 #: Extra reasons to stop, beside Esc: Ctrl-C of the command line, tests.
 cancel_hooks: list[Callable[[], bool]] = []
@@ -69,11 +68,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
     bl_use_preview = False
 
-    # Class attributes rather than `__init__`, whose signature differs between versions of Blender.
+    # Class attributes rather than `__init__`, whose signature differs between versions of Blender; and no types here
+    # but plain ones, since Blender 3.4 evaluates the annotations of every class it registers.
     _session: Any = None
-    _settings: RenderSettings | None = None
+    _settings: Any = None  # RenderSettings of the layer that `update` exported last
     _export_cache: Any = None
-    _pending: list[tuple[str, SceneDescription]] | None = None
+    _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
     _layers_done = 0
     _started = 0.0
 
@@ -137,8 +137,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.session import Session
 
-        assert self._pending is not None
-        assert self._settings is not None
         if self._session is None:
             self._session = Session(self._settings)
         elif self._session.settings != self._settings:

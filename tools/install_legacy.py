@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Installs NeuralGuide into a Blender older than 4.2, which knows no extensions: Debian's 3.4 for one.
+
+`python tools/install_legacy.py /usr/bin/blender` copies the add-on into the user's scripts, has pip put what it needs
+beside it (`scripts/modules` is on Blender's path), and enables it in the saved preferences. From then on
+`blender -b scene.blend -E NEURALGUIDE -f 1` works.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+if __package__:
+    from .build_extension import ROOT, stage_sources
+else:
+    from build_extension import ROOT, stage_sources
+
+#: Blender 3.4 of Debian comes without numpy.
+REQUIREMENTS = ("numpy", "numba", "llvmlite", "embreex")
+
+_ASK_SCRIPTS = "import bpy; print('SCRIPTS=' + bpy.utils.user_resource('SCRIPTS', create=True))"
+_ENABLE = (
+    "import addon_utils, bpy, sys; module = addon_utils.enable('neuralguide', default_set=True); "
+    "bpy.ops.wm.save_userpref(); print('ENABLED=' + str(module is not None))"
+)
+
+
+def _run_in_blender(blender: str, code: str) -> str:
+    command = [blender, "--background", "--python-exit-code", "1", "--python-expr", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"{blender} failed:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def user_scripts(blender: str) -> Path:
+    """The folder of the user's scripts, as that Blender names it."""
+    line = next(line for line in _run_in_blender(blender, _ASK_SCRIPTS).splitlines() if line.startswith("SCRIPTS="))
+    return Path(line.partition("=")[2])
+
+
+def install(blender: str) -> Path:
+    """Install add-on and packages for `blender`, enable it; returns the add-on's folder."""
+    scripts = user_scripts(blender)
+    folder = scripts / "addons" / "neuralguide"
+    stage_sources(folder)
+    pins = [
+        line
+        for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+        if line.partition("==")[0] in REQUIREMENTS
+    ]
+    modules = scripts / "modules"
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    subprocess.run([*command, "--upgrade", "--target", str(modules), *pins], check=True)
+    if "ENABLED=True" not in _run_in_blender(blender, _ENABLE):
+        raise SystemExit(f"{blender} could not enable the add-on in {folder}")
+    return folder
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("blender", nargs="?", default="blender", help="the binary to install into")
+    print(f"installed {install(parser.parse_args().blender)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
