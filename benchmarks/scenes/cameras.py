@@ -75,7 +75,7 @@ def ortho_depth_of_field() -> None:
     """An orthographic camera with depth of field."""
     data = _studio().data
     data.type, data.ortho_scale = "ORTHO", 5.5
-    data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = True, 5.5, 0.1
+    data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = True, 5.5, 4.0
 
 
 @scene("camera-panorama")

@@ -83,14 +83,8 @@ def glossy_anisotropic(nodes: Nodes) -> Socket:
 def glossy_anisotropic_uv(nodes: Nodes) -> Socket:
     """Anisotropic GGX along the UV map's tangent."""
     tangent = nodes("Tangent", {"direction_type": "UV_MAP", "uv_map": "UVMap"})
-    return nodes(
-        "BsdfAnisotropic",
-        {"distribution": "GGX"},
-        Color=(0.9, 0.8, 0.6),
-        Roughness=0.4,
-        Anisotropy=-0.7,
-        Tangent=tangent,
-    )
+    inputs = {"Color": (0.9, 0.8, 0.6), "Roughness": 0.4, "Anisotropy": -0.7, "Tangent": tangent}
+    return nodes("BsdfAnisotropic", {"distribution": "GGX"}, inputs)
 
 
 @closure_scene("refraction-smooth", samples=128)
@@ -173,17 +167,19 @@ def layer_weight(nodes: Nodes) -> Socket:
     )
 
 
-@closure_scene("backfacing")
-def backfacing(nodes: Nodes) -> Socket:
-    """Sides told apart by Geometry's Backfacing: transparent in front, diffuse from within."""
-    return nodes(
-        "MixShader",
-        inputs={
-            0: nodes("NewGeometry", output="Backfacing"),
-            1: nodes("BsdfTransparent"),
-            2: nodes("BsdfDiffuse", Color=(0.8, 0.6, 0.1)),
-        },
-    )
+@scene("backfacing")
+def backfacing() -> None:
+    """Sides told apart by Geometry's Backfacing: diffuse in front, glossy behind."""
+    lit_stage()
+
+    def surface(nodes: Nodes) -> Socket:
+        back = nodes("NewGeometry", output="Backfacing")
+        front = nodes("BsdfDiffuse", Color=(0.8, 0.6, 0.1))
+        return nodes("MixShader", inputs={0: back, 1: front, 2: nodes("BsdfAnisotropic", Roughness=0.4)})
+
+    board = quad("Board", material("board", surface), 1.2, 1.2)
+    add_object("Front", board, (-0.8, 0.0, 0.7), (80, 0, 10))
+    add_object("Back", board, (0.8, 0.0, 0.7), (-100, 0, 10))
 
 
 @scene("alpha-cards")
@@ -193,10 +189,8 @@ def alpha_cards() -> None:
 
     def surface(nodes: Nodes) -> Socket:
         checker = nodes("TexChecker", output="Fac", Vector=nodes("TexCoord", output="UV"), Scale=6.0)
-        return nodes(
-            "MixShader",
-            inputs={0: checker, 1: nodes("BsdfTransparent"), 2: nodes("BsdfDiffuse", Color=(0.2, 0.6, 0.2))},
-        )
+        leaf = nodes("BsdfDiffuse", Color=(0.2, 0.6, 0.2))
+        return nodes("MixShader", inputs={0: checker, 1: nodes("BsdfTransparent"), 2: leaf})
 
     card = quad("Card", material("card", surface), 1.6, 1.6)
     for index in range(5):

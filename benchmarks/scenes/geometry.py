@@ -88,7 +88,7 @@ def instanced() -> None:
     tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    leave = tree.nodes.new("NodeGroupOutput")
     grid = tree.nodes.new("GeometryNodeMeshGrid")
     cube = tree.nodes.new("GeometryNodeMeshCube")
     paint = tree.nodes.new("GeometryNodeSetMaterial")
@@ -101,7 +101,7 @@ def instanced() -> None:
     tree.links.new(grid.outputs["Mesh"], scatter.inputs["Points"])
     tree.links.new(paint.outputs["Geometry"], scatter.inputs["Instance"])
     tree.links.new(scatter.outputs["Instances"], leave.inputs[0])
-    del entry
+
     holder = add_object("Scatter", box("Scatter", random_colour), (0.0, 1.2, 0.15))
     holder.modifiers.new("Scatter", "NODES").node_group = tree
 
@@ -116,8 +116,7 @@ def attributes() -> None:
         value = nodes("Attribute", {"attribute_name": "heat"}, output="Fac")
         second = nodes("UVMap", {"uv_map": "Second"})
         checker = nodes("TexChecker", Vector=second, Scale=4.0)
-        tinted = nodes("Mix", {"data_type": "RGBA", "blend_type": "MULTIPLY"}, {"Factor_Float": 0.5, "A_Color": colour})
-        del tinted
+
         node = nodes.node("Mix", {"data_type": "RGBA"}, {"Factor_Float": value, "A_Color": colour, "B_Color": checker})
         return nodes("BsdfDiffuse", Color=next(s for s in node.outputs if s.identifier == "Result_Color"))
 
@@ -168,9 +167,8 @@ def visibility() -> None:
     """Objects hidden from one kind of ray each, a holdout, and a hidden one."""
     lit_stage()
     for index, name in enumerate(("camera", "diffuse", "glossy", "transmission", "shadow")):
-        created = add_object(
-            name, box(name, diffuse((0.2 + 0.15 * index, 0.5, 0.3)), (0.5, 0.5, 0.8)), (-1.4 + 0.7 * index, -0.3, 0.4)
-        )
+        block = box(name, diffuse((0.2 + 0.15 * index, 0.5, 0.3)), (0.5, 0.5, 0.8))
+        created = add_object(name, block, (-1.4 + 0.7 * index, -0.3, 0.4))
         setattr(created, f"visible_{name}", False)
     mirror = material("mirror", lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.0))
     add_object("Mirror", quad("Mirror", mirror, 3.0, 1.2), (0.0, 1.4, 1.2), (100, 0, 0))

@@ -152,9 +152,8 @@ def temperature() -> None:
     """Light colour by temperature, and exposure."""
     dim_stage()
     light("AREA", 80.0, (-2.0, -1.5, 3.0), (0, 0, 0), size=1.0, use_temperature=True, temperature=2700.0)
-    light(
-        "POINT", 40.0, (2.0, -1.5, 3.0), use_temperature=True, temperature=12000.0, exposure=1.5, color=(1.0, 0.8, 0.8)
-    )
+    cold = light("POINT", 40.0, (2.0, -1.5, 3.0), use_temperature=True, temperature=12000.0, color=(1.0, 0.8, 0.8))
+    cold.data.exposure = 1.5
 
 
 @scene("light-nodes")
@@ -221,10 +220,8 @@ def emissive_one_sided() -> None:
 
     def surface(nodes: Nodes) -> Socket:
         back = nodes("NewGeometry", output="Backfacing")
-        return nodes(
-            "MixShader",
-            inputs={0: back, 1: nodes("Emission", Strength=6.0), 2: nodes("BsdfDiffuse", Color=(0.2, 0.2, 0.2))},
-        )
+        dark = nodes("BsdfDiffuse", Color=(0.2, 0.2, 0.2))
+        return nodes("MixShader", inputs={0: back, 1: nodes("Emission", Strength=6.0), 2: dark})
 
     add_object("Panel", quad("Panel", material("panel", surface), 1.4, 1.4), (0.0, 0.3, 2.2), (150, 10, 0))
 

@@ -15,6 +15,7 @@ Socket = Any
 Surface = Callable[["Nodes"], Socket]
 
 WIDTH, HEIGHT = 96, 72
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Nodes:
@@ -86,9 +87,7 @@ def emitter(color: Sequence[float], strength: float) -> Any:
     return material("emitter", lambda nodes: nodes("Emission", Color=color, Strength=strength))
 
 
-def add_object(
-    name: str, data: Any, location: Sequence[float] = (0, 0, 0), rotation: Sequence[float] = (0, 0, 0)
-) -> Any:
+def add_object(name: str, data: Any, location: Sequence[float] = ORIGIN, rotation: Sequence[float] = ORIGIN) -> Any:
     """Link an object to the scene; rotation in degrees."""
     created = bpy.data.objects.new(name, data)
     created.location = location
@@ -103,7 +102,6 @@ def mesh(
     faces: Sequence[Sequence[int]],
     surface: Any = None,
     uvs: Sequence[Sequence[float]] | None = None,
-    smooth: bool = False,
 ) -> Any:
     """A mesh from lists; `uvs` has one pair per face corner."""
     created = bpy.data.meshes.new(name)
@@ -113,7 +111,6 @@ def mesh(
     if uvs is not None:
         layer = created.uv_layers.new(name="UVMap")
         layer.data.foreach_set("uv", np.asarray(uvs, np.float32).ravel())
-    created.polygons.foreach_set("use_smooth", [smooth] * len(created.polygons))
     created.update()
     return created
 
@@ -125,9 +122,7 @@ def quad(name: str, surface: Any, size_x: float = 2.0, size_y: float = 2.0) -> A
     return mesh(name, corners, [(0, 1, 2, 3)], surface, [(0, 0), (1, 0), (1, 1), (0, 1)])
 
 
-def sphere(
-    name: str, surface: Any, radius: float = 1.0, segments: int = 48, rings: int = 24, smooth: bool = True
-) -> Any:
+def sphere(name: str, surface: Any, radius: float = 1.0, segments: int = 48, rings: int = 24) -> Any:
     """A UV sphere with a UV map."""
     import bmesh
 
@@ -138,7 +133,7 @@ def sphere(
     grid.to_mesh(created)
     grid.free()
     created.materials.append(surface)
-    created.polygons.foreach_set("use_smooth", [smooth] * len(created.polygons))
+    created.polygons.foreach_set("use_smooth", [True] * len(created.polygons))
     return created
 
 
@@ -235,7 +230,7 @@ def lit_stage() -> None:
     """The stage under a soft world and one large area light: quick to converge, with a shadow to see."""
     stage()
     world((0.5, 0.55, 0.6))
-    light("AREA", 150.0, (2.0, -2.0, 4.0), size=2.0)
+    light("AREA", 200.0, (2.0, -2.0, 4.0), size=4.0)
 
 
 def show(surface: Any) -> None:

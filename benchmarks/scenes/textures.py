@@ -98,9 +98,8 @@ def textured_projections() -> None:
     add_object("A", sphere("A", material("a", surface("SPHERE", "Generated")), 0.6), (-1.2, 0.3, 0.6))
     add_object("B", box("B", material("b", surface("BOX", "Object")), (0.9, 0.9, 0.9)), (0.0, 0.6, 0.5), (0, 0, 30))
     add_object("C", sphere("C", material("c", surface("TUBE", "Generated")), 0.6), (1.2, 0.3, 0.6))
-    add_object(
-        "D", box("D", material("d", surface("FLAT", "Generated")), (0.7, 0.7, 0.7)), (0.2, -1.2, 0.35), (0, 0, 20)
-    )
+    block = box("D", material("d", surface("FLAT", "Generated")), (0.7, 0.7, 0.7))
+    add_object("D", block, (0.2, -1.2, 0.35), (0, 0, 20))
 
 
 @scene("textured-color-spaces")
@@ -158,9 +157,7 @@ def procedural() -> None:
             _texture_board("TexVoronoi", Scale=5.0),
             _texture_board("TexVoronoi", "Distance", {"feature": "DISTANCE_TO_EDGE"}, Scale=5.0),
             _texture_board("TexWave", properties={"wave_type": "RINGS"}, Scale=3.0, Distortion=2.0, Detail=2.0),
-            _texture_board(
-                "TexBrick", Scale=3.0, Color1=(0.8, 0.3, 0.2), Color2=(0.5, 0.2, 0.1), Mortar=(0.6, 0.6, 0.6)
-            ),
+            _texture_board("TexBrick", Scale=3.0, Color1=(0.8, 0.3, 0.2), Color2=(0.5, 0.2, 0.1)),
             _texture_board("TexWave", properties={"wave_profile": "SAW", "bands_direction": "DIAGONAL"}, Scale=2.0),
         ]
     )
@@ -177,11 +174,13 @@ def procedural_noise() -> None:
 
     def dimension(count: str) -> Surface:
         def surface(nodes: Nodes) -> Socket:
-            vector = nodes("TexCoord", output="Generated")
-            texture = nodes.node("TexNoise", {"noise_dimensions": count}, W=1.3, Scale=4.0) if count in "1D4D" else None
-            texture = texture or nodes.node("TexNoise", {"noise_dimensions": count}, Scale=4.0)
+            generated = nodes("TexCoord", output="Generated")
+            inputs: dict[int | str, Any] = {"Scale": 4.0}
             if count != "1D":
-                nodes.tree.links.new(vector, texture.inputs["Vector"])
+                inputs["Vector"] = generated
+            if count in ("1D", "4D"):
+                inputs["W"] = nodes("SeparateXYZ", Vector=generated)
+            texture = nodes.node("TexNoise", {"noise_dimensions": count}, inputs)
             return nodes("BsdfDiffuse", Color=texture.outputs["Color"])
 
         return surface
@@ -238,17 +237,16 @@ def color_nodes() -> None:
         node = nodes.node("Mix", properties, {"Factor_Float": factor, "A_Color": colour, "B_Color": (0.9, 0.4, 0.1)})
         return next(socket for socket in node.outputs if socket.identifier == "Result_Color")
 
+    def hue(nodes: Nodes, factor: Socket, colour: Socket) -> Socket:
+        return nodes("HueSaturation", Hue=factor, Saturation=1.4, Value=0.9, Color=colour)
+
     boards(
         [
             board(ramp),
             board(curves),
             board(mix),
             board(lambda nodes, factor, colour: nodes("Invert", Fac=factor, Color=colour)),
-            board(
-                lambda nodes, factor, colour: nodes(
-                    "HueSaturation", Hue=factor, Saturation=1.4, Value=0.9, Color=colour
-                )
-            ),
+            board(hue),
             board(lambda nodes, factor, colour: nodes("Gamma", Color=colour, Gamma=2.2)),
             board(lambda nodes, factor, colour: nodes("BrightContrast", Color=colour, Bright=0.1, Contrast=0.4)),
             board(
@@ -314,12 +312,7 @@ def normal_map() -> None:
     normals = image("Normals", pixels, colorspace="Non-Color")
 
     def surface(nodes: Nodes) -> Socket:
-        colour = nodes("TexImage", {"image": normals})
-        return nodes(
-            "BsdfPrincipled",
-            Base_Color=(0.6, 0.5, 0.5),
-            Roughness=0.3,
-            Normal=nodes("NormalMap", Strength=0.8, Color=colour),
-        )
+        normal = nodes("NormalMap", Strength=0.8, Color=nodes("TexImage", {"image": normals}))
+        return nodes("BsdfPrincipled", Base_Color=(0.6, 0.5, 0.5), Roughness=0.3, Normal=normal)
 
     show(material("normal map", surface))
