@@ -10,12 +10,12 @@ import numpy as np
 
 from engine.scene.description import Float32Array
 
-#: Cycles' RAMP_TABLE_SIZE.
-TABLE_SIZE = 256
+#: Entries of a table: Cycles 5.0 samples 256 intervals, both ends included.
+TABLE_SIZE = 257
 
 
 def bake_ramp(ramp: bpy.types.ColorRamp) -> Float32Array:
-    """Colour and alpha over [0, 1], float32 (256, 4)."""
+    """Colour and alpha over [0, 1], float32 (257, 4)."""
     return np.array([tuple(ramp.evaluate(i / (TABLE_SIZE - 1))) for i in range(TABLE_SIZE)], np.float32)
 
 
@@ -25,7 +25,7 @@ def bake_curves(mapping: bpy.types.CurveMapping, kind: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        `curves` float32 (256, 3), or (256, 1) for a float curve, over [`min_x`, `max_x`], which spans every curve;
+        `curves` float32 (257, 3), or (257, 1) for a float curve, over [`min_x`, `max_x`], which spans every curve;
         `extrapolate` whether the curves go on outside. For RGB curves the combined curve is applied first.
     """
     mapping.initialize()

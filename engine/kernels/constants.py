@@ -13,7 +13,7 @@ INFINITY = np.float32(np.inf)
 FLOAT_MAX = np.float32(3.4e38)
 ONE_MINUS_EPSILON = np.float32(1.0 - 2.0**-24)
 
-#: Rec.709 luminance weights.
-LUMINANCE_R = np.float32(0.2126729)
-LUMINANCE_G = np.float32(0.7151522)
-LUMINANCE_B = np.float32(0.0721750)
+#: Rec.709 luminance weights, from the primaries and D65 as Blender's colour configuration has them.
+LUMINANCE_R = np.float32(0.2126390)
+LUMINANCE_G = np.float32(0.7151687)
+LUMINANCE_B = np.float32(0.0721923)

@@ -72,9 +72,9 @@ class Node:
         is absent. A socket identifier is Blender 5.0's `socket.identifier` (older hosts translate).
     properties : dict
         The node's own settings by their RNA names (`operation`, `blend_type`, `interpolation`, ...); images as an
-        index into `SceneDescription.images` under `'image'` (-1 = missing). Ramps as a float32 table `'ramp'` (256, 4)
-        over [0, 1], with `'interpolate'` (False = constant steps). Curves as `'curves'`, (256, 3) for colours (the
-        combined curve first, then each channel's) and vectors, (256, 1) for Float Curve, sampled evenly from
+        index into `SceneDescription.images` under `'image'` (-1 = missing). Ramps as a float32 table `'ramp'` (257, 4)
+        over [0, 1], with `'interpolate'` (False = constant steps). Curves as `'curves'`, (257, 3) for colours (the
+        combined curve first, then each channel's) and vectors, (257, 1) for Float Curve, sampled evenly from
         `'min_x'` to `'max_x'` (the extent of all curves), with `'extrapolate'`.
     """
 
