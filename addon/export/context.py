@@ -26,6 +26,14 @@ class CachedMesh:
 
 
 @dataclass
+class CachedImage:
+    """The last pixels read of an image, and the state of the datablock and file they were read from."""
+
+    image: Image
+    state: Hashable
+
+
+@dataclass
 class ExportCache:
     """Keeps what did not change between exports of one file, so that it is neither read nor rebuilt again.
 
@@ -35,14 +43,14 @@ class ExportCache:
 
     meshes: dict[Hashable, CachedMesh] = field(default_factory=dict)
     materials: dict[Hashable, Material] = field(default_factory=dict)
-    images: dict[Hashable, Image] = field(default_factory=dict)
+    images: dict[Hashable, CachedImage] = field(default_factory=dict)
     #: Address of the dependency graph of the last export, 0 = none.
     depsgraph: int = 0
-    #: Number given to the next mesh whose content is new.
+    #: Number of the last mesh or image whose content was new.
     next_version: int = 0
 
     def new_version(self) -> int:
-        """A number no earlier mesh of this cache has."""
+        """A number no earlier object of this cache has."""
         self.next_version += 1
         return self.next_version
 

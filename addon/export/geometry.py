@@ -167,10 +167,11 @@ def _add_attributes(
             attribute = read_attribute(mesh, name, topology)
             if attribute is not None:
                 exported.attributes[name] = attribute
-    for name in sorted({name or exported.default_uv for name in request.tangents}):
-        if name in exported.attributes and exported.attributes[name].data.shape[1] == 2:
+    for name in sorted(request.tangents):
+        uv = exported.attributes.get(name or exported.default_uv)
+        if uv is not None and uv.data.shape[1] == 2:
             context.check_cancel()
-            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, exported.attributes[name].data)
+            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data)
     if request.generated and len(owner.modifiers) > 0:
         _add_undeformed(mesh, exported)
 

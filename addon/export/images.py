@@ -13,7 +13,7 @@ import numpy as np
 from engine.scene.description import Float32Array, Image
 
 from .colorspaces import DATA_SPACES, to_scene_linear
-from .context import ExportContext
+from .context import CachedImage, ExportContext
 
 _MISSING = "the image is missing or cannot be read"
 _PINK = "Blender's pink"
@@ -48,22 +48,31 @@ class ImageExporter:
             context.notice(f"{subject} / {image.name}", "UDIM tiles are not supported", "the first tile everywhere")
         if image.source == "MOVIE":
             context.notice(f"{subject} / {image.name}", "movies are not supported", "one frame of it")
-        key = (image.name_full, frame, *_state(context, image, frame))
-        kept = context.cache.images.get((image.name_full, frame))
-        if kept is not None and kept.key == key and not image.is_dirty:
-            return kept
-        exported = _read_sequence(context, image, frame, key) if frame is not None else _read(context, image, key)
-        if exported is not None:
-            if kept is not None and image.is_dirty:
-                # Painted on: only its pixels tell whether it changed.
-                if isinstance(kept.key, tuple) and kept.key[: len(key)] == key and np.array_equal(kept.pixels, exported.pixels):
-                    return kept
-                exported.key = (*key, context.cache.new_version())
-            context.cache.images[image.name_full, frame] = exported
+        identity = (image.name_full, frame)
+        state = _state(context, image, frame)
+        kept = context.cache.images.get(identity)
+        # A painted image says so until it is saved; only its pixels tell whether it changed again.
+        if kept is not None and kept.state == state and not image.is_dirty:
+            return kept.image
+        exported = _read(context, image) if frame is None else _read_sequence(context, image, frame)
+        if exported is None:
+            return None
+        if kept is not None and _is_equal(kept.image, exported):
+            exported = kept.image
+        else:
+            exported.key = (*identity, context.cache.new_version())
+        context.cache.images[identity] = CachedImage(exported, state)
         return exported
 
 
-def _read(context: ExportContext, image: bpy.types.Image, key: Hashable) -> Image | None:
+def _is_equal(a: Image, b: Image) -> bool:
+    settings = ("name", "encoding", "is_associated", "alpha_mode")
+    if any(getattr(a, name) != getattr(b, name) for name in settings) or a.pixels.dtype != b.pixels.dtype:
+        return False
+    return np.array_equal(a.pixels.view(np.uint8), b.pixels.view(np.uint8))
+
+
+def _read(context: ExportContext, image: bpy.types.Image) -> Image | None:
     """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
     width, height = image.size
     if width < 1 or height < 1:
@@ -77,7 +86,7 @@ def _read(context: ExportContext, image: bpy.types.Image, key: Hashable) -> Imag
     raw = _four_channels(flat.reshape(height, width, channels))
     space = image.colorspace_settings.name
     is_data = space in DATA_SPACES or bool(getattr(image.colorspace_settings, "is_data", False))
-    exported = Image(key, image.name, raw, alpha_mode=image.alpha_mode)
+    exported = Image(None, image.name, raw, alpha_mode=image.alpha_mode)
     if image.is_float:
         # Blender converts floats on loading, and multiplies them with their alpha.
         exported.encoding = "RAW" if is_data else "LINEAR"
@@ -173,9 +182,7 @@ def _frame_number(
     return min(max(frame, 0), length) + user.frame_offset
 
 
-def _read_sequence(
-    context: ExportContext, image: bpy.types.Image, frame: int, key: Hashable
-) -> Image | None:
+def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -> Image | None:
     """One file of a sequence, through a datablock of its own: Blender's `pixels` cannot be asked for a frame."""
     path = _path(image, frame)
     if not os.path.isfile(path):
@@ -187,7 +194,7 @@ def _read_sequence(
     try:
         single.colorspace_settings.name = image.colorspace_settings.name
         single.alpha_mode = image.alpha_mode
-        exported = _read(context, single, key)
+        exported = _read(context, single)
     finally:
         bpy.data.images.remove(single)
     if exported is not None:

@@ -24,6 +24,7 @@ from engine.scene.description import (
 
 from .context import ExportContext
 from .materials import MaterialExporter
+from .object_properties import Value, find_property
 
 _RAY_VISIBILITY = (
     ("visible_camera", VISIBLE_CAMERA),
@@ -68,6 +69,8 @@ class Appearance:
     is_instance: bool
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
+    #: Values of properties that materials read, by the names the engine has for them.
+    properties: tuple[tuple[str, Value], ...] = ()
 
 
 @dataclass
@@ -176,6 +179,8 @@ def _classify(
             visibility &= ~VISIBLE_CAMERA
         if visibility == 0:
             return -1
+    slots = _slots(context, materials, shown) if is_mesh else ()
+    wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
     kinds.append(
         Appearance(
             name=shown.name,
@@ -188,7 +193,8 @@ def _classify(
             is_holdout=is_holdout,
             is_shadow_catcher=shown.is_shadow_catcher or parent.is_shadow_catcher,
             is_instance=item.is_instance,
-            materials=_slots(context, materials, shown) if is_mesh else (),
+            materials=slots,
+            properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
     )
     if kinds[-1].is_shadow_catcher and is_mesh:

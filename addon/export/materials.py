@@ -20,12 +20,14 @@ from .nodes import GraphExporter
 class AttributeRequest:
     """What materials want to know about a mesh besides its shape and UV maps.
 
-    `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one); `generated` whether
-    undeformed coordinates are of use, `instancer` whether those of the instancer are.
+    `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one), `properties` those of the
+    object ("object:name") or of its instancer first ("instancer:name"); `generated` whether undeformed coordinates
+    are of use, `instancer` whether those of the instancer are.
     """
 
     names: frozenset[str] = frozenset()
     tangents: frozenset[str] = frozenset()
+    properties: frozenset[str] = frozenset()
     generated: bool = False
     instancer: bool = False
 
@@ -33,6 +35,7 @@ class AttributeRequest:
         return AttributeRequest(
             self.names | other.names,
             self.tangents | other.tangents,
+            self.properties | other.properties,
             self.generated or other.generated,
             self.instancer or other.instancer,
         )
@@ -121,11 +124,16 @@ def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
     """The attributes the nodes of a graph read."""
     names: set[str] = set()
     tangents: set[str] = set()
+    properties: set[str] = set()
     generated = instancer = False
     linked = _linked_outputs(graph) if graph is not None else set()
     for index, node in enumerate(graph.nodes if graph is not None else ()):
-        if node.kind == "ShaderNodeAttribute" and node.properties.get("attribute_type", "GEOMETRY") == "GEOMETRY":
-            names.add(node.properties["attribute_name"])
+        if node.kind == "ShaderNodeAttribute":
+            kind = node.properties.get("attribute_type", "GEOMETRY")
+            if kind == "GEOMETRY":
+                names.add(node.properties["attribute_name"])
+            elif kind in ("OBJECT", "INSTANCER"):
+                properties.add(f"{kind.lower()}:{node.properties['attribute_name']}")
         elif node.kind == "ShaderNodeVertexColor":
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":
@@ -142,7 +150,7 @@ def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
             generated = generated or _is_anisotropic(node)
         if node.kind in ("ShaderNodeTexCoord", "ShaderNodeUVMap") and node.properties.get("from_instancer"):
             instancer = True
-    return AttributeRequest(frozenset(names), frozenset(tangents), generated, instancer)
+    return AttributeRequest(frozenset(names), frozenset(tangents), frozenset(properties), generated, instancer)
 
 
 def _linked_outputs(graph: NodeGraph) -> set[tuple[int, str]]:

@@ -18,6 +18,7 @@ from .context import ExportContext
 from .images import ImageExporter
 from .node_tables import bake_curves, bake_ramp
 from .node_versions import modernize
+from .object_properties import read_property
 
 #: Linear Rec.709 luminance, Cycles' weights where a colour meets a float socket.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -225,25 +226,12 @@ class GraphExporter:
         return self._images.export(node.image, node.image_user, subject)
 
     def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
-        """A custom property of the view layer, scene or world, as four floats; zeros if there is none."""
+        """A property of the view layer, scene or world; zeros if there is none."""
         context = self._context
         for owner in (context.view_layer, context.scene, context.scene.world):
-            if owner is None:
-                continue
-            value = owner.get(name)
-            if value is None:
-                try:
-                    value = owner.path_resolve(name)
-                except (ValueError, AttributeError):
-                    continue
-            if isinstance(value, (int, float)):
-                return (float(value), float(value), float(value), 1.0)
-            try:
-                numbers = [float(number) for number in value][:4]
-            except (TypeError, ValueError):
-                continue
-            padded = [*numbers, *(0.0, 0.0, 0.0, 1.0)[len(numbers) :]]
-            return (padded[0], padded[1], padded[2], padded[3])
+            value = None if owner is None else read_property(owner, name)
+            if value is not None:
+                return value
         return (0.0, 0.0, 0.0, 0.0)
 
     def _notice(self, node: bpy.types.Node, problem: str, fallback: str) -> None:

@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import bpy
 import numpy as np
 
-from engine.scene.description import Instances, Light, Mesh, SceneDescription
+from engine.scene.description import Attribute, Instances, Light, Mesh, SceneDescription
 
 from .camera import export_camera, export_frame
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext
 from .geometry import export_mesh
 from .images import ImageExporter
-from .instances import Appearances, gather_appearances
+from .instances import Appearance, Appearances, gather_appearances
 from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .nodes import GraphExporter
@@ -133,20 +134,24 @@ def _export_instances(
         requests[address] = request
 
     meshes: list[Mesh] = []
-    rows: dict[int, int] = {0: -1}
+    exported: dict[int, Mesh | None] = {0: None}
+    rows: dict[tuple[int, object], int] = {}
+    mesh_of_kind: list[int] = []
     for address, kind in zip(addresses, kinds, strict=True):
-        if address in rows or kind.mesh is None:
-            continue
-        context.check_cancel()
-        mesh = export_mesh(context, kind.mesh, kind.owner, requests[address])
-        rows[address] = -1 if mesh is None else len(meshes)
-        if mesh is not None:
-            meshes.append(mesh)
-            if not np.isfinite(mesh.vertices).all():
-                context.notice(kind.name, "has NaN or infinite vertices", "their triangles are left out")
+        if address not in exported and kind.mesh is not None:
+            context.check_cancel()
+            exported[address] = _export_mesh(context, kind, requests[address])
+        mesh = exported[address]
+        variant = (address, kind.properties)
+        if mesh is None:
+            rows[variant] = -1
+        elif variant not in rows:
+            rows[variant] = len(meshes)
+            meshes.append(_with_properties(mesh, kind))
+        mesh_of_kind.append(rows[variant])
 
     slots: list[int] = []
-    kind_mesh = np.array([rows[address] for address in addresses] + [-1], np.int32)
+    kind_mesh = np.array([*mesh_of_kind, -1], np.int32)
     kind_offset = np.zeros(len(kinds) + 1, np.int32)
     for row, kind in enumerate(kinds):
         if kind_mesh[row] < 0:
@@ -182,6 +187,24 @@ def _export_instances(
         dupli_uv=appearances.uv[chosen],
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
     )
+
+
+def _export_mesh(context: ExportContext, kind: Appearance, request: AttributeRequest) -> Mesh | None:
+    assert kind.mesh is not None
+    mesh = export_mesh(context, kind.mesh, kind.owner, request)
+    if mesh is not None and not np.isfinite(mesh.vertices).all():
+        context.notice(kind.name, "has NaN or infinite vertices", "their triangles are left out")
+    return mesh
+
+
+def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:
+    """The mesh with an object's properties as attributes: another mesh, of the same arrays, for other values."""
+    if not kind.properties:
+        return mesh
+    attributes = dict(mesh.attributes)
+    for name, value in kind.properties:
+        attributes[name] = Attribute("MESH", np.array([value], np.float32))
+    return replace(mesh, key=(mesh.key, kind.properties), attributes=attributes)
 
 
 def _drop_broken(
