@@ -8,13 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, Accelerator, build_accelerator
-from engine.kernels.bsdf.tables import BsdfTables, bsdf_tables
-from engine.scene.arrays import INSTANCE_VISIBILITY, GeometryArrays
+from engine.kernels.bsdf import BsdfTables, load_tables
+from engine.scene.arrays import (
+    INSTANCE_MESH,
+    INSTANCE_VISIBILITY,
+    MESH_FIRST_TRIANGLE,
+    MESH_TRIANGLE_COUNT,
+    GeometryArrays,
+)
 from engine.scene.camera import CameraArrays, build_camera
 from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
 from engine.scene.geometry import build_geometry
 from engine.scene.light_arrays import LightArrays
 from engine.scene.lights import build_lights
+from engine.scene.programs import compile_scene
 from engine.settings import RenderSettings
 from engine.shaders.arrays import PROGRAM_FLAGS, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
@@ -44,6 +51,7 @@ class SceneCache:
         self.geometry: GeometryArrays | None = None
         self.accelerator: Accelerator | None = None
         self.shadow_masks: np.ndarray | None = None
+        self.geometry_notices: list[Notice] = []
 
 
 def _geometry_key(description: SceneDescription, attribute_names: tuple[str, ...]) -> object:
