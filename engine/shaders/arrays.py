@@ -5,8 +5,8 @@ A program is a run of instructions in `ShaderArrays.code`:
 
     code[pc] opcode | code[pc + 1] length in words | outputs ... | inputs ... | immediates ...
 
-Outputs and inputs are indices into the thread's memory (`allocate_memory`): registers first, constants behind them, so a
-kernel reads either the same way. Vectors and colours take three consecutive floats. Immediates are plain integers.
+Outputs and inputs are indices into the thread's memory (`allocate_memory`): registers first, constants behind them, so
+a kernel reads either the same way. Vectors and colours take three consecutive floats. Immediates are plain integers.
 """
 
 from __future__ import annotations

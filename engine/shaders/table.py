@@ -14,9 +14,9 @@ The instruction that results is laid out as
     then         memory index of each input, in the order of `inputs` (1 or 3 floats there)
     then         the immediates
 
-What the compiler does for every entry, so that kernels need not: unlinked sockets become constants (`Socket.default`, or
-the value in the node); linked values are converted to the socket's type as Cycles does; an instruction whose inputs are
-all constants is run once at compile time by the very same kernel (unless `is_varying`); equal instructions on equal
+What the compiler does for every entry, so that kernels need not: unlinked sockets become constants (`Socket.default`,
+or the value in the node); linked values are converted to the socket's type as Cycles does; an instruction whose inputs
+are all constants is run once at compile time by the very same kernel (unless `is_varying`); equal instructions on equal
 operands run once; instructions nobody reads are dropped; where a Bump node needs heights at displaced points, what
 depends on the point is emitted again.
 
@@ -38,7 +38,7 @@ Example: a node without options, and one with an enum and a table.
 In kernels a table is read as `tables[code[pc + k] + i]` (the immediate is the first float's index).
 A float property that is not a socket is passed as an input that no node has: `Socket("", FLOAT, node.properties["x"])`.
 A socket whose unlinked default comes from the surface uses an `Implicit` as its default, such as `Implicit.GENERATED`
-for the Vector of procedural textures. Tell the user about what is not supported with `builder.notice(problem, fallback)`.
+for the Vector of procedural textures. Report what is not supported with `builder.notice(problem, fallback)`.
 Identifiers are those of Blender 5.0 (`socket.identifier`), so a Mix node's are `Factor_Float`, `A_Color`, ...
 Integer, boolean and rotation sockets are FLOAT, FLOAT and VECTOR.
 """
@@ -83,6 +83,7 @@ class Implicit(Enum):
     UV = "uv"
     POSITION = "position"
     TANGENT = "tangent"
+    OBJECT_NORMAL = "object normal"
 
 
 @dataclass(frozen=True)

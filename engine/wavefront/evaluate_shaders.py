@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: run shader programs at points, the same kernel for surfaces, light samples, background and shadow hits.
 
-`evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, scratch, mode)`, see there. It lives with
-the other kernels because the shader compiler folds constants with it.
+It lives with the other kernels because the shader compiler folds constants with it; `scratch` is a thread's
+`allocate_memory(shaders)`.
 """
 
 from engine.kernels.shader.interpreter import evaluate_shaders

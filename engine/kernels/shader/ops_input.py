@@ -20,7 +20,6 @@ from engine.kernels.shader.surface import (
     generated,
     mirrored_position,
     normal_to_object,
-    normal_to_world,
     orthogonal_tangent,
     radial_tangent,
     read_point,
@@ -28,7 +27,7 @@ from engine.kernels.shader.surface import (
     to_object,
     uv_tangent_object,
 )
-from engine.kernels.vector import dot, normalize, scale, subtract, transform_point
+from engine.kernels.vector import dot, normalize, scale, subtract, transform_direction, transform_point
 from engine.scene.arrays import INSTANCE_MESH, MESH_DEFAULT_COLOR, MESH_DEFAULT_UV
 from engine.shaders.arrays import CAMERA_WORLD_TO_CAMERA
 from engine.state import (
@@ -55,6 +54,7 @@ OP_MIX_WEIGHTS = INPUT_FIRST + 5  # first, second <- weight, fac
 OP_MAPPING = INPUT_FIRST + 6  # vector <- vector, location, rotation, scale | type
 OP_TRANSFORM_POINT = INPUT_FIRST + 7  # vector <- vector | table (3x4), normalize
 OP_NORMAL_NODE = INPUT_FIRST + 8  # normal, dot <- normal, direction
+OP_SATURATE = INPUT_FIRST + 9  # float <- float
 OP_POSITION = INPUT_FIRST + 10  # vector <- width | axis
 OP_NORMAL = INPUT_FIRST + 11  # vector <-
 OP_TRUE_NORMAL = INPUT_FIRST + 12  # vector <-
@@ -68,7 +68,7 @@ OP_CAMERA_COORDINATE = INPUT_FIRST + 19  # vector <- width | axis
 OP_WINDOW = INPUT_FIRST + 20  # vector <- width | axis
 OP_REFLECTION = INPUT_FIRST + 21  # vector <-
 OP_INSTANCER = INPUT_FIRST + 22  # vector <- | 0 = generated, 1 = uv
-OP_ATTRIBUTE = INPUT_FIRST + 23  # vector, fac, alpha <- width | axis, slot (-1 = render UV, -2 = render colour), is_color
+OP_ATTRIBUTE = INPUT_FIRST + 23  # vector, fac, alpha <- width | axis, slot (-1 UV, -2 colour), is_color
 OP_LIGHT_PATH = INPUT_FIRST + 24  # float <- | LIGHT_PATH_*
 OP_OBJECT_VECTOR = INPUT_FIRST + 25  # vector <- | 0 = location, 1 = colour
 OP_OBJECT_FLOAT = INPUT_FIRST + 26  # float <- | OBJECT_*
@@ -81,6 +81,8 @@ OP_LAYER_WEIGHT = INPUT_FIRST + 34  # fresnel, facing <- blend, normal
 OP_VECTOR_TRANSFORM = INPUT_FIRST + 35  # vector <- vector | type, from, to
 OP_LIGHT_FALLOFF = INPUT_FIRST + 36  # quadratic, linear, constant <- strength, smooth
 OP_SET_NORMAL = INPUT_FIRST + 37  # <- normal (displacement as bump: the point's shading normal from here on)
+OP_DISPLACEMENT = INPUT_FIRST + 38  # vector <- height, midlevel, scale, normal | in object space
+OP_DOT = INPUT_FIRST + 39  # float <- a, b
 
 MAPPING_POINT = 0
 MAPPING_TEXTURE = 1
@@ -299,7 +301,14 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         if uv_slot < 0:
             uv_slot = default_slot(geometry, points.integer[lane, POINT_INSTANCE], MESH_DEFAULT_UV)
         n = normal_map(
-            geometry, points, lane, read3(memory, code[pc + 3]), memory[code[pc + 4]], code[pc + 5], code[pc + 6], uv_slot
+            geometry,
+            points,
+            lane,
+            read3(memory, code[pc + 3]),
+            memory[code[pc + 4]],
+            code[pc + 5],
+            code[pc + 6],
+            uv_slot,
         )
         write3(memory, code[pc + 2], n)
     elif opcode == OP_BUMP:
@@ -380,6 +389,18 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         memory[code[pc + 2]] = quadratic
         memory[code[pc + 3]] = linear
         memory[code[pc + 4]] = constant
+    elif opcode == OP_SATURATE:
+        memory[code[pc + 2]] = min(max(memory[code[pc + 3]], 0.0), 1.0)
+    elif opcode == OP_DOT:
+        memory[code[pc + 2]] = dot(read3(memory, code[pc + 3]), read3(memory, code[pc + 4]))
+    elif opcode == OP_DISPLACEMENT:
+        n = read3(memory, code[pc + 6])
+        height = (memory[code[pc + 3]] - memory[code[pc + 4]]) * memory[code[pc + 5]]
+        instance = points.integer[lane, POINT_INSTANCE]
+        if code[pc + 7] != 0 and instance >= 0:
+            n = normal_to_object(geometry, instance, n)
+            n = transform_direction(geometry.transforms, instance, n)
+        write3(memory, code[pc + 2], scale(n, height))
     elif opcode == OP_SET_NORMAL:
         n = safe_normal(read3(memory, code[pc + 2]), read_point(points, lane, POINT_NS))
         points.real[lane, POINT_NS] = n[0]

@@ -4,8 +4,18 @@
 import math
 
 from engine.jit import kernel
-from engine.kernels.vector import add, cross, dot, negate, normalize, scale, subtract, transform_direction
-from engine.kernels.vector import transform_normal, transform_point
+from engine.kernels.vector import (
+    add,
+    cross,
+    dot,
+    negate,
+    normalize,
+    scale,
+    subtract,
+    transform_direction,
+    transform_normal,
+    transform_point,
+)
 from engine.scene.arrays import (
     ATTRIBUTE_COMPONENTS,
     ATTRIBUTE_DOMAIN,
@@ -60,12 +70,13 @@ def displaced_position(points, lane, axis, width):
     p = read_point(points, lane, POINT_P)
     if axis == 0:
         return p
-    return add(p, scale(footprint_axis(read_point(points, lane, POINT_NG), axis), points.real[lane, POINT_RADIUS] * width))
+    direction = footprint_axis(read_point(points, lane, POINT_NG), axis)
+    return add(p, scale(direction, points.real[lane, POINT_RADIUS] * width))
 
 
 @kernel
 def mirrored_position(points, lane, axis, width):
-    """`displaced_position`, mirrored on back faces: Cycles negates dPdu and dPdv there, so attributes move backwards."""
+    """`displaced_position`, backwards on back faces, where Cycles negates dPdu and dPdv."""
     if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
         width = -width
     return displaced_position(points, lane, axis, width)
@@ -90,7 +101,8 @@ def edges(geometry, instance, triangle):
     )
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
         return e1, e2
-    return transform_direction(geometry.transforms, instance, e1), transform_direction(geometry.transforms, instance, e2)
+    transforms = geometry.transforms
+    return transform_direction(transforms, instance, e1), transform_direction(transforms, instance, e2)
 
 
 @kernel

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Running programs at compile time: single instructions on constants, and whole programs on a stand-in surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from engine import state
+from engine.kernels.bsdf.tables import bsdf_tables
+from engine.kernels.shader.interpreter import evaluate_shaders
+from engine.scene import arrays as layout
+from engine.scene.arrays import Float32Array, GeometryArrays
+from engine.shaders.arrays import (
+    CAMERA_ROWS,
+    FIRST_REGISTER,
+    IMAGE_WIDTH,
+    MODE_CLOSURES,
+    MODE_EMISSION,
+    PROGRAM_END,
+    PROGRAM_WIDTH,
+    VALUE_WIDTH,
+    ShaderArrays,
+    allocate_memory,
+)
+from engine.shaders.program import Constant, Instruction
+
+_SIDE = 16
+
+
+def stand_in_geometry(attribute_count: int) -> GeometryArrays:
+    """A unit square of two triangles; every attribute is its UV map (u, v, 0, 1)."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], np.float32)
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+    corners = vertices[triangles.ravel()].copy()
+    data = np.concatenate([corners[:, :2], np.zeros((6, 1)), np.ones((6, 1))], axis=1).astype(np.float32)
+    mesh = np.zeros((1, layout.MESH_WIDTH), np.int32)
+    mesh[0, layout.MESH_TRIANGLE_COUNT] = 2
+    mesh[0, layout.MESH_VERTEX_COUNT] = 4
+    mesh[0, layout.MESH_FIRST_NORMAL] = -1
+    count = max(attribute_count, 1)
+    table = np.tile(np.array([layout.DOMAIN_CORNER, 4, 0], np.int64), (count, 1))
+    identity = np.eye(4, dtype=np.float32)[:3].reshape(1, 12).copy()
+    return GeometryArrays(
+        vertices=vertices,
+        triangles=triangles,
+        corner_normals=np.zeros((1, 9), np.float32),
+        material_slots=np.zeros(2, np.int32),
+        mesh_table=mesh,
+        instance_table=np.zeros((1, layout.INSTANCE_WIDTH), np.int32),
+        transforms=identity,
+        inverses=identity.copy(),
+        instance_values=np.full((1, 12), 0.5, np.float32),
+        instance_materials=np.zeros(1, np.int32),
+        attribute_table=table,
+        attribute_data=np.ascontiguousarray(data.ravel()),
+        texture_space=np.array([[0.5, 0.5, 0.0, 0.5, 0.5, 0.5]], np.float32),
+        attribute_count=np.array([count], np.int64),
+    )
+
+
+@cache
+def _one_lane() -> tuple[GeometryArrays, state.ShadePoints, state.Closures, np.ndarray]:
+    points = state.allocate_points(1)
+    points.integer[0, state.POINT_INSTANCE] = -1
+    return stand_in_geometry(1), points, state.allocate_closures(1), np.zeros(1, np.int32)
+
+
+def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]:
+    """Outputs of an instruction whose inputs are all constants, computed by its own kernel."""
+    line = [instruction.opcode, 0]
+    at = FIRST_REGISTER
+    outputs = []
+    for width in instruction.output_widths:
+        outputs.append(at)
+        at += width
+    line += outputs
+    register_count = at
+    values: list[float] = []
+    for value in instruction.inputs:
+        assert isinstance(value, Constant)
+        line.append(register_count + len(values))
+        values.extend(value.value)
+    line += instruction.immediates
+    line[1] = len(line)
+    programs = np.zeros((1, PROGRAM_WIDTH), np.int32)
+    programs[0, PROGRAM_END] = len(line)
+    shaders = ShaderArrays(
+        code=np.array(line, np.int32),
+        constants=np.array(values or [0.0], np.float32),
+        programs=programs,
+        program_values=np.zeros((1, VALUE_WIDTH), np.float32),
+        program_pass_index=np.zeros(1, np.float32),
+        images=np.zeros((1, IMAGE_WIDTH), np.int64),
+        pixels_byte=np.zeros(4, np.uint8),
+        pixels_float=np.zeros(4, np.float32),
+        tables=tables,
+        camera=np.zeros((CAMERA_ROWS, 12), np.float32),
+        register_count=np.array([register_count], np.int64),
+    )
+    memory = allocate_memory(shaders)
+    geometry, points, closures, lanes = _one_lane()
+    evaluate_shaders(shaders, geometry, bsdf_tables(), points, closures, lanes, 1, memory, MODE_CLOSURES)
+    return tuple(
+        Constant(tuple(float(x) for x in memory[slot : slot + width]))
+        for slot, width in zip(outputs, instruction.output_widths, strict=True)
+    )
+
+
+def estimate_emission(
+    shaders: ShaderArrays, programs: Sequence[int], kinds: Sequence[str], attribute_count: int
+) -> Float32Array:
+    """Mean radiance of each program as diffuse light rays see it, for choosing among lights, not for shading.
+
+    Materials are seen from the front over a unit square whose every attribute is its UV map; worlds and lights over
+    all directions.
+    """
+    sample_count = _SIDE * _SIDE
+    points = state.allocate_points(sample_count)
+    closures = state.allocate_closures(sample_count)
+    lanes = np.arange(sample_count, dtype=np.int32)
+    geometry = stand_in_geometry(attribute_count)
+    memory = allocate_memory(shaders)
+    result = np.zeros((len(programs), 3), np.float32)
+    for row, (program, kind) in enumerate(zip(programs, kinds, strict=True)):
+        if kind == "MATERIAL":
+            _spread_over_square(points)
+        else:
+            _spread_over_sphere(points)
+        points.integer[:, state.POINT_RAY_FLAGS] = state.RAY_DIFFUSE | state.RAY_REFLECT | state.RAY_EMISSION
+        points.integer[:, state.POINT_LIGHT] = 0 if kind == "LIGHT" else -1
+        points.integer[:, state.POINT_PROGRAM] = program
+        evaluate_shaders(shaders, geometry, bsdf_tables(), points, closures, lanes, sample_count, memory, MODE_EMISSION)
+        emission = np.nan_to_num(closures.emission[:, :3].astype(np.float64), posinf=0.0, neginf=0.0)
+        result[row] = np.maximum(emission, 0.0).mean(axis=0)
+    return result
+
+
+def _grid() -> tuple[np.ndarray, np.ndarray]:
+    steps = (np.arange(_SIDE, dtype=np.float32) + np.float32(0.5)) / np.float32(_SIDE)
+    x, y = np.meshgrid(steps, steps)
+    return x.ravel(), y.ravel()
+
+
+def _spread_over_square(points: state.ShadePoints) -> None:
+    x, y = _grid()
+    real, integer = points.real, points.integer
+    real[:] = 0.0
+    real[:, state.POINT_P] = x
+    real[:, state.POINT_P + 1] = y
+    for column in (state.POINT_WO, state.POINT_NG, state.POINT_NS):
+        real[:, column + 2] = 1.0
+    # Triangle 0 has corners 00, 10, 11: x = u + v, y = v. Triangle 1 has 00, 11, 01: x = u, y = u + v.
+    lower = y <= x
+    real[:, state.POINT_U] = np.where(lower, x - y, x)
+    real[:, state.POINT_V] = np.where(lower, y, y - x)
+    real[:, state.POINT_RAY_LENGTH] = 1.0
+    integer[:] = 0
+    integer[:, state.POINT_TRIANGLE] = np.where(lower, 0, 1)
+
+
+def _spread_over_sphere(points: state.ShadePoints) -> None:
+    x, y = _grid()
+    z = 2.0 * y - 1.0
+    r = np.sqrt(1.0 - z * z)
+    direction = np.stack([r * np.cos(2.0 * np.pi * x), r * np.sin(2.0 * np.pi * x), z], axis=1)
+    points.real[:] = 0.0
+    points.real[:, state.POINT_P : state.POINT_P + 3] = direction
+    for column in (state.POINT_WO, state.POINT_NG, state.POINT_NS):
+        points.real[:, column : column + 3] = -direction
+    points.real[:, state.POINT_RAY_LENGTH] = 1.0
+    points.integer[:] = 0
+    points.integer[:, state.POINT_INSTANCE] = -1

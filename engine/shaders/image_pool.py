@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Images of a scene as two pools of pixels, bytes and floats, with alpha as Cycles' loader leaves it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.scene.arrays import Float32Array, Int64Array, Uint8Array
+from engine.scene.description import Image, Notice
+from engine.shaders.arrays import (
+    IMAGE_IS_ASSOCIATED,
+    IMAGE_IS_FLOAT,
+    IMAGE_IS_SRGB,
+    IMAGE_OFFSET,
+    IMAGE_WIDTH,
+    IMAGE_X,
+    IMAGE_Y,
+    SRGB_TABLE_SIZE,
+)
+
+#: Alpha modes whose colour is multiplied by alpha before filtering (the others leave it alone).
+_ASSOCIATING = ("STRAIGHT", "PREMUL")
+
+
+def srgb_table() -> Float32Array:
+    """The sRGB decoding curve sampled evenly on [0, 1] (IEC 61966-2-1)."""
+    x = np.linspace(0.0, 1.0, SRGB_TABLE_SIZE)
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def is_associated(image: Image) -> bool:
+    """Whether the pooled image has its colour multiplied by alpha."""
+    return image.encoding != "RAW" and image.alpha_mode in _ASSOCIATING
+
+
+def build_image_pool(images: Sequence[Image]) -> tuple[Int64Array, Uint8Array, Float32Array, list[Notice]]:
+    """Table of images and the two pools; an image without pixels becomes one transparent black texel."""
+    notices: list[Notice] = []
+    table = np.zeros((max(len(images), 1), IMAGE_WIDTH), np.int64)
+    usable = [_usable(image, notices) for image in images]
+    is_float = [pixels.dtype != np.uint8 for pixels in usable]
+    sizes = [pixels.size for pixels in usable]
+    byte_pool = np.zeros(max(sum(s for s, f in zip(sizes, is_float, strict=True) if not f), 4), np.uint8)
+    float_pool = np.zeros(max(sum(s for s, f in zip(sizes, is_float, strict=True) if f), 4), np.float32)
+    if not images:
+        table[0, IMAGE_X] = table[0, IMAGE_Y] = 1
+    ends = [0, 0]
+    for row, (image, pixels) in enumerate(zip(images, usable, strict=True)):
+        pool = float_pool if is_float[row] else byte_pool
+        start = ends[is_float[row]]
+        ends[is_float[row]] = start + pixels.size
+        view = pool[start : start + pixels.size].reshape(pixels.shape)
+        _copy(image, pixels, view)
+        table[row, IMAGE_X] = pixels.shape[1]
+        table[row, IMAGE_Y] = pixels.shape[0]
+        table[row, IMAGE_OFFSET] = start
+        table[row, IMAGE_IS_FLOAT] = is_float[row]
+        table[row, IMAGE_IS_SRGB] = image.encoding == "SRGB"
+        table[row, IMAGE_IS_ASSOCIATED] = is_associated(image)
+    return table, byte_pool, float_pool, notices
+
+
+def _usable(image: Image, notices: list[Notice]) -> np.ndarray:
+    pixels = image.pixels
+    if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.size == 0:
+        notices.append(Notice(f"image {image.name}", f"has pixels of shape {pixels.shape}", "transparent black"))
+        return np.zeros((1, 1, 4), np.uint8)
+    if pixels.dtype not in (np.uint8, np.float32):
+        return pixels.astype(np.float32)
+    return pixels
+
+
+def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> None:
+    """Copy pixels, bringing alpha to what the image's alpha mode asks for."""
+    view[...] = pixels
+    opaque = 255 if view.dtype == np.uint8 else 1.0
+    if image.alpha_mode == "NONE":
+        view[..., 3] = opaque
+        return
+    if view.dtype != np.uint8:
+        # A texel that is not finite would spread through every filter.
+        view[~np.isfinite(view).all(axis=2)] = 0.0
+    if image.is_associated == is_associated(image) or (view[..., 3] == opaque).all():
+        return
+    if not image.is_associated:
+        alpha = view[..., 3:4]
+        if view.dtype == np.uint8:
+            view[..., :3] = (view[..., :3].astype(np.uint16) * alpha) // 255
+        else:
+            view[..., :3] *= alpha

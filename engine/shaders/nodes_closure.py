@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shader nodes: closures, and how Mix and Add Shader hand weights on to them.
+
+Each closure's entry is a function `emit(node, weight, builder)`; it appends instructions through `builder.closure`,
+which takes the opcode, the weight, further operands and the modes that need the instruction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX
+from engine.kernels.shader import ops_closure as ops
+from engine.scene.description import Node
+from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+from engine.shaders.program import Constant, Value
+from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
+
+Emit = Callable[[Node, Value, Any], None]
+
+_LOBES = (MODE_CLOSURES,)
+_DISTRIBUTIONS = {
+    "GGX": GGX,
+    "MULTI_GGX": MULTI_GGX,
+    "BECKMANN": BECKMANN,
+    "ASHIKHMIN_SHIRLEY": ASHIKHMIN_SHIRLEY,
+    "SHARP": GGX,
+}
+_ZERO = Constant((0.0,))
+_ONE = Constant((1.0,))
+_BLACK = Constant((0.0, 0.0, 0.0))
+_WHITE = Constant((1.0, 1.0, 1.0))
+
+
+def _distribution(node: Node, default: str) -> int:
+    return _DISTRIBUTIONS.get(str(node.properties.get("distribution", default)), GGX)
+
+
+def _normal(builder: Any, identifier: str = "Normal") -> Value:
+    return builder.input(Socket(identifier, VECTOR, Implicit.NORMAL))
+
+
+def _color(builder: Any, identifier: str = "Color", default: float = 0.8) -> Value:
+    return builder.input(Socket(identifier, COLOR, (default, default, default)))
+
+
+def _float(builder: Any, identifier: str, default: float) -> Value:
+    return builder.input(Socket(identifier, FLOAT, default))
+
+
+def is_zero(value: Value) -> bool:
+    """Whether the value is constant and zero."""
+    return isinstance(value, Constant) and not any(value.value)
+
+
+def _roughness(node: Node, builder: Any, default: float) -> Value:
+    if node.properties.get("distribution") == "SHARP":
+        return _ZERO
+    return _float(builder, "Roughness", default)
+
+
+def diffuse(node: Node, weight: Value, builder: Any) -> None:
+    """Diffuse BSDF."""
+    operands = (_normal(builder), _color(builder), _float(builder, "Roughness", 0.0))
+    builder.closure(ops.OP_DIFFUSE, weight, operands, modes=_LOBES)
+
+
+def translucent(node: Node, weight: Value, builder: Any) -> None:
+    """Translucent BSDF."""
+    builder.closure(ops.OP_TRANSLUCENT, weight, (_normal(builder), _color(builder)), modes=_LOBES)
+
+
+def transparent(node: Node, weight: Value, builder: Any) -> None:
+    """Transparent BSDF."""
+    builder.closure(
+        ops.OP_TRANSPARENT, weight, (_color(builder, default=1.0),), modes=(MODE_CLOSURES, MODE_TRANSPARENCY)
+    )
+
+
+def holdout(node: Node, weight: Value, builder: Any) -> None:
+    """Holdout."""
+    builder.closure(ops.OP_HOLDOUT, weight, (), modes=(MODE_CLOSURES, MODE_TRANSPARENCY))
+
+
+def emission(node: Node, weight: Value, builder: Any) -> None:
+    """Emission and Background."""
+    color = _color(builder, default=1.0 if node.kind == "ShaderNodeEmission" else 0.8)
+    strength = _float(builder, "Strength", 1.0)
+    if not is_zero(color) and not is_zero(strength):
+        builder.closure(ops.OP_EMISSION, weight, (color, strength), modes=(MODE_CLOSURES, MODE_EMISSION))
+
+
+def glossy(node: Node, weight: Value, builder: Any) -> None:
+    """Glossy BSDF (which Blender 4 and later store as the anisotropic one)."""
+    anisotropy = _float(builder, "Anisotropy", 0.0)
+    rotation = _ZERO if is_zero(anisotropy) else _float(builder, "Rotation", 0.0)
+    tangent = _BLACK if is_zero(anisotropy) else builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT))
+    operands = (_normal(builder), _color(builder), _roughness(node, builder, 0.5), anisotropy, rotation, tangent)
+    builder.closure(ops.OP_GLOSSY, weight, operands, (_distribution(node, "MULTI_GGX"),), modes=_LOBES)
+
+
+def refraction(node: Node, weight: Value, builder: Any) -> None:
+    """Refraction BSDF."""
+    color = _color(builder, default=1.0)
+    operands = (_normal(builder), color, _roughness(node, builder, 0.0), _float(builder, "IOR", 1.45))
+    builder.closure(ops.OP_REFRACTION, weight, operands, (_distribution(node, "BECKMANN"),), modes=_LOBES)
+
+
+def glass(node: Node, weight: Value, builder: Any) -> None:
+    """Glass BSDF."""
+    _thin_film(builder)
+    color = _color(builder, default=1.0)
+    operands = (_normal(builder), color, _roughness(node, builder, 0.0), _float(builder, "IOR", 1.5))
+    builder.closure(ops.OP_GLASS, weight, operands, (_distribution(node, "MULTI_GGX"),), modes=_LOBES)
+
+
+def _thin_film(builder: Any) -> None:
+    if not is_zero(_float(builder, "Thin Film Thickness", 0.0)):
+        builder.notice("thin film interference is not supported", "no film")
+
+
+#: Operands of OP_PRINCIPLED behind the normals and the tangent, with the values that switch each of them off.
+_PRINCIPLED_OFF: dict[str, Value] = {
+    "base_color": _BLACK,
+    "metallic": _ZERO,
+    "roughness": Constant((0.5,)),
+    "diffuse_roughness": _ZERO,
+    "ior": Constant((1.5,)),
+    "specular_level": _ZERO,
+    "specular_tint": _WHITE,
+    "anisotropic": _ZERO,
+    "anisotropic_rotation": _ZERO,
+    "transmission": _ZERO,
+    "coat_weight": _ZERO,
+    "coat_roughness": _ZERO,
+    "coat_ior": Constant((1.5,)),
+    "coat_tint": _WHITE,
+    "sheen_weight": _ZERO,
+    "sheen_roughness": Constant((0.5,)),
+    "sheen_tint": _WHITE,
+    "emission_color": _BLACK,
+    "emission_strength": _ZERO,
+    "alpha": _ONE,
+}
+
+
+def _principled_lobes(builder: Any, weight: Value, distribution: int, modes: tuple[int, ...], **values: Value) -> None:
+    """OP_PRINCIPLED with everything off but `values` (and the normals)."""
+    normal = values.pop("normal", None) or _normal(builder)
+    coat_normal = values.pop("coat_normal", None) or normal
+    tangent = values.pop("tangent", None) or _BLACK
+    rest = tuple((_PRINCIPLED_OFF | values).values())
+    builder.closure(
+        ops.OP_PRINCIPLED, weight, (normal, coat_normal, tangent, *rest), (distribution,), modes=modes
+    )
+
+
+def principled(node: Node, weight: Value, builder: Any) -> None:
+    """Principled BSDF; shadow rays see its alpha only, light samples its emission only."""
+    alpha = _float(builder, "Alpha", 1.0)
+    if not (isinstance(alpha, Constant) and alpha.value[0] >= 1.0):
+        builder.closure(ops.OP_ALPHA, weight, (alpha,), modes=(MODE_TRANSPARENCY,))
+    if isinstance(alpha, Constant) and alpha.value[0] <= 0.0:
+        builder.closure(ops.OP_ALPHA, weight, (alpha,), modes=_LOBES)
+        return
+    coat = _float(builder, "Coat Weight", 0.0)
+    sheen = _float(builder, "Sheen Weight", 0.0)
+    emission_color = _color(builder, "Emission Color", 1.0)
+    emission_strength = _float(builder, "Emission Strength", 0.0)
+    values: dict[str, Value] = {"alpha": alpha}
+    emits = not is_zero(emission_color) and not is_zero(emission_strength)
+    if emits:
+        values |= {"emission_color": emission_color, "emission_strength": emission_strength}
+    if not is_zero(coat):
+        values |= {
+            "coat_weight": coat,
+            "coat_roughness": _float(builder, "Coat Roughness", 0.03),
+            "coat_ior": _float(builder, "Coat IOR", 1.5),
+            "coat_tint": _color(builder, "Coat Tint", 1.0),
+            "coat_normal": _normal(builder, "Coat Normal"),
+        }
+    if not is_zero(sheen):
+        values |= {
+            "sheen_weight": sheen,
+            "sheen_roughness": _float(builder, "Sheen Roughness", 0.5),
+            "sheen_tint": _color(builder, "Sheen Tint", 1.0),
+        }
+    distribution = _distribution(node, "MULTI_GGX")
+    if emits:
+        if is_zero(coat) and is_zero(sheen):
+            visible = builder.multiply(weight, builder.saturate(alpha))
+            operands = (emission_color, emission_strength)
+            builder.closure(ops.OP_EMISSION, visible, operands, modes=(MODE_EMISSION,))
+        else:
+            # Coat and sheen attenuate what lies below them: let the whole closure work it out.
+            _principled_lobes(builder, weight, distribution, (MODE_EMISSION,), **values)
+    anisotropic = _float(builder, "Anisotropic", 0.0)
+    if not is_zero(anisotropic):
+        values |= {
+            "anisotropic": anisotropic,
+            "anisotropic_rotation": _float(builder, "Anisotropic Rotation", 0.0),
+            "tangent": builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT)),
+        }
+    values |= {
+        "base_color": _color(builder, "Base Color"),
+        "metallic": _float(builder, "Metallic", 0.0),
+        "roughness": _float(builder, "Roughness", 0.5),
+        "diffuse_roughness": _float(builder, "Diffuse Roughness", 0.0),
+        "ior": _float(builder, "IOR", 1.5),
+        "specular_level": _float(builder, "Specular IOR Level", 0.5),
+        "specular_tint": _color(builder, "Specular Tint", 1.0),
+        "transmission": _float(builder, "Transmission Weight", 0.0),
+    }
+    _principled_lobes(builder, weight, distribution, _LOBES, **values)
+    _thin_film(builder)
+    if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
+        _float(builder, "Subsurface Scale", 0.05)
+    ):
+        builder.notice("subsurface scattering is not supported", "diffuse reflection of the base colour")
+
+
+def metallic(node: Node, weight: Value, builder: Any) -> None:
+    """Metallic BSDF, as the metallic part of the Principled BSDF (the same F82 model)."""
+    _thin_film(builder)
+    if node.properties.get("fresnel_type", "F82") != "F82":
+        builder.notice("a Metallic BSDF with physical n and k is not supported", "the F82 model with its colours")
+    values: dict[str, Value] = {
+        "base_color": _color(builder, "Base Color", 0.617),
+        "specular_tint": _color(builder, "Edge Tint", 0.695),
+        "metallic": _ONE,
+        "roughness": _float(builder, "Roughness", 0.5),
+    }
+    anisotropic = _float(builder, "Anisotropy", 0.0)
+    if not is_zero(anisotropic):
+        values |= {
+            "anisotropic": anisotropic,
+            "anisotropic_rotation": _float(builder, "Rotation", 0.0),
+            "tangent": builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT)),
+        }
+    _principled_lobes(builder, weight, _distribution(node, "MULTI_GGX"), _LOBES, **values)
+
+
+def sheen(node: Node, weight: Value, builder: Any) -> None:
+    """Sheen BSDF, as the sheen of the Principled BSDF over black."""
+    if node.properties.get("distribution") == "ASHIKHMIN":
+        builder.notice("Ashikhmin's sheen is not supported", "microfibre sheen")
+    values = {
+        "sheen_weight": _ONE,
+        "sheen_roughness": _float(builder, "Roughness", 0.5),
+        "sheen_tint": _color(builder),
+    }
+    _principled_lobes(builder, weight, GGX, _LOBES, **values)
+
+
+def _as_diffuse(problem: str) -> Emit:
+    def emit(node: Node, weight: Value, builder: Any) -> None:
+        builder.notice(problem, "a diffuse surface of its colour")
+        builder.closure(ops.OP_DIFFUSE, weight, (_normal(builder), _color(builder), _ZERO), modes=_LOBES)
+
+    return emit
+
+
+def _nothing(problem: str) -> Emit:
+    def emit(node: Node, weight: Value, builder: Any) -> None:
+        builder.notice(problem, "nothing")
+
+    return emit
+
+
+def ray_portal(node: Node, weight: Value, builder: Any) -> None:
+    """Ray Portal BSDF: unsupported."""
+    builder.notice("Ray Portal is not supported", "transparent")
+    operands = (_color(builder, default=1.0),)
+    builder.closure(ops.OP_TRANSPARENT, weight, operands, modes=(MODE_CLOSURES, MODE_TRANSPARENCY))
+
+
+CLOSURES: dict[str, Emit] = {
+    "ShaderNodeBsdfPrincipled": principled,
+    "ShaderNodeBsdfDiffuse": diffuse,
+    "ShaderNodeBsdfGlossy": glossy,
+    "ShaderNodeBsdfAnisotropic": glossy,
+    "ShaderNodeBsdfRefraction": refraction,
+    "ShaderNodeBsdfGlass": glass,
+    "ShaderNodeBsdfTranslucent": translucent,
+    "ShaderNodeBsdfTransparent": transparent,
+    "ShaderNodeBsdfMetallic": metallic,
+    "ShaderNodeBsdfSheen": sheen,
+    "ShaderNodeBsdfVelvet": sheen,
+    "ShaderNodeBsdfToon": _as_diffuse("Toon BSDF is not supported"),
+    "ShaderNodeBsdfHair": _as_diffuse("Hair BSDF is not supported"),
+    "ShaderNodeBsdfHairPrincipled": _as_diffuse("Principled Hair BSDF is not supported"),
+    "ShaderNodeSubsurfaceScattering": _as_diffuse("Subsurface Scattering is not supported"),
+    "ShaderNodeBsdfRayPortal": ray_portal,
+    "ShaderNodeEmission": emission,
+    "ShaderNodeBackground": emission,
+    "ShaderNodeHoldout": holdout,
+    "ShaderNodeVolumeAbsorption": _nothing("volumes are not supported"),
+    "ShaderNodeVolumeScatter": _nothing("volumes are not supported"),
+    "ShaderNodeVolumePrincipled": _nothing("volumes are not supported"),
+    "ShaderNodeVolumeCoefficients": _nothing("volumes are not supported"),
+}
+
+MIX_SHADER = "ShaderNodeMixShader"
+ADD_SHADER = "ShaderNodeAddShader"

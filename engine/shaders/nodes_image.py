@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Entries of the node table for Image and Environment Texture, and for textures that are replaced by a colour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from engine.kernels.shader import images as lookup
+from engine.kernels.shader import ops_image as ops
+from engine.scene.description import Node
+from engine.shaders.image_pool import is_associated
+from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket
+
+_PROJECTIONS = {
+    "FLAT": ops.PROJECTION_FLAT,
+    "BOX": ops.PROJECTION_BOX,
+    "SPHERE": ops.PROJECTION_SPHERE,
+    "TUBE": ops.PROJECTION_TUBE,
+    "EQUIRECTANGULAR": ops.PROJECTION_EQUIRECTANGULAR,
+    "MIRROR_BALL": ops.PROJECTION_MIRROR_BALL,
+}
+_INTERPOLATIONS = {
+    "Linear": lookup.INTERPOLATION_LINEAR,
+    "Closest": lookup.INTERPOLATION_CLOSEST,
+    "Cubic": lookup.INTERPOLATION_CUBIC,
+    "Smart": lookup.INTERPOLATION_CUBIC,
+}
+_EXTENSIONS = {
+    "REPEAT": lookup.EXTENSION_REPEAT,
+    "EXTEND": lookup.EXTENSION_EXTEND,
+    "CLIP": lookup.EXTENSION_CLIP,
+    "MIRROR": lookup.EXTENSION_MIRROR,
+}
+_OUTPUTS = (Socket("Color", COLOR), Socket("Alpha", FLOAT))
+
+
+def _lookup(node: Node, builder: Any, projection: int, vector: Implicit, extension: int) -> Operation:
+    image = builder.image(int(node.properties.get("image", -1)))
+    row = -1
+    unassociate = 0
+    if image is not None:
+        row, description = image
+        # Cycles divides alpha out of the colour only where the node's alpha is used.
+        unassociate = int(is_associated(description) and builder.is_linked("Alpha"))
+    # The box projection asks for the object space normal, at the undisplaced point.
+    normal = Implicit.OBJECT_NORMAL if projection == ops.PROJECTION_BOX else (0.0, 0.0, 1.0)
+    inputs = (
+        Socket("Vector", VECTOR, vector),
+        Socket("", VECTOR, normal),
+        Socket("", FLOAT, float(node.properties.get("projection_blend", 0.0))),
+    )
+    interpolation = _INTERPOLATIONS.get(str(node.properties.get("interpolation", "Linear")), 0)
+    immediates = (row, projection, interpolation, extension, unassociate)
+    opcode = ops.OP_IMAGE if projection < ops.PROJECTION_EQUIRECTANGULAR else ops.OP_ENVIRONMENT
+    return Operation(opcode, inputs, _OUTPUTS, immediates, is_varying=True)
+
+
+def _image(node: Node, builder: Any) -> Operation:
+    projection = _PROJECTIONS.get(str(node.properties.get("projection", "FLAT")), ops.PROJECTION_FLAT)
+    extension = _EXTENSIONS.get(str(node.properties.get("extension", "REPEAT")), lookup.EXTENSION_REPEAT)
+    return _lookup(node, builder, projection, Implicit.UV, extension)
+
+
+def _environment(node: Node, builder: Any) -> Operation:
+    name = str(node.properties.get("projection", "EQUIRECTANGULAR"))
+    projection = _PROJECTIONS.get(name, ops.PROJECTION_EQUIRECTANGULAR)
+    return _lookup(node, builder, projection, Implicit.POSITION, lookup.EXTENSION_REPEAT)
+
+
+def _replaced(problem: str, outputs: dict[str, tuple[Any, Any]], fallback: str) -> Callable[[Node, Any], Operation]:
+    """A texture that is not supported: each output (type, value) is a constant."""
+
+    def lower(node: Node, builder: Any) -> Operation:
+        builder.notice(problem, fallback)
+        inputs = tuple(Socket("", type_, value) for type_, value in outputs.values())
+        return Operation(-1, inputs, tuple(Socket(name, type_) for name, (type_, _value) in outputs.items()))
+
+    return lower
+
+
+def _occlusion(node: Node, builder: Any) -> Operation:
+    builder.notice("Ambient Occlusion is not supported", "nothing is occluded")
+    color = Socket("Color", COLOR, (1.0, 1.0, 1.0))
+    return Operation(-1, (color, Socket("", FLOAT, 1.0)), (Socket("Color", COLOR), Socket("AO", FLOAT)))
+
+
+def _bevel(node: Node, builder: Any) -> Operation:
+    builder.notice("Bevel is not supported", "its Normal input")
+    return Operation(-1, (Socket("Normal", VECTOR, Implicit.NORMAL),), (Socket("Normal", VECTOR),))
+
+
+NODES: NodeTable = {
+    "ShaderNodeTexImage": _image,
+    "ShaderNodeTexEnvironment": _environment,
+    "ShaderNodeTexSky": _replaced(
+        "Sky Texture is not supported", {"Color": (COLOR, (0.27, 0.42, 0.68))}, "a constant blue"
+    ),
+    "ShaderNodeTexIES": _replaced("IES Texture is not supported", {"Fac": (FLOAT, 1.0)}, "1 in every direction"),
+    "ShaderNodeWireframe": _replaced("Wireframe is not supported", {"Fac": (FLOAT, 0.0)}, "0, no wires"),
+    "ShaderNodeAmbientOcclusion": _occlusion,
+    "ShaderNodeBevel": _bevel,
+}

@@ -1,0 +1,404 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Entries of the node table that read the surface, the object, the ray or the camera.
+
+A node here may have several outputs with an instruction each: its entry is an `Outputs`, output identifier to a
+function that lowers that output alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from engine.kernels.shader import light_path as lp
+from engine.kernels.shader import ops_input as ops
+from engine.scene.description import Node
+from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
+from engine.state import (
+    RAY_CAMERA,
+    RAY_DIFFUSE,
+    RAY_GLOSSY,
+    RAY_REFLECT,
+    RAY_SHADOW,
+    RAY_SINGULAR,
+    RAY_TRANSMIT,
+    RAY_VOLUME,
+)
+
+
+class Outputs(dict[str, Callable[[Node, Any], Operation]]):
+    """Node kinds whose outputs are separate instructions."""
+
+
+_NORMAL_INPUT = Socket("Normal", VECTOR, Implicit.NORMAL)
+
+DEFAULT_UV_SLOT = -1
+DEFAULT_COLOR_SLOT = -2
+
+
+def constant(value: float | tuple[float, ...], type_: SocketType = FLOAT) -> Operation:
+    """Operation without an instruction: the compiler returns its only input's default."""
+    return Operation(-1, (Socket("", type_, value),), (Socket("", type_),))
+
+
+def read(opcode: int, type_: SocketType, *immediates: int) -> Callable[[Node, Any], Operation]:
+    """Output `type_` of an instruction without inputs."""
+    operation = Operation(opcode, (), (Socket("", type_),), immediates, is_varying=True)
+    return lambda node, builder: operation
+
+
+def displaced(opcode: int) -> Callable[[Node, Any], Operation]:
+    """Output of an instruction `vector <- width | axis`."""
+
+    def lower(node: Node, builder: Any) -> Operation:
+        width = Socket("", FLOAT, builder.filter_width)
+        return Operation(opcode, (width,), (Socket("", VECTOR),), (builder.axis,), is_varying=True)
+
+    return lower
+
+
+def attribute(builder: Any, slot: int, outputs: tuple[Socket, ...], *, is_color: bool = False) -> Operation:
+    """OP_ATTRIBUTE with its outputs vector, fac and alpha named."""
+    width = Socket("", FLOAT, builder.filter_width)
+    return Operation(
+        ops.OP_ATTRIBUTE, (width,), outputs, (builder.axis, slot, int(is_color)), is_varying=True
+    )
+
+
+_UNNAMED = (Socket("", VECTOR), Socket("\0fac", FLOAT), Socket("\0alpha", FLOAT))
+
+
+def uv(name: str) -> Callable[[Node, Any], Operation]:
+    """UV map `name`, '' = the render-active one."""
+
+    def lower(node: Node, builder: Any) -> Operation:
+        builder.mark_uv()
+        slot = builder.attribute_slot(name) if name else DEFAULT_UV_SLOT
+        return attribute(builder, slot, _UNNAMED)
+
+    return lower
+
+
+def _object_coordinate(node: Node, builder: Any) -> Operation:
+    matrix = node.properties.get("object_matrix")
+    if matrix is None:
+        return displaced(ops.OP_OBJECT_COORDINATE)(node, builder)
+    position = Socket("", VECTOR, Implicit.POSITION)
+    table = builder.add_table(np.asarray(matrix, np.float32)[:3])
+    return Operation(ops.OP_TRANSFORM_POINT, (position,), (Socket("", VECTOR),), (table, 0))
+
+
+def _uv_map(node: Node, builder: Any) -> Operation:
+    if node.properties.get("from_instancer"):
+        return read(ops.OP_INSTANCER, VECTOR, 1)(node, builder)
+    return uv(str(node.properties.get("uv_map", "")))(node, builder)
+
+
+def _from_instancer(kind: int, otherwise: Callable[[Node, Any], Operation]) -> Callable[[Node, Any], Operation]:
+    def lower(node: Node, builder: Any) -> Operation:
+        if node.properties.get("from_instancer"):
+            return read(ops.OP_INSTANCER, VECTOR, kind)(node, builder)
+        return otherwise(node, builder)
+
+    return lower
+
+
+def _zero(type_: SocketType, problem: str) -> Callable[[Node, Any], Operation]:
+    def lower(node: Node, builder: Any) -> Operation:
+        builder.notice(problem, "0")
+        return constant(0.0 if type_ is FLOAT else (0.0, 0.0, 0.0), type_)
+
+    return lower
+
+
+def _value(value: float) -> Callable[[Node, Any], Operation]:
+    return lambda node, builder: constant(value)
+
+
+def _pointiness(node: Node, builder: Any) -> Operation:
+    builder.notice("Pointiness is not supported", "0.5, as on a flat surface")
+    return constant(0.5)
+
+
+def _attribute(node: Node, builder: Any) -> Operation:
+    name = str(node.properties.get("attribute_name", ""))
+    outputs = (Socket("Color", COLOR), Socket("Fac", FLOAT), Socket("Alpha", FLOAT))
+    kind = node.properties.get("attribute_type", "GEOMETRY")
+    if kind == "VIEW_LAYER":
+        value = tuple(float(x) for x in node.properties.get("value", (0.0, 0.0, 0.0, 0.0)))
+        color = Socket("", COLOR, value[:3])
+        fac = Socket("", FLOAT, sum(value[:3]) / 3.0)
+        inputs = (color, fac, Socket("", FLOAT, value[3]))
+        return Operation(-1, inputs, (*outputs, Socket("Vector", VECTOR)))
+    if kind in ("OBJECT", "INSTANCER"):
+        name = f"{kind.lower()}:{name}"
+    return attribute(builder, builder.attribute_slot(name) if name else -3, outputs)
+
+
+def _color_attribute(node: Node, builder: Any) -> Operation:
+    name = str(node.properties.get("layer_name", ""))
+    slot = builder.attribute_slot(name) if name else DEFAULT_COLOR_SLOT
+    outputs = (Socket("Color", COLOR), Socket("\0fac", FLOAT), Socket("Alpha", FLOAT))
+    return attribute(builder, slot, outputs, is_color=True)
+
+
+_MAPPINGS = {"POINT": 0, "TEXTURE": 1, "VECTOR": 2, "NORMAL": 3}
+
+
+def _mapping(node: Node, builder: Any) -> Operation:
+    kind = str(node.properties.get("vector_type", "POINT"))
+    inputs = (
+        Socket("Vector", VECTOR, (0.0, 0.0, 0.0)),
+        Socket("Location", VECTOR, (0.0, 0.0, 0.0)),
+        Socket("Rotation", VECTOR, (0.0, 0.0, 0.0)),
+        Socket("Scale", VECTOR, (1.0, 1.0, 1.0)),
+    )
+    outputs = (Socket("Vector", VECTOR),)
+    known = [builder.constant_input(socket) for socket in inputs[1:]]
+    if any(value is None for value in known):
+        return Operation(ops.OP_MAPPING, inputs, outputs, (_MAPPINGS.get(kind, 0),))
+    table = builder.add_table(mapping_matrix(kind, *known))
+    return Operation(ops.OP_TRANSFORM_POINT, inputs[:1], outputs, (table, int(kind == "NORMAL")))
+
+
+def mapping_matrix(
+    kind: str, location: tuple[float, ...], rotation: tuple[float, ...], scale: tuple[float, ...]
+) -> np.ndarray:
+    """The Mapping node with constant settings as a 3x4 matrix (NORMAL is normalised after it)."""
+    (cx, cy, cz), (sx, sy, sz) = (tuple(f(a) for a in rotation) for f in (math.cos, math.sin))
+    turn = np.array(
+        [
+            [cy * cz, sy * sx * cz - cx * sz, sy * cx * cz + sx * sz],
+            [cy * sz, sy * sx * sz + cx * cz, sy * cx * sz - sx * cz],
+            [-sy, cy * sx, cy * cx],
+        ]
+    )
+    inverse_scale = np.array([1.0 / s if s != 0.0 else 0.0 for s in scale])
+    matrix = np.zeros((3, 4))
+    if kind == "TEXTURE":
+        matrix[:, :3] = inverse_scale[:, None] * turn.T
+        matrix[:, 3] = -matrix[:, :3] @ np.array(location)
+    elif kind == "NORMAL":
+        matrix[:, :3] = turn * inverse_scale
+    else:
+        matrix[:, :3] = turn * np.array(scale)
+        if kind == "POINT":
+            matrix[:, 3] = location
+    return matrix.astype(np.float32)
+
+
+_SPACES = {"TANGENT": 0, "OBJECT": 1, "WORLD": 2, "BLENDER_OBJECT": 3, "BLENDER_WORLD": 4}
+
+
+def _normal_map(node: Node, builder: Any) -> Operation:
+    space = _SPACES.get(str(node.properties.get("space", "TANGENT")), 0)
+    name = str(node.properties.get("uv_map", ""))
+    tangent_slot = -3
+    uv_slot = -1
+    if space == 0:
+        builder.mark_uv()
+        tangent_slot = builder.attribute_slot(f"{name}.tangent")
+        uv_slot = builder.attribute_slot(name) if name else -1
+    builder.mark_bump()
+    inputs = (Socket("Color", COLOR, (0.5, 0.5, 1.0)), Socket("Strength", FLOAT, 1.0))
+    return Operation(
+        ops.OP_NORMAL_MAP, inputs, (Socket("Normal", VECTOR),), (space, tangent_slot, uv_slot), is_varying=True
+    )
+
+
+_AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+def _tangent(node: Node, builder: Any) -> Operation:
+    outputs = (Socket("Tangent", VECTOR),)
+    if node.properties.get("direction_type", "RADIAL") == "RADIAL":
+        axis = _AXES.get(str(node.properties.get("axis", "Z")), 2)
+        return Operation(ops.OP_TANGENT, (), outputs, (axis, -3, -3), is_varying=True)
+    builder.mark_uv()
+    name = str(node.properties.get("uv_map", ""))
+    slots = (builder.attribute_slot(f"{name}.tangent"), builder.attribute_slot(name) if name else -1)
+    return Operation(ops.OP_TANGENT, (), outputs, (3, *slots), is_varying=True)
+
+
+_TRANSFORMS = {"VECTOR": 0, "POINT": 1, "NORMAL": 2}
+_FRAMES = {"WORLD": 0, "OBJECT": 1, "CAMERA": 2}
+
+
+def _vector_transform(node: Node, builder: Any) -> Operation:
+    get = node.properties.get
+    immediates = (
+        _TRANSFORMS.get(str(get("vector_type", "VECTOR")), 0),
+        _FRAMES.get(str(get("convert_from", "WORLD")), 0),
+        _FRAMES.get(str(get("convert_to", "OBJECT")), 1),
+    )
+    inputs = (Socket("Vector", VECTOR, (0.5, 0.5, 0.5)),)
+    return Operation(ops.OP_VECTOR_TRANSFORM, inputs, (Socket("Vector", VECTOR),), immediates, is_varying=True)
+
+
+def _normal(node: Node, builder: Any) -> Operation:
+    direction = tuple(float(x) for x in node.properties.get("value", (0.0, 0.0, 1.0)))
+    inputs = (Socket("Normal", VECTOR, (0.0, 0.0, 1.0)), Socket("", VECTOR, direction))
+    return Operation(ops.OP_NORMAL_NODE, inputs, (Socket("Normal", VECTOR), Socket("Dot", FLOAT)))
+
+
+def _light_path(kind: int) -> Callable[[Node, Any], Operation]:
+    return read(ops.OP_LIGHT_PATH, FLOAT, kind)
+
+
+def _object_float(kind: int) -> Callable[[Node, Any], Operation]:
+    return read(ops.OP_OBJECT_FLOAT, FLOAT, kind)
+
+
+def _socket_value(type_: SocketType, identifier: str) -> Callable[[Node, Any], Operation]:
+    def lower(node: Node, builder: Any) -> Operation:
+        value = node.properties.get("value", 0.0)
+        if type_ is not FLOAT:
+            value = tuple(float(x) for x in (value if isinstance(value, (tuple, list)) else (value,) * 3))[:3]
+        return Operation(-1, (Socket("", type_, value),), (Socket(identifier, type_),))
+
+    return lower
+
+
+_PARTICLE = "particle data is not supported"
+_HAIR = "hair data is not supported on meshes"
+
+NODES: NodeTable = {
+    "ShaderNodeValue": _socket_value(FLOAT, "Value"),
+    "ShaderNodeRGB": _socket_value(COLOR, "Color"),
+    "ShaderNodeUVMap": lambda node, builder: _rename(_uv_map(node, builder), "UV"),
+    "ShaderNodeAttribute": _attribute,
+    "ShaderNodeVertexColor": _color_attribute,
+    "ShaderNodeMapping": _mapping,
+    "ShaderNodeNormalMap": _normal_map,
+    "ShaderNodeNormal": _normal,
+    "ShaderNodeTangent": _tangent,
+    "ShaderNodeVectorTransform": _vector_transform,
+    "ShaderNodeFresnel": Operation(
+        ops.OP_FRESNEL, (Socket("IOR", FLOAT, 1.5), _NORMAL_INPUT), (Socket("Fac", FLOAT),), is_varying=True
+    ),
+    "ShaderNodeLayerWeight": Operation(
+        ops.OP_LAYER_WEIGHT,
+        (Socket("Blend", FLOAT, 0.5), _NORMAL_INPUT),
+        (Socket("Fresnel", FLOAT), Socket("Facing", FLOAT)),
+        is_varying=True,
+    ),
+    "ShaderNodeCameraData": Operation(
+        ops.OP_CAMERA_DATA,
+        (),
+        (Socket("View Vector", VECTOR), Socket("View Z Depth", FLOAT), Socket("View Distance", FLOAT)),
+        is_varying=True,
+    ),
+    "ShaderNodeLightFalloff": Operation(
+        ops.OP_LIGHT_FALLOFF,
+        (Socket("Strength", FLOAT, 100.0), Socket("Smooth", FLOAT, 0.0)),
+        (Socket("Quadratic", FLOAT), Socket("Linear", FLOAT), Socket("Constant", FLOAT)),
+        is_varying=True,
+    ),
+}
+
+
+def _rename(operation: Operation, identifier: str) -> Operation:
+    first, *rest = operation.outputs
+    outputs = (Socket(identifier, first.type), *rest)
+    return Operation(operation.opcode, operation.inputs, outputs, operation.immediates, operation.is_varying)
+
+
+OUTPUTS: dict[str, Outputs] = {
+    "ShaderNodeTexCoord": Outputs(
+        {
+            "Generated": _from_instancer(0, displaced(ops.OP_GENERATED)),
+            "Normal": displaced(ops.OP_OBJECT_NORMAL),
+            "UV": _from_instancer(1, uv("")),
+            "Object": _object_coordinate,
+            "Camera": displaced(ops.OP_CAMERA_COORDINATE),
+            "Window": displaced(ops.OP_WINDOW),
+            "Reflection": read(ops.OP_REFLECTION, VECTOR),
+        }
+    ),
+    "ShaderNodeNewGeometry": Outputs(
+        {
+            "Position": displaced(ops.OP_POSITION),
+            "Normal": read(ops.OP_NORMAL, VECTOR),
+            "Tangent": read(ops.OP_TANGENT, VECTOR, 2, -3, -3),
+            "True Normal": read(ops.OP_TRUE_NORMAL, VECTOR),
+            "Incoming": read(ops.OP_INCOMING, VECTOR),
+            "Parametric": displaced(ops.OP_PARAMETRIC),
+            "Backfacing": read(ops.OP_BACKFACING, FLOAT),
+            "Pointiness": _pointiness,
+            "Random Per Island": _zero(FLOAT, "Random Per Island is not supported"),
+        }
+    ),
+    "ShaderNodeObjectInfo": Outputs(
+        {
+            "Location": read(ops.OP_OBJECT_VECTOR, VECTOR, 0),
+            "Color": read(ops.OP_OBJECT_VECTOR, COLOR, 1),
+            "Alpha": _object_float(lp.OBJECT_ALPHA),
+            "Object Index": _object_float(lp.OBJECT_INDEX),
+            "Material Index": _object_float(lp.OBJECT_MATERIAL_INDEX),
+            "Random": _object_float(lp.OBJECT_RANDOM),
+        }
+    ),
+    "ShaderNodeLightPath": Outputs(
+        {
+            "Is Camera Ray": _light_path(RAY_CAMERA),
+            "Is Shadow Ray": _light_path(RAY_SHADOW),
+            "Is Diffuse Ray": _light_path(RAY_DIFFUSE),
+            "Is Glossy Ray": _light_path(RAY_GLOSSY),
+            "Is Singular Ray": _light_path(RAY_SINGULAR),
+            "Is Reflection Ray": _light_path(RAY_REFLECT),
+            "Is Transmission Ray": _light_path(RAY_TRANSMIT),
+            "Is Volume Scatter Ray": _light_path(RAY_VOLUME),
+            "Ray Length": _light_path(lp.LIGHT_PATH_LENGTH),
+            "Ray Depth": _light_path(lp.LIGHT_PATH_DEPTH),
+            "Diffuse Depth": _light_path(lp.LIGHT_PATH_DIFFUSE_DEPTH),
+            "Glossy Depth": _light_path(lp.LIGHT_PATH_GLOSSY_DEPTH),
+            "Transparent Depth": _light_path(lp.LIGHT_PATH_TRANSPARENT_DEPTH),
+            "Transmission Depth": _light_path(lp.LIGHT_PATH_TRANSMISSION_DEPTH),
+            "Portal Depth": _value(0.0),
+        }
+    ),
+    "ShaderNodeParticleInfo": Outputs(
+        {
+            "Index": _zero(FLOAT, _PARTICLE),
+            "Random": _zero(FLOAT, _PARTICLE),
+            "Age": _zero(FLOAT, _PARTICLE),
+            "Lifetime": _zero(FLOAT, _PARTICLE),
+            "Location": _zero(VECTOR, _PARTICLE),
+            "Size": _zero(FLOAT, _PARTICLE),
+            "Velocity": _zero(VECTOR, _PARTICLE),
+            "Angular Velocity": _zero(VECTOR, _PARTICLE),
+        }
+    ),
+    "ShaderNodeHairInfo": Outputs(
+        {
+            "Is Strand": _value(0.0),
+            "Intercept": _zero(FLOAT, _HAIR),
+            "Length": _zero(FLOAT, _HAIR),
+            "Thickness": _zero(FLOAT, _HAIR),
+            "Tangent Normal": _zero(VECTOR, _HAIR),
+            "Random": _zero(FLOAT, _HAIR),
+        }
+    ),
+    "ShaderNodePointInfo": Outputs(
+        {
+            "Position": displaced(ops.OP_POSITION),
+            "Radius": _zero(FLOAT, "point clouds are not supported"),
+            "Random": _zero(FLOAT, "point clouds are not supported"),
+        }
+    ),
+}
+
+#: Where unlinked sockets take their value from.
+IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
+    Implicit.NORMAL: read(ops.OP_NORMAL, VECTOR),
+    Implicit.POSITION: displaced(ops.OP_POSITION),
+    Implicit.GENERATED: displaced(ops.OP_GENERATED),
+    Implicit.UV: uv(""),
+    Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, -3, -3),
+    Implicit.OBJECT_NORMAL: lambda node, builder: Operation(
+        ops.OP_OBJECT_NORMAL, (Socket("", FLOAT, 0.0),), (Socket("", VECTOR),), (0,), is_varying=True
+    ),
+}
