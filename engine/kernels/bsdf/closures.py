@@ -5,19 +5,22 @@ from engine.jit import kernel
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
+    BUMP,
+    CLOSURE_NO_BUMP_CORRECTION,
     DELTA_ALPHA_SQUARED,
     FIRST_MICROFACET,
     HAS_DELTA,
     HAS_EVAL,
     HAS_TRANSMISSION,
     HAS_TRANSPARENT,
-    IS_BUMPED,
     LAST_MICROFACET,
     REFRACTION,
+    SMOOTH_N,
     TRANSLUCENT,
     TRANSPARENT,
     WEIGHT_CUTOFF,
 )
+from engine.kernels.constants import FLOAT_MAX
 from engine.state import (
     CLOSURE_CHANNELS,
     CLOSURE_N,
@@ -55,12 +58,18 @@ def average(color):
 
 
 @kernel
-def store_color(closures, lane, i, column, color):
+def read3(param, lane, i, column):
+    """Three columns of a closure, a vector or an RGB colour."""
+    return param[lane, i, column], param[lane, i, column + 1], param[lane, i, column + 2]
+
+
+@kernel
+def store_color(param, lane, i, column, color):
     """Write an RGB 3-tuple into the four columns of a colour parameter."""
-    closures.param[lane, i, column] = color[0]
-    closures.param[lane, i, column + 1] = color[1]
-    closures.param[lane, i, column + 2] = color[2]
-    closures.param[lane, i, column + 3] = 0.0
+    param[lane, i, column] = color[0]
+    param[lane, i, column + 1] = color[1]
+    param[lane, i, column + 2] = color[2]
+    param[lane, i, column + 3] = 0.0
 
 
 @kernel
@@ -72,29 +81,35 @@ def append_closure(closures, lane, kind, weight, n):
     weight = (max(weight[0], 0.0), max(weight[1], 0.0), max(weight[2], 0.0))
     sample_weight = average(weight)
     i = closures.count[lane]
-    if not (sample_weight >= WEIGHT_CUTOFF) or i >= MAX_CLOSURES:
+    if not (sample_weight >= WEIGHT_CUTOFF and sample_weight < FLOAT_MAX) or i >= MAX_CLOSURES:
         return -1
     closures.count[lane] = i + 1
     closures.kind[lane, i] = kind
-    store_color(closures, lane, i, CLOSURE_WEIGHT, weight)
+    param = closures.param
+    store_color(param, lane, i, CLOSURE_WEIGHT, weight)
+    param[lane, i, CLOSURE_SAMPLE_WEIGHT] = sample_weight
+    is_bumped = False
     for k in range(3):
-        closures.param[lane, i, CLOSURE_N + k] = n[k]
-    ns = closures.ns
-    is_bumped = n[0] != ns[lane, 0] or n[1] != ns[lane, 1] or n[2] != ns[lane, 2]
-    closures.param[lane, i, IS_BUMPED] = 1.0 if is_bumped else 0.0
-    closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT] = sample_weight
+        smooth = closures.ns[lane, k]
+        is_bumped = is_bumped or n[k] != smooth
+        param[lane, i, CLOSURE_N + k] = n[k]
+        param[lane, i, SMOOTH_N + k] = smooth
+    bump = 0.0
+    if is_bumped:
+        bump = 2.0 if closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION != 0 else 1.0
+    param[lane, i, BUMP] = bump
     return i
 
 
 @kernel
-def closure_weight(closures, lane, i):
-    """Weight of a closure as an RGB 3-tuple."""
-    param = closures.param
-    return (
-        param[lane, i, CLOSURE_WEIGHT],
-        param[lane, i, CLOSURE_WEIGHT + 1],
-        param[lane, i, CLOSURE_WEIGHT + 2],
-    )
+def weight_below(layer, weight):
+    """What a layer of albedo `layer` (its weight included) leaves of `weight`: by the channel it reflects most."""
+    share = 0.0
+    for c in range(3):
+        if weight[c] > 0.0:
+            share = max(share, layer[c] / weight[c])
+    left = max(1.0 - share, 0.0)
+    return weight[0] * left, weight[1] * left, weight[2] * left
 
 
 @kernel

@@ -43,10 +43,10 @@ def oren_nayar_g(cos_theta):
 
 
 @kernel
-def oren_nayar_f_cos(closures, lane, i, n, wo, wi, cos_i):
+def oren_nayar_f_cos(param, lane, i, n, wo, wi, cos_i):
     """Single scattering times cosine, and the factor on the OREN_MULTIPLE colour, for `cos_i` = n.wi > 0."""
-    a = closures.param[lane, i, OREN_A]
-    b = closures.param[lane, i, OREN_B]
+    a = param[lane, i, OREN_A]
+    b = param[lane, i, OREN_B]
     cos_o = max(dot(n, wo), 0.0)
     t = dot(wi, wo) - cos_i * cos_o
     if t > 0.0:
@@ -90,7 +90,7 @@ def add_oren_nayar(closures, lane, weight, color, n, roughness):
             oren_nayar_multiple(color[1], mean, scale),
             oren_nayar_multiple(color[2], mean, scale),
         )
-        store_color(closures, lane, i, OREN_MULTIPLE, multiple)
+        store_color(closures.param, lane, i, OREN_MULTIPLE, multiple)
 
 
 @kernel

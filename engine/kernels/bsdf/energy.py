@@ -4,7 +4,7 @@
 import math
 
 from engine.jit import kernel
-from engine.kernels.bsdf.closures import average, closure_weight, store_color
+from engine.kernels.bsdf.closures import average, read3, store_color
 from engine.kernels.bsdf.fresnel import f0_of_eta
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
@@ -13,140 +13,114 @@ from engine.kernels.bsdf.kinds import (
     ETA,
     F0,
     GLASS,
-    GLOSSY,
     GLOSSY_DIELECTRIC,
     GLOSSY_F82,
     GLOSSY_SCHLICK,
-    REFLECTION_TINT,
     REFRACTION,
-    TRANSMISSION_TINT,
 )
-from engine.kernels.bsdf.lookup import read_plane, read_row, read_volume
-from engine.kernels.bsdf.microfacet import channel_reflectance, fresnel_blend
+from engine.kernels.bsdf.lookup import (
+    FRESNEL_BLEND,
+    GLASS_ALBEDO,
+    GLASS_MEAN,
+    GLOSSY_ALBEDO,
+    GLOSSY_MEAN,
+    SCHLICK_BLEND,
+    read_table,
+    read_volume,
+)
+from engine.kernels.bsdf.microfacet import fresnel_blend, lobe_color
 from engine.kernels.vector import dot
 from engine.state import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
 
-#: Samples of the refractive index in BsdfTables.
-ETA_COUNT = 16
-
 
 @kernel
-def eta_coordinate(eta):
-    """Table coordinate of a refractive index, the same for eta and 1 / eta."""
-    return math.sqrt(abs((eta - 1.0) / (eta + 1.0)))
+def albedo_blends(param, data, lane, i, kind, wo):
+    """Shared part of a lobe's estimated albedo: of reflection (table), of refraction (as if smooth).
 
-
-@kernel
-def roughness_of(closures, lane, i):
-    """Table coordinate of a lobe's roughness."""
-    return math.sqrt(math.sqrt(closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]))
-
-
-@kernel
-def albedo_blends(closures, tables, lane, i, kind, wo):
-    """What `reflected_albedo` and `transmitted_albedo` need, for all channels."""
-    param = closures.param
-    n = (param[lane, i, CLOSURE_N], param[lane, i, CLOSURE_N + 1], param[lane, i, CLOSURE_N + 2])
-    cos_o = dot(n, wo)
-    at_view, cos_t = fresnel_blend(closures, lane, i, kind, cos_o)
-    mean = at_view
+    `data` is BsdfTables.data. The first goes into `reflected_albedo`, the second into `lobe_color`.
+    """
+    cos_o = dot(read3(param, lane, i, CLOSURE_N), wo)
+    refracted, _ = fresnel_blend(param, lane, i, kind, cos_o)
+    reflected = refracted
     eta = param[lane, i, ETA]
+    roughness = math.sqrt(math.sqrt(param[lane, i, ALPHA_X] * param[lane, i, ALPHA_Y]))
     if kind == GLOSSY_F82:
-        mean = read_plane(tables.schlick_blend, 0, cos_o, roughness_of(closures, lane, i))
+        reflected = read_table(data, SCHLICK_BLEND, 16, cos_o, roughness)
     elif kind == GLOSSY_SCHLICK or kind == GLASS or (kind == GLOSSY_DIELECTRIC and eta > 1.0):
-        roughness = roughness_of(closures, lane, i)
-        mean = read_volume(tables.fresnel_blend, 0, ETA_COUNT, eta_coordinate(eta), cos_o, roughness)
+        z = math.sqrt(abs((eta - 1.0) / (eta + 1.0)))
+        reflected = read_volume(data, FRESNEL_BLEND, 16, z, cos_o, roughness)
         if kind == GLOSSY_DIELECTRIC:
             f0 = f0_of_eta(eta)
-            mean = f0 + (1.0 - f0) * mean
-    return at_view, mean
+            reflected = f0 + (1.0 - f0) * reflected
+    return reflected, refracted
 
 
 @kernel
-def reflected_albedo(closures, lane, i, kind, mean, c):
+def reflected_albedo(param, lane, i, kind, reflected, c):
     """Estimated albedo of a lobe's reflection without its weight, channel `c`."""
-    param = closures.param
     if kind == REFRACTION:
         return 0.0
-    if kind == GLOSSY or kind == GLOSSY_DIELECTRIC:
-        return mean
-    f0 = param[lane, i, F0 + c]
-    f = f0 + (1.0 - f0) * mean
-    return f * param[lane, i, REFLECTION_TINT + c] if kind == GLASS else f
+    if kind == GLOSSY_F82:
+        # The F82 term is left out, as in Cycles.
+        f0 = param[lane, i, F0 + c]
+        return f0 + (1.0 - f0) * reflected
+    return lobe_color(param, lane, i, kind, reflected, False, c)
 
 
 @kernel
-def transmitted_albedo(closures, lane, i, kind, at_view, c):
-    """Estimated albedo of a lobe's refraction without its weight, channel `c`."""
-    if kind == GLASS:
-        f = channel_reflectance(closures, lane, i, kind, at_view, c)
-        return (1.0 - f) * closures.param[lane, i, TRANSMISSION_TINT + c]
-    if kind == REFRACTION:
-        return 0.0 if at_view >= 1.0 else 1.0
-    return 0.0
+def finish_lobe(param, data, lane, i, kind, wo, is_multiple, fresnel):
+    """Weigh a microfacet lobe's selection by its albedo and, if `is_multiple`, make up for single scattering.
 
+    The lobe is scaled up by what single scattering loses, coloured by the Fresnel term of further bounces.
 
-@kernel
-def scale_by_albedo(closures, tables, lane, i, kind, wo):
-    """Multiply a lobe's sample weight by its mean albedo; returns the `mean` of `albedo_blends`."""
-    at_view, mean = albedo_blends(closures, tables, lane, i, kind, wo)
-    total = 0.0
-    for c in range(3):
-        total += reflected_albedo(closures, lane, i, kind, mean, c)
-        total += transmitted_albedo(closures, lane, i, kind, at_view, c)
-    closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT] *= total * (1.0 / 3.0)
-    return mean
+    Parameters
+    ----------
+    fresnel : tuple of 3 float32, cosine-weighted mean of the Fresnel term.
 
+    Returns
+    -------
+    Estimated albedo of its reflection, weight included, RGB.
 
-@kernel
-def multiple_bounces(fresnel, single_mean, missing):
-    """1 plus the energy of further bounces for one channel; colours far above 1 must not make the series diverge."""
-    return 1.0 + missing * fresnel * single_mean / max(1.0 - fresnel * (1.0 - single_mean), 1e-2)
-
-
-@kernel
-def preserve_energy(closures, tables, lane, i, kind, wo, mean_fresnel):
-    """Scale a lobe up by what single scattering loses, coloured by the Fresnel term of further bounces.
-
-    `mean_fresnel` : tuple of 3 float32, cosine-weighted mean of the Fresnel term.
-
-    References: Kulla and Conty 2017 for the multiple-bounce Fresnel; scaling single scattering instead of adding a lobe
-    after Turquin 2019, "Practical multiple scattering compensation for microfacet models".
+    References: Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", for the multiple-bounce
+    Fresnel term; scaling instead of adding a lobe after Turquin 2019, "Practical multiple scattering compensation for
+    microfacet models".
     """
-    param = closures.param
-    n = (param[lane, i, CLOSURE_N], param[lane, i, CLOSURE_N + 1], param[lane, i, CLOSURE_N + 2])
-    cos_o = dot(n, wo)
-    roughness = roughness_of(closures, lane, i)
+    reflected, refracted = albedo_blends(param, data, lane, i, kind, wo)
+    r = reflected_albedo(param, lane, i, kind, reflected, 0)
+    g = reflected_albedo(param, lane, i, kind, reflected, 1)
+    b = reflected_albedo(param, lane, i, kind, reflected, 2)
+    total = r + g + b
     if kind == GLASS:
-        eta = param[lane, i, ETA]
-        side = 1 if eta < 1.0 else 0
-        z = eta_coordinate(eta)
-        single = read_volume(tables.glass_albedo, side * ETA_COUNT, ETA_COUNT, z, cos_o, roughness)
-        single_mean = read_plane(tables.glass_mean, side, z, roughness)
-    else:
-        single = read_plane(tables.glossy_albedo, 0, cos_o, roughness)
-        single_mean = read_row(tables.glossy_mean, roughness)
-    missing = (1.0 - single) / max(single, 1e-6)
-    energy_scale = 1.0 + missing
-    param[lane, i, ENERGY_SCALE] = energy_scale
-    darkening = (
-        multiple_bounces(mean_fresnel[0], single_mean, missing) / energy_scale,
-        multiple_bounces(mean_fresnel[1], single_mean, missing) / energy_scale,
-        multiple_bounces(mean_fresnel[2], single_mean, missing) / energy_scale,
-    )
-    weight = closure_weight(closures, lane, i)
-    weight = (weight[0] * darkening[0], weight[1] * darkening[1], weight[2] * darkening[2])
-    store_color(closures, lane, i, CLOSURE_WEIGHT, weight)
-    param[lane, i, CLOSURE_SAMPLE_WEIGHT] *= average(darkening)
-
-
-@kernel
-def attenuate_below(closures, lane, i, kind, mean, weight):
-    """Weight left to the layers below lobe `i` of weight up to `weight`: by the channel the lobe reflects most."""
-    share = 0.0
-    for c in range(3):
-        if weight[c] > 0.0:
-            albedo = closures.param[lane, i, CLOSURE_WEIGHT + c] * reflected_albedo(closures, lane, i, kind, mean, c)
-            share = max(share, albedo / weight[c])
-    left = min(max(1.0 - share, 0.0), 1.0)
-    return weight[0] * left, weight[1] * left, weight[2] * left
+        for c in range(3):
+            total += lobe_color(param, lane, i, kind, refracted, True, c)
+    weight = read3(param, lane, i, CLOSURE_WEIGHT)
+    sample_weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT] * total * (1.0 / 3.0)
+    if is_multiple:
+        cos_o = dot(read3(param, lane, i, CLOSURE_N), wo)
+        roughness = math.sqrt(math.sqrt(param[lane, i, ALPHA_X] * param[lane, i, ALPHA_Y]))
+        single = 1.0
+        single_mean = 1.0
+        if kind == GLASS:
+            eta = param[lane, i, ETA]
+            z = math.sqrt(abs((eta - 1.0) / (eta + 1.0)))
+            side = 1 if eta < 1.0 else 0
+            single = read_volume(data, GLASS_ALBEDO + side * 4096, 16, z, cos_o, roughness)
+            single_mean = read_table(data, GLASS_MEAN + side * 256, 16, z, roughness)
+        else:
+            single = read_table(data, GLOSSY_ALBEDO, 32, cos_o, roughness)
+            # A single row: y = 0 never reads the next.
+            single_mean = read_table(data, GLOSSY_MEAN, 32, 0.0, roughness)
+        missing = (1.0 - single) / max(single, 1e-6)
+        param[lane, i, ENERGY_SCALE] = 1.0 + missing
+        # A colour far above 1 must not make the series of bounces diverge.
+        missing_mean = 1.0 - single_mean
+        darkening = (
+            (1.0 + missing * fresnel[0] * single_mean / max(1.0 - fresnel[0] * missing_mean, 1e-2)) / (1.0 + missing),
+            (1.0 + missing * fresnel[1] * single_mean / max(1.0 - fresnel[1] * missing_mean, 1e-2)) / (1.0 + missing),
+            (1.0 + missing * fresnel[2] * single_mean / max(1.0 - fresnel[2] * missing_mean, 1e-2)) / (1.0 + missing),
+        )
+        weight = (weight[0] * darkening[0], weight[1] * darkening[1], weight[2] * darkening[2])
+        store_color(param, lane, i, CLOSURE_WEIGHT, weight)
+        sample_weight *= average(darkening)
+    param[lane, i, CLOSURE_SAMPLE_WEIGHT] = sample_weight
+    return weight[0] * r, weight[1] * g, weight[2] * b

@@ -8,16 +8,18 @@ model with the balance heuristic).
 import math
 
 from engine.jit import kernel
+from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.diffuse import oren_nayar_f_cos
-from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo, transmitted_albedo
+from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
+    BUMP,
     DIFFUSE,
+    ENERGY_SCALE,
     ETA,
     FIRST_MICROFACET,
     GLASS,
-    IS_BUMPED,
     LAST_DIFFUSE,
     LAST_MICROFACET,
     OREN_MULTIPLE,
@@ -27,7 +29,7 @@ from engine.kernels.bsdf.kinds import (
     TRANSLUCENT,
     TRANSPARENT,
 )
-from engine.kernels.bsdf.microfacet import delta_weight, eval_microfacet, sample_microfacet
+from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
 from engine.kernels.bsdf.sheen import sample_sheen, sheen_pdf
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
@@ -50,16 +52,8 @@ EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 
 @kernel
-def closure_normal(closures, lane, i):
-    """Unit normal of a closure."""
-    param = closures.param
-    return param[lane, i, CLOSURE_N], param[lane, i, CLOSURE_N + 1], param[lane, i, CLOSURE_N + 2]
-
-
-@kernel
-def eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row):
+def eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row):
     """Add `factor` times f cos of a diffuse kind to out[row] and return its pdf [sr^-1]."""
-    param = closures.param
     cos_i = dot(n, wi)
     if kind == TRANSLUCENT:
         cos_i = -cos_i
@@ -67,14 +61,14 @@ def eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row):
         return 0.0
     pdf = cos_i * INV_PI
     if kind == OREN_NAYAR:
-        single, multiple = oren_nayar_f_cos(closures, lane, i, n, wo, wi, cos_i)
-        for c in range(len(closures.channels)):
+        single, multiple = oren_nayar_f_cos(param, lane, i, n, wo, wi, cos_i)
+        for c in range(len(channels)):
             f_cos = single + multiple * param[lane, i, OREN_MULTIPLE + c]
             out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * f_cos * factor
         return pdf
     if kind == SHEEN:
-        pdf = sheen_pdf(closures, lane, i, n, wi)
-    for c in range(len(closures.channels)):
+        pdf = sheen_pdf(param, lane, i, n, wi)
+    for c in range(len(channels)):
         out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
     return pdf
 
@@ -92,34 +86,94 @@ def is_visible(kind, visibility):
 
 
 @kernel
-def eval_lobes(closures, lane, wo, wi, visibility, sampled, out, row):
-    """Write f |cos| of all non-delta lobes into out[row] and return the mixture's pdf.
+def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled, out, row):
+    """Write f |cos| of a lane's non-delta lobes into out[row] and return the mixture's pdf.
 
+    Takes the arrays of `Closures` it needs, since each further one costs every call.
     `sampled` is the index of the lobe that proposed `wi`, -1 if none did.
     """
-    param = closures.param
-    for c in range(len(closures.channels)):
+    for c in range(len(channels)):
         out[row, c] = 0.0
     pdf = 0.0
     weight_sum = 0.0
-    for i in range(closures.count[lane]):
-        kind = closures.kind[lane, i]
+    for i in range(count):
+        kind = kinds[lane, i]
         sample_weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         weight_sum += sample_weight
-        n = closure_normal(closures, lane, i)
+        n = read3(param, lane, i, CLOSURE_N)
         factor = 1.0
-        if param[lane, i, IS_BUMPED] != 0.0:
-            factor = bump_shadowing(closures, lane, n, wi, kind <= LAST_DIFFUSE, i == sampled)
+        if param[lane, i, BUMP] != 0.0:
+            factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
         if not is_visible(kind, visibility):
             factor = 0.0
         if kind <= LAST_DIFFUSE:
-            pdf += sample_weight * eval_diffuse_kind(closures, lane, i, kind, n, wo, wi, factor, out, row)
+            pdf += sample_weight * eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
         elif kind <= LAST_MICROFACET:
-            pdf += sample_weight * eval_microfacet(closures, lane, i, kind, n, wo, wi, factor, out, row)
+            pdf += sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
     return pdf / weight_sum if weight_sum > 0.0 else 0.0
 
 
 @kernel
+def sample_lobes(kinds, param, count, channels, lane, wo, ng, u0, u1, u2, out, row):
+    """`sample_bsdf` from the arrays of `Closures` it needs."""
+    weight_sum = 0.0
+    for i in range(count):
+        weight_sum += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+    remaining = u0 * weight_sum
+    chosen = 0
+    while chosen < count - 1 and remaining >= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]:
+        remaining -= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
+        chosen += 1
+    sample_weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
+    kind = kinds[lane, chosen]
+    n = read3(param, lane, chosen, CLOSURE_N)
+    wi = wo
+    label = 0
+    roughness = 1.0
+    eta = 1.0
+    if count == 0 or not sample_weight > 0.0:
+        return 0.0, wi, label, roughness, eta
+    u0 = min(remaining / sample_weight, ONE_MINUS_EPSILON)
+    pmf = sample_weight / weight_sum
+    is_delta = False
+    is_refracted = False
+    blend = 1.0
+    if kind <= LAST_DIFFUSE:
+        is_refracted = kind == TRANSLUCENT
+        label = RAY_DIFFUSE
+        if is_refracted:
+            n = negate(n)
+        if kind == SHEEN:
+            wi = sample_sheen(param, lane, chosen, n, u1, u2)
+        else:
+            wi, _ = sample_cosine_hemisphere(n, u1, u2)
+    elif kind <= LAST_MICROFACET:
+        wi, is_refracted, is_delta, blend, branch_pmf = sample_microfacet(
+            param, channels, lane, chosen, kind, n, wo, u0, u1, u2
+        )
+        pmf *= branch_pmf
+        label = RAY_GLOSSY
+        roughness = math.sqrt(param[lane, chosen, ALPHA_X] * param[lane, chosen, ALPHA_Y])
+        if is_refracted:
+            eta = param[lane, chosen, ETA]
+    else:
+        for c in range(len(channels)):
+            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
+        return pmf, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, eta
+    label |= RAY_TRANSMIT if is_refracted else RAY_REFLECT
+    # Only samples are checked against the geometric normal: evaluation would show the facets of smooth meshes (Cycles).
+    if pmf <= 0.0 or (dot(ng, wi) < 0.0) != is_refracted:
+        return 0.0, wi, label, roughness, eta
+    if is_delta:
+        for c in range(len(channels)):
+            color = lobe_color(param, lane, chosen, kind, blend, is_refracted, c)
+            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c] * param[lane, chosen, ENERGY_SCALE] * color
+        return pmf, wi, label | RAY_SINGULAR, roughness, eta
+    pdf = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, chosen, out, row)
+    return pdf, wi, label, roughness, eta
+
+
+@kernel(forceinline=True)
 def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     """Value and density of direction `wi`.
 
@@ -137,16 +191,19 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     pdf : float32 [sr^-1]
         Of `sample_bsdf` choosing `wi`; delta lobes keep their share of the choice.
     """
-    if closures.count[lane] == 1 and closures.kind[lane, 0] == DIFFUSE and closures.param[lane, 0, IS_BUMPED] == 0.0:
-        pdf = max(dot(closure_normal(closures, lane, 0), wi), 0.0) * INV_PI
+    kinds = closures.kind
+    param = closures.param
+    count = closures.count[lane]
+    if count == 1 and kinds[lane, 0] == DIFFUSE and param[lane, 0, BUMP] == 0.0:
+        pdf = max(dot(read3(param, lane, 0, CLOSURE_N), wi), 0.0) * INV_PI
         value = pdf if visibility & RAY_DIFFUSE != 0 else 0.0
         for c in range(len(closures.channels)):
-            out[row, c] = closures.param[lane, 0, CLOSURE_WEIGHT + c] * value
+            out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * value
         return pdf
-    return eval_lobes(closures, lane, wo, wi, visibility, -1, out, row)
+    return eval_lobes(kinds, param, count, closures.channels, lane, wo, wi, visibility, -1, out, row)
 
 
-@kernel
+@kernel(forceinline=True)
 def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     """Sample a direction.
 
@@ -170,63 +227,16 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     eta : float32
         Relative refractive index of the interface crossed, 1 if none.
     """
+    kinds = closures.kind
     param = closures.param
     count = closures.count[lane]
-    weight_sum = 0.0
-    for i in range(count):
-        weight_sum += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-    remaining = u0 * weight_sum
-    chosen = 0
-    while chosen < count - 1 and remaining >= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]:
-        remaining -= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
-        chosen += 1
-    sample_weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
-    kind = closures.kind[lane, chosen]
-    n = closure_normal(closures, lane, chosen)
-    wi = wo
-    roughness = 1.0
-    eta = 1.0
-    if count == 0 or not sample_weight > 0.0:
-        return 0.0, wi, 0, roughness, eta
-    u0 = min(remaining / sample_weight, ONE_MINUS_EPSILON)
-
-    if kind <= LAST_DIFFUSE:
-        label = RAY_DIFFUSE | RAY_REFLECT
-        if kind == TRANSLUCENT:
-            label = RAY_DIFFUSE | RAY_TRANSMIT
-            n = negate(n)
-            ng = negate(ng)
-        if kind == SHEEN:
-            wi = sample_sheen(closures, lane, chosen, n, u1, u2)
-        else:
-            wi, cos_i = sample_cosine_hemisphere(n, u1, u2)
-            if count == 1 and kind == DIFFUSE and param[lane, 0, IS_BUMPED] == 0.0:
-                pdf = cos_i * INV_PI if dot(ng, wi) > 0.0 else 0.0
-                for c in range(len(closures.channels)):
-                    out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
-                return pdf, wi, label, roughness, eta
-        if dot(ng, wi) <= 0.0:
-            return 0.0, wi, label, roughness, eta
-    elif kind <= LAST_MICROFACET:
-        is_valid, wi, is_refracted, is_delta, blend, branch_pmf = sample_microfacet(
-            closures, lane, chosen, kind, n, wo, ng, u0, u1, u2
-        )
-        label = RAY_GLOSSY | (RAY_TRANSMIT if is_refracted else RAY_REFLECT)
-        roughness = math.sqrt(param[lane, chosen, ALPHA_X] * param[lane, chosen, ALPHA_Y])
-        if is_refracted:
-            eta = param[lane, chosen, ETA]
-        if not is_valid:
-            return 0.0, wi, label, roughness, eta
-        if is_delta:
-            for c in range(len(closures.channels)):
-                out[row, c] = delta_weight(closures, lane, chosen, kind, blend, is_refracted, c)
-            return branch_pmf * sample_weight / weight_sum, wi, label | RAY_SINGULAR, roughness, eta
-    else:
+    if count == 1 and kinds[lane, 0] == DIFFUSE and param[lane, 0, BUMP] == 0.0:
+        wi, cos_i = sample_cosine_hemisphere(read3(param, lane, 0, CLOSURE_N), u1, u2)
+        pdf = cos_i * INV_PI if dot(ng, wi) > 0.0 else 0.0
         for c in range(len(closures.channels)):
-            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
-        return sample_weight / weight_sum, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, eta
-    pdf = eval_lobes(closures, lane, wo, wi, EVERY_KIND, chosen, out, row)
-    return pdf, wi, label, roughness, eta
+            out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
+        return pdf, wi, RAY_DIFFUSE | RAY_REFLECT, 1.0, 1.0
+    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, u0, u1, u2, out, row)
 
 
 @kernel
@@ -240,13 +250,14 @@ def albedo(closures, tables, lane, wo, out, row):
         if kind == TRANSPARENT:
             continue
         is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
-        at_view = 1.0
-        mean = 1.0
+        reflected = 1.0
+        refracted = 1.0
         if is_microfacet:
-            at_view, mean = albedo_blends(closures, tables, lane, i, kind, wo)
+            reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
         for c in range(len(closures.channels)):
             share = 1.0
             if is_microfacet:
-                share = reflected_albedo(closures, lane, i, kind, mean, c)
-                share += transmitted_albedo(closures, lane, i, kind, at_view, c)
+                share = reflected_albedo(param, lane, i, kind, reflected, c)
+                if kind >= REFRACTION:
+                    share += lobe_color(param, lane, i, kind, refracted, True, c)
             out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share

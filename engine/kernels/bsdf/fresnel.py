@@ -49,8 +49,9 @@ def fresnel_mean(eta):
 
 
 @kernel
-def interface_mean_blend(eta, f0):
-    """Cosine-weighted mean of the blend from `f0` to 1 that the dielectric's Fresnel term stands for."""
+def interface_mean_blend(eta):
+    """Cosine-weighted mean of (F - F0) / (1 - F0) over the hemisphere."""
+    f0 = f0_of_eta(eta)
     return min(max((fresnel_mean(eta) - f0) / max(1.0 - f0, 1e-6), 0.0), 1.0)
 
 

@@ -5,7 +5,7 @@ import math
 
 from engine.jit import kernel
 from engine.kernels.bsdf.closures import append_closure, store_color
-from engine.kernels.bsdf.energy import preserve_energy, scale_by_albedo
+from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import f0_of_eta, interface_mean_blend
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
@@ -40,10 +40,15 @@ def rotate_tangent(tangent, axis, turns):
 
 
 @kernel
-def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent, eta):
-    """Append a microfacet lobe without its Fresnel colours; -1 as `append_closure`.
+def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent, eta, f0, reflection, transmission):
+    """Append a microfacet lobe; -1 as `append_closure`.
 
-    `tangent` need not be orthogonal to `n`; if it is parallel or zero the lobe becomes isotropic.
+    Parameters
+    ----------
+    tangent : tuple of 3 float32
+        Need not be orthogonal to `n`; if it is parallel or zero the lobe becomes isotropic.
+    f0, reflection, transmission : tuple of 3 float32
+        Columns F0, REFLECTION_TINT (or F82_B) and TRANSMISSION_TINT.
     """
     i = append_closure(closures, lane, kind, weight, n)
     if i >= 0:
@@ -63,7 +68,17 @@ def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent
         param[lane, i, ALPHA_Y] = alpha_y
         param[lane, i, ETA] = eta
         param[lane, i, ENERGY_SCALE] = 1.0
+        param[lane, i, F0_REAL] = f0_of_eta(eta)
+        store_color(param, lane, i, F0, f0)
+        store_color(param, lane, i, REFLECTION_TINT, reflection)
+        store_color(param, lane, i, TRANSMISSION_TINT, transmission)
     return i
+
+
+@kernel
+def blend_to_white(f0, blend):
+    """Colour between `f0` and white."""
+    return f0[0] + (1.0 - f0[0]) * blend, f0[1] + (1.0 - f0[1]) * blend, f0[2] + (1.0 - f0[2]) * blend
 
 
 @kernel
@@ -97,10 +112,10 @@ def add_glossy(
         else:
             alpha_x *= 1.0 - anisotropy
             alpha_y /= 1.0 - anisotropy
-    i = append_microfacet(closures, lane, GLOSSY, weight, n, alpha_x, alpha_y, tangent, 1.0)
+    i = append_microfacet(closures, lane, GLOSSY, weight, n, alpha_x, alpha_y, tangent, 1.0, color, color, color)
     if i >= 0 and distribution == MULTI_GGX:
         fresnel = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
-        preserve_energy(closures, tables, lane, i, GLOSSY, wo, fresnel)
+        finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, fresnel)
 
 
 @kernel
@@ -114,12 +129,24 @@ def add_refraction(closures, tables, lane, weight, color, wo, n, distribution, r
     if is_backfacing:
         eta = 1.0 / eta
     alpha = roughness * roughness
-    append_microfacet(closures, lane, REFRACTION, weight, n, alpha, alpha, n, eta)
+    append_microfacet(closures, lane, REFRACTION, weight, n, alpha, alpha, n, eta, color, color, color)
 
 
 @kernel
 def append_glass(
-    closures, tables, lane, weight, wo, n, is_multiple, alpha, ior, is_backfacing, f0, reflection_tint, transmission_tint
+    closures,
+    tables,
+    lane,
+    weight,
+    wo,
+    n,
+    is_multiple,
+    alpha,
+    ior,
+    is_backfacing,
+    f0,
+    reflection_tint,
+    transmission_tint,
 ):
     """Append a dielectric interface whose Fresnel term runs from `f0` to 1; caustics switched off drop a tint."""
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
@@ -129,31 +156,23 @@ def append_glass(
     eta = ior
     if is_backfacing:
         eta = 1.0 / ior
-    i = append_microfacet(closures, lane, GLASS, weight, n, alpha, alpha, n, eta)
-    if i < 0:
-        return
     black = (0.0, 0.0, 0.0)
     if not reflects:
         reflection_tint = black
     if not refracts:
         transmission_tint = black
     f0 = (min(max(f0[0], 0.0), 1.0), min(max(f0[1], 0.0), 1.0), min(max(f0[2], 0.0), 1.0))
-    f0_real = f0_of_eta(eta)
-    closures.param[lane, i, F0_REAL] = f0_real
-    store_color(closures, lane, i, F0, f0)
-    store_color(closures, lane, i, REFLECTION_TINT, reflection_tint)
-    store_color(closures, lane, i, TRANSMISSION_TINT, transmission_tint)
-    scale_by_albedo(closures, tables, lane, i, GLASS, wo)
-    if is_multiple:
-        fresnel = transmission_tint
-        if transmission_tint == black:
-            s = interface_mean_blend(eta, f0_real)
-            fresnel = (
-                reflection_tint[0] * (f0[0] + (1.0 - f0[0]) * s),
-                reflection_tint[1] * (f0[1] + (1.0 - f0[1]) * s),
-                reflection_tint[2] * (f0[2] + (1.0 - f0[2]) * s),
-            )
-        preserve_energy(closures, tables, lane, i, GLASS, wo, fresnel)
+    i = append_microfacet(
+        closures, lane, GLASS, weight, n, alpha, alpha, n, eta, f0, reflection_tint, transmission_tint
+    )
+    if i < 0:
+        return
+    # Most of the colour is the transmitted light's.
+    fresnel = transmission_tint
+    if transmission_tint[0] == 0.0 and transmission_tint[1] == 0.0 and transmission_tint[2] == 0.0:
+        fresnel = blend_to_white(f0, interface_mean_blend(eta))
+        fresnel = (fresnel[0] * reflection_tint[0], fresnel[1] * reflection_tint[1], fresnel[2] * reflection_tint[2])
+    finish_lobe(closures.param, tables.data, lane, i, GLASS, wo, is_multiple, fresnel)
 
 
 @kernel

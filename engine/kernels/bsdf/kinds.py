@@ -83,8 +83,10 @@ SHEEN_A = CLOSURE_KIND_PARAMS
 SHEEN_B = CLOSURE_KIND_PARAMS + 1
 SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 2
 
-#: 1 where the closure's normal is not the smooth shading normal (bump_shadowing applies), else 0.
-IS_BUMPED = CLOSURE_WIDTH - 1
+#: Smooth shading normal of a bumped closure, and whether there is one: 0 no (the columns before are not set), 1 yes,
+#: 2 yes but the material turned bump correction off.
+SMOOTH_N = CLOSURE_WIDTH - 4
+BUMP = CLOSURE_WIDTH - 1
 
 #: Closures whose mean weight is below are dropped (Cycles' cutoff).
 WEIGHT_CUTOFF = np.float32(1e-5)

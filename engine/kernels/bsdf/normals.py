@@ -4,7 +4,7 @@
 import math
 
 from engine.jit import kernel
-from engine.kernels.bsdf.kinds import CLOSURE_NO_BUMP_CORRECTION
+from engine.kernels.bsdf.kinds import BUMP, CLOSURE_NO_BUMP_CORRECTION, SMOOTH_N
 from engine.kernels.vector import add, dot, normalize, scale, subtract
 
 
@@ -48,26 +48,25 @@ def valid_specular_normal(closures, lane, ng, wo, n):
 
 
 @kernel
-def bump_shadowing(closures, lane, n, wi, is_diffuse, is_sampled):
+def bump_shadowing(param, lane, i, n, wi, is_diffuse, is_sampled):
     """Factor in [0, 1] on a bumped lobe: 0 where light would leak through, a soft terminator for diffuse lobes.
 
     A direction on one side of the bumped normal and on the other of the smooth one is rejected, except for a
     specular lobe's own sample. Masking of Conty Estevez, Lecocq and Stein 2019, "A Microfacet-Based Shadowing Function
     to Solve the Bump Terminator Problem", in the unidirectional Smith form that Cycles uses.
     """
-    ns = (closures.ns[lane, 0], closures.ns[lane, 1], closures.ns[lane, 2])
-    cos_ns_wi = dot(ns, wi)
-    cos_ns_n = dot(ns, n)
-    if cos_ns_wi * cos_ns_n * dot(n, wi) < 0.0 and (is_diffuse or not is_sampled):
+    ns = (param[lane, i, SMOOTH_N], param[lane, i, SMOOTH_N + 1], param[lane, i, SMOOTH_N + 2])
+    cos_i = dot(ns, wi)
+    cos_d = dot(ns, n)
+    if cos_i * cos_d * dot(n, wi) < 0.0 and (is_diffuse or not is_sampled):
         return 0.0
-    if not is_diffuse or closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION:
+    if not is_diffuse or param[lane, i, BUMP] == 2.0:
         return 1.0
-    cos_i = abs(cos_ns_wi)
-    cos_d = abs(cos_ns_n)
+    cos_i *= cos_i
+    cos_d *= cos_d
     if cos_d >= 1.0 or cos_i >= 1.0:
         return 1.0
-    if cos_i < 1e-6:
+    if cos_i < 1e-12:
         return 0.0
-    alpha_squared = min(0.125 * (1.0 / (cos_d * cos_d) - 1.0), 1.0)
-    tan_squared = 1.0 / (cos_i * cos_i) - 1.0
-    return 2.0 / (1.0 + math.sqrt(1.0 + alpha_squared * tan_squared))
+    alpha_squared = min(0.125 * (1.0 / cos_d - 1.0), 1.0)
+    return 2.0 / (1.0 + math.sqrt(1.0 + alpha_squared * (1.0 / cos_i - 1.0)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compute the tables of `BsdfTables`: `python -m engine.kernels.bsdf.precompute` (half a minute).
+"""Compute the file of tables: `python -m engine.kernels.bsdf.precompute` (half a minute).
 
 Albedos are integrals over the visible normals of GGX, by Gauss-Legendre quadrature in the radius and the midpoint rule
 in the angle of the spherical cap they are sampled from (Dupuy and Benyoub 2023). What each table means is Cycles'
@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from engine.kernels.bsdf.tables import TABLES_FILE, BsdfTables
+from engine.kernels.bsdf.tables import TABLE_SHAPES, TABLES_FILE
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -114,34 +114,31 @@ def _table(mode: int, etas: FloatArray, size: int) -> tuple[FloatArray, FloatArr
     return integrate(_axis(size)), average
 
 
-def compute_tables(sheen: FloatArray) -> BsdfTables:
-    """All tables; `sheen` (3, 32, 32) is passed through."""
+def compute_tables() -> dict[str, npt.NDArray[np.float32]]:
+    """All tables but sheen, by the names of `TABLE_SHAPES`."""
     z = _axis(16, 0.99)
     etas = ((1.0 + z**2) / (1.0 - z**2)).astype(np.float32).astype(np.float64)
     glossy, glossy_mean = _table(0, np.ones(1), 32)
     above, above_mean = _table(1, etas, 16)
     below, below_mean = _table(1, 1.0 / etas, 16)
-    blend, _ = _table(2, etas, 16)
-    schlick, _ = _table(3, np.ones(1), 16)
-    tables = BsdfTables(
-        glossy_albedo=glossy,
-        glossy_mean=glossy_mean[:, None],
-        glass_albedo=np.concatenate([above, below]),
-        glass_mean=np.stack([above_mean, below_mean]),
-        fresnel_blend=blend,
-        schlick_blend=schlick,
-        sheen=sheen,
-    )
-    return BsdfTables(*(np.clip(table, -1e9, 1e9).astype(np.float32) for table in tables))
+    tables = {
+        "glossy_albedo": glossy,
+        "glossy_mean": glossy_mean,
+        "glass_albedo": np.concatenate([above, below]),
+        "glass_mean": np.stack([above_mean, below_mean]),
+        "fresnel_blend": _table(2, etas, 16)[0],
+        "schlick_blend": _table(3, np.ones(1), 16)[0],
+    }
+    return {name: table.astype(np.float32).reshape(TABLE_SHAPES[name]) for name, table in tables.items()}
 
 
 def main() -> None:
     """Write the file of tables anew, keeping the sheen fit that is in it."""
-    sheen = np.zeros((3, 32, 32))
+    sheen = np.zeros(TABLE_SHAPES["sheen"], np.float32)
     if TABLES_FILE.is_file():
         with np.load(TABLES_FILE) as stored:
-            sheen = stored["sheen"].astype(np.float64)
-    np.savez_compressed(TABLES_FILE, **compute_tables(sheen)._asdict())
+            sheen = stored["sheen"]
+    np.savez_compressed(TABLES_FILE, sheen=sheen, **compute_tables())
 
 
 if __name__ == "__main__":

@@ -4,17 +4,14 @@
 import math
 
 from engine.jit import kernel
-from engine.kernels.bsdf.closures import append_closure, store_color
+from engine.kernels.bsdf.closures import append_closure, weight_below
 from engine.kernels.bsdf.diffuse import add_emission, add_oren_nayar, add_transparent
-from engine.kernels.bsdf.energy import attenuate_below, preserve_energy, scale_by_albedo
+from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import eta_of_f0, f0_of_eta, f82_b, f82_mean, fresnel_mean, interface_mean_blend
-from engine.kernels.bsdf.glossy import append_glass, append_microfacet, rotate_tangent
+from engine.kernels.bsdf.glossy import append_glass, append_microfacet, blend_to_white, rotate_tangent
 from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     DIFFUSE,
-    F0,
-    F0_REAL,
-    F82_B,
     GLOSSY_DIELECTRIC,
     GLOSSY_F82,
     GLOSSY_SCHLICK,
@@ -45,68 +42,32 @@ def not_negative(color):
 
 
 @kernel
-def add_coat(closures, tables, lane, weight, wo, n, coat_weight, roughness, ior, tint):
-    """Clear dielectric layer; returns the weight it leaves to what is below.
+def absorb_in_coat(weight, cos_o, coat_weight, ior, tint):
+    """Weight left below a tinted coat.
 
-    The tint is what is absorbed along a path of the layer's thickness at perpendicular incidence, raised to the length
+    The tint is what is absorbed along a path of the coat's thickness at perpendicular incidence, raised to the length
     of the refracted view path (Beer's law).
     """
-    if closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0:
-        alpha = roughness * roughness
-        i = append_microfacet(
-            closures, lane, GLOSSY_DIELECTRIC, scale(weight, coat_weight), n, alpha, alpha, n, ior
-        )
-        if i >= 0:
-            mean = scale_by_albedo(closures, tables, lane, i, GLOSSY_DIELECTRIC, wo)
-            fresnel = fresnel_mean(ior)
-            preserve_energy(closures, tables, lane, i, GLOSSY_DIELECTRIC, wo, (fresnel, fresnel, fresnel))
-            weight = attenuate_below(closures, lane, i, GLOSSY_DIELECTRIC, mean, weight)
-    if tint[0] != 1.0 or tint[1] != 1.0 or tint[2] != 1.0:
-        cos_o = dot(wo, n)
-        path_length = 1.0 / math.sqrt(max(1.0 - (1.0 - cos_o * cos_o) / (ior * ior), 1e-6))
-        weight = (
-            weight[0] * (1.0 + coat_weight * (tint[0] ** path_length - 1.0)),
-            weight[1] * (1.0 + coat_weight * (tint[1] ** path_length - 1.0)),
-            weight[2] * (1.0 + coat_weight * (tint[2] ** path_length - 1.0)),
-        )
-    return weight
-
-
-@kernel
-def add_metal(closures, tables, lane, weight, wo, n, is_multiple, alpha_x, alpha_y, tangent, color, edge_tint):
-    """Conductor with the F82 Fresnel curve: `color` at perpendicular incidence, `edge_tint` near 82 degrees."""
-    i = append_microfacet(closures, lane, GLOSSY_F82, weight, n, alpha_x, alpha_y, tangent, 1.0)
-    if i < 0:
-        return
-    b = (
-        f82_b(color[0], min(edge_tint[0], 1.0)),
-        f82_b(color[1], min(edge_tint[1], 1.0)),
-        f82_b(color[2], min(edge_tint[2], 1.0)),
+    path_length = 1.0 / math.sqrt(max(1.0 - (1.0 - cos_o * cos_o) / (ior * ior), 1e-6))
+    return (
+        weight[0] * (1.0 + coat_weight * (tint[0] ** path_length - 1.0)),
+        weight[1] * (1.0 + coat_weight * (tint[1] ** path_length - 1.0)),
+        weight[2] * (1.0 + coat_weight * (tint[2] ** path_length - 1.0)),
     )
-    store_color(closures, lane, i, F0, color)
-    store_color(closures, lane, i, F82_B, b)
-    scale_by_albedo(closures, tables, lane, i, GLOSSY_F82, wo)
-    if is_multiple:
-        fresnel = (f82_mean(color[0], b[0]), f82_mean(color[1], b[1]), f82_mean(color[2], b[2]))
-        preserve_energy(closures, tables, lane, i, GLOSSY_F82, wo, fresnel)
 
 
 @kernel
-def add_specular(closures, tables, lane, weight, wo, n, is_multiple, alpha_x, alpha_y, tangent, eta, f0):
-    """Dielectric reflection whose Fresnel term runs from `f0` to 1; returns the weight left below."""
-    i = append_microfacet(closures, lane, GLOSSY_SCHLICK, weight, n, alpha_x, alpha_y, tangent, eta)
+def add_layer(
+    closures, tables, lane, kind, weight, scale_in, wo, n, is_multiple, alpha_x, alpha_y, tangent, eta, f0, b, fresnel
+):
+    """Append a reflecting lobe of weight `weight` times `scale_in`; returns what it leaves of `weight` below."""
+    i = append_microfacet(
+        closures, lane, kind, scale(weight, scale_in), n, alpha_x, alpha_y, tangent, eta, f0, b, f0
+    )
     if i < 0:
         return weight
-    f0_real = f0_of_eta(eta)
-    f0 = (clamp01(f0[0]), clamp01(f0[1]), clamp01(f0[2]))
-    closures.param[lane, i, F0_REAL] = f0_real
-    store_color(closures, lane, i, F0, f0)
-    mean = scale_by_albedo(closures, tables, lane, i, GLOSSY_SCHLICK, wo)
-    if is_multiple:
-        s = interface_mean_blend(eta, f0_real)
-        fresnel = (f0[0] + (1.0 - f0[0]) * s, f0[1] + (1.0 - f0[1]) * s, f0[2] + (1.0 - f0[2]) * s)
-        preserve_energy(closures, tables, lane, i, GLOSSY_SCHLICK, wo, fresnel)
-    return attenuate_below(closures, lane, i, GLOSSY_SCHLICK, mean, weight)
+    layer = finish_lobe(closures.param, tables.data, lane, i, kind, wo, is_multiple, fresnel)
+    return weight_below(layer, weight)
 
 
 @kernel
@@ -187,41 +148,65 @@ def add_principled(
 
     if coat_weight > WEIGHT_CUTOFF:
         coat_n = valid_specular_normal(closures, lane, ng, wo, coat_normal)
-        weight = add_coat(
-            closures,
-            tables,
-            lane,
-            weight,
-            wo,
-            coat_n,
-            coat_weight,
-            clamp01(coat_roughness),
-            max(coat_ior, 1.0),
-            not_negative(coat_tint),
-        )
+        coat_ior = max(coat_ior, 1.0)
+        if reflects:
+            coat_alpha = clamp01(coat_roughness)
+            coat_alpha *= coat_alpha
+            mean = fresnel_mean(coat_ior)
+            mean_color = (mean, mean, mean)
+            weight = add_layer(
+                closures,
+                tables,
+                lane,
+                GLOSSY_DIELECTRIC,
+                weight,
+                coat_weight,
+                wo,
+                coat_n,
+                True,
+                coat_alpha,
+                coat_alpha,
+                n,
+                coat_ior,
+                mean_color,
+                mean_color,
+                mean_color,
+            )
+        if coat_tint[0] != 1.0 or coat_tint[1] != 1.0 or coat_tint[2] != 1.0:
+            weight = absorb_in_coat(weight, dot(wo, coat_n), coat_weight, coat_ior, not_negative(coat_tint))
 
     add_emission(closures, lane, scale(multiply(emission_color, weight), emission_strength))
 
     if metallic > WEIGHT_CUTOFF:
         if reflects:
-            metal_weight = scale(weight, metallic)
-            add_metal(
+            f0 = clamped_color
+            b = (
+                f82_b(f0[0], min(specular_tint[0], 1.0)),
+                f82_b(f0[1], min(specular_tint[1], 1.0)),
+                f82_b(f0[2], min(specular_tint[2], 1.0)),
+            )
+            fresnel = (f82_mean(f0[0], b[0]), f82_mean(f0[1], b[1]), f82_mean(f0[2], b[2]))
+            add_layer(
                 closures,
                 tables,
                 lane,
-                metal_weight,
+                GLOSSY_F82,
+                weight,
+                metallic,
                 wo,
                 specular_n,
                 is_multiple,
                 alpha_x,
                 alpha_y,
                 tangent,
-                clamped_color,
-                specular_tint,
+                1.0,
+                f0,
+                b,
+                fresnel,
             )
         weight = scale(weight, 1.0 - metallic)
 
-    f0 = f0_of_eta(ior)
+    f0_real = f0_of_eta(ior)
     if transmission > WEIGHT_CUTOFF:
         tint = (math.sqrt(clamped_color[0]), math.sqrt(clamped_color[1]), math.sqrt(clamped_color[2]))
         append_glass(
@@ -235,7 +220,7 @@ def add_principled(
             roughness * roughness,
             ior,
             is_backfacing,
-            scale(specular_tint, f0),
+            scale(specular_tint, f0_real),
             (1.0, 1.0, 1.0),
             tint,
         )
@@ -244,14 +229,30 @@ def add_principled(
     eta = ior
     specular_level = max(specular_level, 0.0)
     if specular_level != 0.5:
-        f0 *= 2.0 * specular_level
-        eta = eta_of_f0(f0)
+        f0_real *= 2.0 * specular_level
+        eta = eta_of_f0(f0_real)
         if ior < 1.0:
             eta = 1.0 / eta
     if reflects and eta != 1.0:
-        f0_color = scale(specular_tint, f0)
-        weight = add_specular(
-            closures, tables, lane, weight, wo, specular_n, is_multiple, alpha_x, alpha_y, tangent, eta, f0_color
+        f0 = scale(specular_tint, f0_real)
+        f0 = (clamp01(f0[0]), clamp01(f0[1]), clamp01(f0[2]))
+        weight = add_layer(
+            closures,
+            tables,
+            lane,
+            GLOSSY_SCHLICK,
+            weight,
+            1.0,
+            wo,
+            specular_n,
+            is_multiple,
+            alpha_x,
+            alpha_y,
+            tangent,
+            eta,
+            f0,
+            f0,
+            blend_to_white(f0, interface_mean_blend(eta)),
         )
 
     diffuse_weight = multiply(weight, base_color)
