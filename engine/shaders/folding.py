@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from engine import state
-from engine.kernels.bsdf.tables import bsdf_tables
+from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader.interpreter import evaluate_shaders
 from engine.scene import arrays as layout
 from engine.scene.arrays import Float32Array, GeometryArrays
@@ -102,7 +102,7 @@ def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]
     )
     memory = allocate_memory(shaders)
     geometry, points, closures, lanes = _one_lane()
-    evaluate_shaders(shaders, geometry, bsdf_tables(), points, closures, lanes, 1, memory, MODE_CLOSURES)
+    evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, 1, memory, MODE_CLOSURES)
     return tuple(
         Constant(tuple(float(x) for x in memory[slot : slot + width]))
         for slot, width in zip(outputs, instruction.output_widths, strict=True)
@@ -132,7 +132,7 @@ def estimate_emission(
         points.integer[:, state.POINT_RAY_FLAGS] = state.RAY_DIFFUSE | state.RAY_REFLECT | state.RAY_EMISSION
         points.integer[:, state.POINT_LIGHT] = 0 if kind == "LIGHT" else -1
         points.integer[:, state.POINT_PROGRAM] = program
-        evaluate_shaders(shaders, geometry, bsdf_tables(), points, closures, lanes, sample_count, memory, MODE_EMISSION)
+        evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, sample_count, memory, MODE_EMISSION)
         emission = np.nan_to_num(closures.emission[:, :3].astype(np.float64), posinf=0.0, neginf=0.0)
         result[row] = np.maximum(emission, 0.0).mean(axis=0)
     return result

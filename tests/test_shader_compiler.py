@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The shader compiler: folding, sharing, weights, facts about programs, broken graphs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.shader_harness import Graph, compile_one, emitted, run, square_points
+
+from engine.kernels.bsdf import kinds
+from engine.kernels.shader import ops_closure
+from engine.scene.description import Link, NodeGraph
+from engine.shaders.arrays import (
+    MODE_CLOSURES,
+    MODE_EMISSION,
+    MODE_TRANSPARENCY,
+    PROGRAM_EMISSION_CONSTANT,
+    PROGRAM_END,
+    PROGRAM_FLAGS,
+    PROGRAM_HAS_EMISSION,
+    PROGRAM_HAS_LOBES,
+    PROGRAM_IS_CONSTANT,
+    PROGRAM_MAY_BE_TRANSPARENT,
+    PROGRAM_START,
+    PROGRAM_TRANSPARENCY_CONSTANT,
+    ShaderArrays,
+)
+from engine.state import CLOSURE_WEIGHT
+
+
+def opcodes(shaders: ShaderArrays, mode: int = MODE_CLOSURES) -> list[int]:
+    """Opcodes of program 0 in order."""
+    pc = int(shaders.programs[0, PROGRAM_START + 2 * mode])
+    found = []
+    while pc < shaders.programs[0, PROGRAM_END + 2 * mode]:
+        found.append(int(shaders.code[pc]))
+        pc += int(shaders.code[pc + 1])
+    return found
+
+
+def flags(shaders: ShaderArrays) -> int:
+    return int(shaders.programs[0, PROGRAM_FLAGS])
+
+
+def test_constants_are_folded_through_chains() -> None:
+    graph = Graph()
+    clamp = graph.link("ShaderNodeClamp", "Result", inputs={"Value": 7.0, "Min": 0.0, "Max": 0.25})
+    combine = graph.link("ShaderNodeCombineXYZ", "Vector", inputs={"X": clamp, "Y": 0.5, "Z": 2.0})
+    shaders, _names, notices = compile_one(graph.emit(combine, 2.0))
+    assert opcodes(shaders) == [ops_closure.OP_EMISSION]
+    assert flags(shaders) & PROGRAM_EMISSION_CONSTANT
+    np.testing.assert_allclose(shaders.program_values[0, :3], (0.5, 1.0, 4.0))
+    assert notices == []
+
+
+def test_equal_nodes_run_once_and_unread_nodes_never() -> None:
+    graph = Graph()
+    first = graph.link("ShaderNodeNewGeometry", "Position")
+    second = graph.link("ShaderNodeNewGeometry", "Position")
+    graph.link("ShaderNodeTexChecker", "Color")
+    a = graph.link("ShaderNodeTexChecker", "Fac", inputs={"Vector": first})
+    b = graph.link("ShaderNodeTexChecker", "Fac", inputs={"Vector": second})
+    combine = graph.link("ShaderNodeCombineXYZ", "Vector", inputs={"X": a, "Y": b, "Z": a})
+    shaders, _names, _notices = compile_one(graph.emit(combine))
+    assert len(opcodes(shaders)) == 4  # position, checker, combine, emission
+
+
+def test_socket_conversions() -> None:
+    graph = Graph()
+    color = (0.1, 0.5, 0.9)
+    position = graph.link("ShaderNodeNewGeometry", "Position")
+    constant_gray = graph.link("ShaderNodeClamp", "Result", inputs={"Value": graph.link("ShaderNodeRGB", "Color", value=color)})
+    mean = graph.link("ShaderNodeClamp", "Result", inputs={"Value": position})
+    combine = graph.link("ShaderNodeCombineXYZ", "Vector", inputs={"X": constant_gray, "Y": mean, "Z": 0.0})
+    result = emitted(graph.emit(combine), square_points((0.6, 0.3)))
+    luminance = 0.2126729 * 0.1 + 0.7151522 * 0.5 + 0.0721750 * 0.9
+    np.testing.assert_allclose(result[0], (luminance, 0.3, 0.0), rtol=1e-6)
+    graph = Graph()
+    value = graph.link("ShaderNodeLightPath", "Is Camera Ray")
+    np.testing.assert_allclose(emitted(graph.emit(value))[0], (1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("fac", [-0.5, 0.0, 0.25, 1.0, 3.0])
+def test_mix_and_add_weights(fac: float) -> None:
+    graph = Graph()
+    red = graph.link("ShaderNodeEmission", "Emission", inputs={"Color": (1.0, 0.0, 0.0)})
+    blue = graph.link("ShaderNodeEmission", "Emission", inputs={"Color": (0.0, 0.0, 1.0)})
+    mix = graph.link("ShaderNodeMixShader", "Shader", inputs={"Fac": fac, "Shader": red, "Shader_001": blue})
+    both = graph.link("ShaderNodeAddShader", "Shader", inputs={"Shader": mix, "Shader_001": red})
+    shaders, _names, _notices = compile_one(graph.surface(both))
+    weight = min(max(fac, 0.0), 1.0)
+    np.testing.assert_allclose(run(shaders).emission[0, :3], (2.0 - weight, 0.0, weight), atol=1e-6)
+    assert flags(shaders) & PROGRAM_EMISSION_CONSTANT
+
+
+def test_mix_by_a_varying_factor() -> None:
+    graph = Graph()
+    checker = graph.link("ShaderNodeTexChecker", "Fac", inputs={"Scale": 2.0})
+    white = graph.link("ShaderNodeEmission", "Emission")
+    clear = graph.link("ShaderNodeBsdfTransparent", "BSDF")
+    mix = graph.link("ShaderNodeMixShader", "Shader", inputs={"Fac": checker, "Shader": white, "Shader_001": clear})
+    shaders, _names, _notices = compile_one(graph.surface(mix))
+    closures = run(shaders, square_points([(0.25, 0.2), (0.75, 0.25)]))
+    np.testing.assert_allclose(closures.emission[:, 0] + closures.transparency[:, 0], 1.0)
+    assert set(closures.emission[:, 0]) == {0.0, 1.0}
+    assert flags(shaders) & PROGRAM_HAS_EMISSION and flags(shaders) & PROGRAM_MAY_BE_TRANSPARENT
+    assert not flags(shaders) & (PROGRAM_EMISSION_CONSTANT | PROGRAM_TRANSPARENCY_CONSTANT)
+    # Half of the square emits: the estimate says so.
+    np.testing.assert_allclose(shaders.program_values[0, :3], 0.5, atol=0.02)
+
+
+def test_modes_run_only_what_they_need() -> None:
+    graph = Graph()
+    position = graph.link("ShaderNodeNewGeometry", "Position")
+    principled = graph.link(
+        "ShaderNodeBsdfPrincipled",
+        "BSDF",
+        inputs={"Base Color": position, "Alpha": 0.25, "Emission Color": (1.0, 0.5, 0.0), "Emission Strength": 4.0},
+    )
+    shaders, _names, _notices = compile_one(graph.surface(principled))
+    assert opcodes(shaders, MODE_EMISSION) == [ops_closure.OP_EMISSION]
+    assert opcodes(shaders, MODE_TRANSPARENCY) == [ops_closure.OP_ALPHA]
+    for mode in (MODE_CLOSURES, MODE_EMISSION):
+        np.testing.assert_allclose(run(shaders, mode=mode).emission[0, :3], (1.0, 0.5, 0.0), rtol=1e-6)
+    for mode in (MODE_CLOSURES, MODE_TRANSPARENCY):
+        np.testing.assert_allclose(run(shaders, mode=mode).transparency[0, :3], 0.75, rtol=1e-6)
+    np.testing.assert_allclose(shaders.program_values[0, :3], (1.0, 0.5, 0.0))
+    np.testing.assert_allclose(shaders.program_values[0, 4:7], 0.75)
+    assert flags(shaders) & PROGRAM_TRANSPARENCY_CONSTANT
+    assert not flags(shaders) & PROGRAM_IS_CONSTANT
+
+
+def test_transparent_shadows_can_be_switched_off() -> None:
+    graph = Graph()
+    surface = graph.surface(graph.link("ShaderNodeBsdfTransparent", "BSDF"))
+    assert flags(compile_one(surface)[0]) & PROGRAM_MAY_BE_TRANSPARENT
+    assert not flags(compile_one(surface, use_transparent_shadow=False)[0]) & PROGRAM_MAY_BE_TRANSPARENT
+
+
+def test_default_and_empty_materials() -> None:
+    shaders, _names, _notices = compile_one(None)
+    closures = run(shaders)
+    assert closures.count[0] == 1 and closures.kind[0, 0] == kinds.DIFFUSE
+    np.testing.assert_allclose(closures.param[0, 0, CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3], 0.8)
+    assert flags(shaders) == PROGRAM_HAS_LOBES | PROGRAM_IS_CONSTANT | PROGRAM_EMISSION_CONSTANT | (
+        PROGRAM_TRANSPARENCY_CONSTANT
+    )
+    shaders, _names, _notices = compile_one(NodeGraph())
+    assert opcodes(shaders) == [] and run(shaders).count[0] == 0
+
+
+def test_world_without_nodes_has_its_color() -> None:
+    shaders, _names, _notices = compile_one(None, kind="WORLD", color=(0.1, 0.2, 0.3))
+    np.testing.assert_allclose(shaders.program_values[0, :3], (0.1, 0.2, 0.3))
+
+
+def test_unsupported_nodes_are_reported_once() -> None:
+    graph = Graph()
+    odd = graph.link("ShaderNodeFromTheFuture", "Value", name="Odd")
+    sky = graph.link("ShaderNodeTexSky", "Color", name="Sky")
+    _shaders, _names, notices = compile_one(graph.emit(sky, odd))
+    assert [(n.subject, n.fallback) for n in notices] == [("M / Sky", "a constant blue"), ("M / Odd", "0")]
+    graph = Graph()
+    _shaders, _names, notices = compile_one(graph.surface(graph.link("ShaderNodeBsdfOdd", "BSDF", name="Odd")))
+    assert [n.subject for n in notices] == ["M / Odd"]
+
+
+def test_cycles_are_cut_and_reported() -> None:
+    graph = Graph()
+    first = graph.add("ShaderNodeClamp", name="First")
+    second = graph.link("ShaderNodeClamp", "Result", name="Second", inputs={"Value": Link(first, "Result")})
+    graph.nodes[first].inputs["Value"] = second
+    _shaders, _names, notices = compile_one(graph.emit(second))
+    assert len(notices) == 1 and "loop" in notices[0].problem
+    graph = Graph()
+    mix = graph.add("ShaderNodeMixShader", name="Mix")
+    white = graph.link("ShaderNodeEmission", "Emission")
+    graph.nodes[mix].inputs.update({"Fac": 0.5, "Shader": Link(mix, "Shader"), "Shader_001": white})
+    shaders, _names, notices = compile_one(graph.surface(Link(mix, "Shader")))
+    assert len(notices) == 1
+    np.testing.assert_allclose(run(shaders).emission[0, :3], 0.5)
+
+
+def test_broken_links_and_values_do_not_crash() -> None:
+    graph = Graph()
+    color = graph.link("ShaderNodeRGB", "No Such Output", value=(1.0, 1.0, 1.0, 1.0))
+    surface = graph.emit(color, Link(99, "Value"))
+    _shaders, _names, notices = compile_one(surface)
+    assert len(notices) == 2
+    compile_one(NodeGraph([], Link(0, "BSDF")))
+    graph = Graph()
+    bad = graph.link("ShaderNodeBsdfDiffuse", "BSDF", inputs={"Color": "red", "Roughness": (), "Normal": None})
+    compile_one(graph.surface(bad))
+
+
+def test_long_chains_do_not_exhaust_the_stack() -> None:
+    graph = Graph()
+    value = graph.link("ShaderNodeLightPath", "Ray Length")
+    for _ in range(3000):
+        value = graph.link("ShaderNodeClamp", "Result", inputs={"Value": value, "Max": 9.0})
+    assert emitted(graph.emit(value))[0, 0] == 2.0
+
+
+def test_many_live_values_keep_their_registers() -> None:
+    """Sums of many values that are all alive at once: a wrong register shows as a wrong sum."""
+    graph = Graph()
+    position = graph.link("ShaderNodeNewGeometry", "Position")
+    parts = []
+    for k in range(60):
+        location = (float(k), 0.0, 0.0)
+        parts.append(graph.link("ShaderNodeMapping", "Vector", inputs={"Vector": position, "Location": location}))
+    surface = None
+    for part in parts:
+        emission = graph.link("ShaderNodeEmission", "Emission", inputs={"Color": part})
+        if surface is None:
+            surface = emission
+        else:
+            surface = graph.link("ShaderNodeAddShader", "Shader", inputs={"Shader": surface, "Shader_001": emission})
+    assert surface is not None
+    shaders, _names, _notices = compile_one(graph.surface(surface))
+    result = run(shaders, square_points((0.5, 0.25))).emission[0, :3]
+    np.testing.assert_allclose(result, (60 * 0.5 + 59 * 30, 60 * 0.25, 0.0), rtol=1e-5)
+
+
+def test_attribute_slots_are_named() -> None:
+    graph = Graph()
+    color = graph.link("ShaderNodeAttribute", "Color", attribute_name="wear")
+    fac = graph.link("ShaderNodeVertexColor", "Alpha", layer_name="Col")
+    _shaders, names, _notices = compile_one(graph.emit(color, fac))
+    assert names == ["wear", "Col"]
