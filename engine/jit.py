@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one decorator every compiled function wears, and where its machine code is kept.
 
-`kernel` differs from a bare `numba.njit` in three ways:
+`kernel` differs from a bare `numba.njit` in four ways:
 
 - a float literal in a kernel is float32 (numba would promote every expression it touches to float64);
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
+- literal and int32 arguments do not make numba compile a callee anew (`_share_specializations`);
 - the cache on disk is keyed by the sources a kernel is made of, imports included: numba's own cache does not see
   an edited callee in another file.
 """
@@ -23,6 +24,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import types
 from numba.core.typing.typeof import typeof_impl
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
@@ -113,6 +115,30 @@ def _float32_constants(value: Any) -> Any:
     return value
 
 
+def _general_type(argument: Any) -> Any:
+    general = types.unliteral(argument)
+    return types.int64 if general == types.int32 else general
+
+
+def _share_specializations(dispatcher: Any) -> Any:
+    """Make calls from other kernels with a literal, an int32 or an int64 argument use one compiled function.
+
+    Numba would compile the callee, and all it calls, again for every value of a literal argument.
+    """
+    if numba.config.DISABLE_JIT:
+        return dispatcher
+    resolve = dispatcher.get_call_template
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return resolve(
+            tuple(_general_type(argument) for argument in args),
+            {name: _general_type(argument) for name, argument in kws.items()},
+        )
+
+    dispatcher.get_call_template = get_call_template
+    return dispatcher
+
+
 def kernel(
     function: Callable[..., Any] | None = None,
     *,
@@ -143,13 +169,15 @@ def kernel(
         sources = source_hash(module, Path(target.__code__.co_filename))
         numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{sources}")
         try:
-            return numba.njit(
-                nogil=True,
-                cache=True,
-                error_model="numpy",
-                fastmath=set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
-                forceinline=forceinline,
-            )(target)
+            return _share_specializations(
+                numba.njit(
+                    nogil=True,
+                    cache=True,
+                    error_model="numpy",
+                    fastmath=set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
+                    forceinline=forceinline,
+                )(target)
+            )
         finally:
             numba.config.CACHE_DIR = previous
 
