@@ -17,7 +17,7 @@ def closure_scene(name: str, samples: int = 64, note: str = "") -> registry.Call
             show(material(name, surface))
 
         builder.__doc__ = surface.__doc__
-        scene(name, samples, note)(builder)
+        scene(name, samples, note, surface.__module__)(builder)
         return surface
 
     return register

@@ -30,6 +30,12 @@ class BuiltinScene:
     build: Builder
     samples: int = 64
     note: str = ""
+    module: str = ""
+
+    @property
+    def group(self) -> str:
+        """Module it comes from: closures, lights, ..."""
+        return self.module.rpartition(".")[2]
 
     @property
     def description(self) -> str:
@@ -40,13 +46,13 @@ class BuiltinScene:
 SCENES: dict[str, BuiltinScene] = {}
 
 
-def scene(name: str, samples: int = 64, note: str = "") -> Callable[[Builder], Builder]:
-    """Register a builder under `name`."""
+def scene(name: str, samples: int = 64, note: str = "", module: str = "") -> Callable[[Builder], Builder]:
+    """Register a builder under `name`; its module names the group it is shown in."""
 
     def register(builder: Builder) -> Builder:
         if name in SCENES:
             raise ValueError(f"two scenes are called {name!r}")
-        SCENES[name] = BuiltinScene(name, builder, samples, note)
+        SCENES[name] = BuiltinScene(name, builder, samples, note, module or builder.__module__)
         return builder
 
     return register

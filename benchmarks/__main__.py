@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Command line of the benchmarks: `python -m benchmarks run|parity|profile|gallery|scenes`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.scene_files import BUILTIN, SceneSource, expand
+
+#: What runs where no scene is named.
+SHORT_SET = ["diffuse", "glossy-sharp", "glass-rough", "principled-everything", "many-lights", "world-image-sun"]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Compare NEURALGUIDE with Cycles.")
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def add(name: str, text: str, samples: int, seeds: int, out: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument(
+            "scenes", nargs="*", help=f".blend files, folders of them, or {BUILTIN}NAME (patterns allowed)"
+        )
+        command.add_argument("--samples", type=int, default=samples, help="per pixel (default: %(default)s)")
+        command.add_argument("--seeds", type=int, default=seeds, help="renders per rival (default: %(default)s)")
+        command.add_argument("--pixels", type=int, default=0, help="scale scenes to about so many pixels")
+        command.add_argument("--threads", type=int, default=0, help="0 = all cores")
+        command.add_argument("--out", type=Path, default=Path(out), help="folder for results (default: %(default)s)")
+        command.add_argument("--resume", action="store_true", help="keep renders that an earlier run finished")
+        return command
+
+    run = add("run", "speed and error of every rival", 64, 3, "out/benchmarks")
+    run.add_argument("--rivals", nargs="+", default=["cycles", "OFF"], help="cycles, cycles-guided, OFF, ...")
+    run.add_argument("--seconds", type=float, default=0.0, help="stop by time instead of samples")
+    run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
+    parity = add("parity", "is it Cycles' picture?", 256, 4, "out/parity")
+    parity.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
+    profile = add("profile", "time and rays per stage, and how near to bare Embree", 32, 1, "out/profile")
+    profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
+    gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
+    gallery.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
+    commands.add_parser("scenes", help="list the scenes built by script")
+    return parser
+
+
+def _scenes(arguments: argparse.Namespace, default: list[str]) -> list[SceneSource]:
+    return expand(arguments.scenes or [BUILTIN + name for name in default])
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    chosen = _parser().parse_args(arguments)
+    if chosen.command == "scenes":
+        from benchmarks.scenes import SCENES
+
+        for scene in SCENES.values():
+            print(f"{BUILTIN}{scene.name:32} {scene.description}")
+        return 0
+    from benchmarks.rivals import Budget, find_rival
+
+    common = {"out": chosen.out, "pixels": chosen.pixels, "threads": chosen.threads, "resume": chosen.resume}
+    try:
+        if chosen.command == "run":
+            from benchmarks.run import run
+
+            return (
+                1
+                if run(
+                    _scenes(chosen, SHORT_SET),
+                    [find_rival(name) for name in chosen.rivals],
+                    Budget(chosen.samples, chosen.seconds),
+                    chosen.seeds,
+                    references=chosen.references,
+                    **common,
+                )
+                else 0
+            )
+        if chosen.command == "parity":
+            from benchmarks.parity import parity
+
+            scenes = _scenes(chosen, ["*"])
+            return 1 if parity(scenes, find_rival(chosen.rival), chosen.samples, chosen.seeds, **common) else 0
+        if chosen.command == "profile":
+            from benchmarks.profiling import profile
+
+            scenes = _scenes(chosen, SHORT_SET[:1])
+            profile(
+                scenes, chosen.samples, pixels=chosen.pixels, threads=chosen.threads, with_replay=not chosen.no_replay
+            )
+            return 0
+        from benchmarks.gallery import gallery
+
+        return 1 if gallery(_scenes(chosen, ["*"]), find_rival(chosen.rival), chosen.samples, **common) else 0
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

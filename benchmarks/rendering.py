@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One render, measured and recorded; and many, interleaved."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import environment
+from benchmarks.images import Float32Array, read_exr
+from benchmarks.rivals import Budget, Rival
+from benchmarks.scene_files import SceneSource, open_scene
+
+
+@dataclass
+class RenderRecord:
+    """The facts of one render, as they go into its JSON file.
+
+    `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own evaluation,
+    export or synchronisation, acceleration structures and handing over the result; the same definition for every
+    renderer. Peak memory is the whole process's, Blender and open file included.
+    """
+
+    scene: str
+    scene_hash: str
+    rival: str
+    seed: int
+    width: int
+    height: int
+    samples_asked: int
+    seconds_asked: float
+    threads: int
+    samples: float = 0.0
+    wall_seconds: float = 0.0
+    export_seconds: float = 0.0
+    compile_seconds: float = 0.0
+    render_seconds: float = 0.0
+    samples_per_second: float = 0.0
+    rays: dict[str, int] = field(default_factory=dict)
+    peak_memory_mib: float = math.nan
+    details: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, Any] = field(default_factory=dict)
+    date: str = ""
+
+    def is_same_work(self, other: RenderRecord, is_ours: bool) -> bool:
+        """Whether a finished render answers what `other` asks: same scene, size, budget, seed, threads, versions."""
+        keys = (
+            "scene", "scene_hash", "rival", "seed", "width", "height", "samples_asked", "seconds_asked", "threads",
+        )  # fmt: skip
+        if any(getattr(self, key) != getattr(other, key) for key in keys):
+            return False
+        mine, theirs = self.environment, other.environment
+        return mine.get("versions") == theirs.get("versions") and (not is_ours or mine["commit"] == theirs["commit"])
+
+
+@dataclass
+class Render:
+    """A picture, float32 (height, width, 4) with row 0 at the top, and its record."""
+
+    image: Float32Array
+    record: RenderRecord
+
+
+class _SampleWatch:
+    """Largest "Sample i/n" Cycles has shown: the only place that tells how far a time limit let it come."""
+
+    def __init__(self) -> None:
+        self.largest = 0
+
+    def __call__(self, text: str, *_: Any) -> None:
+        _, found, tail = str(text).partition("Sample ")
+        if found and tail.partition("/")[0].isdigit():
+            self.largest = max(self.largest, int(tail.partition("/")[0]))
+
+
+def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, exr: Path) -> Render:
+    """Render the open scene, write EXR and JSON.
+
+    Raises
+    ------
+    RuntimeError
+        If the renderer failed.
+    """
+    import bpy
+
+    rival.configure(scene, budget, record.seed, record.threads)
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "IMAGE"
+    settings.file_format, settings.color_mode, settings.color_depth, settings.exr_codec = (
+        "OPEN_EXR",
+        "RGBA",
+        "32",
+        "ZIP",
+    )
+    exr.parent.mkdir(parents=True, exist_ok=True)
+
+    watch = _SampleWatch()
+    bpy.app.handlers.render_stats.append(watch)
+    environment.reset_peak_memory()
+    start = time.perf_counter()
+    try:
+        bpy.ops.render.render(write_still=False)
+    finally:
+        wall_seconds = time.perf_counter() - start
+        bpy.app.handlers.render_stats.remove(watch)
+    record.peak_memory_mib = environment.peak_memory_mib()
+    bpy.data.images["Render Result"].save_render(str(exr.resolve()), scene=scene)
+    image, header = read_exr(exr)
+    measured = rival.measure(scene, header, budget, wall_seconds, watch.largest)
+
+    record.wall_seconds = wall_seconds
+    record.render_seconds, record.compile_seconds = measured.render_seconds, measured.compile_seconds
+    record.export_seconds = max(wall_seconds - measured.render_seconds - measured.compile_seconds, 0.0)
+    record.samples = measured.samples
+    record.samples_per_second = measured.samples * image.shape[0] * image.shape[1] / max(measured.render_seconds, 1e-6)
+    record.rays, record.details = measured.rays or {}, measured.details or {}
+    record.date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    exr.with_suffix(".json").write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
+    return Render(image, record)
+
+
+def _finished(exr: Path, record: RenderRecord, is_ours: bool) -> Render | None:
+    """An earlier run's render that answers `record`, if there is one."""
+    try:
+        found = RenderRecord(**json.loads(exr.with_suffix(".json").read_text(encoding="utf-8")))
+        if found.is_same_work(record, is_ours):
+            return Render(read_exr(exr)[0], found)
+    except (OSError, ValueError, TypeError, KeyError, RuntimeError):
+        pass
+    return None
+
+
+@dataclass
+class Failure:
+    """A render that did not come about."""
+
+    rival: str
+    message: str
+
+
+def render_scene(
+    source: SceneSource,
+    rivals: Sequence[Rival],
+    budget: Budget,
+    seed_count: int,
+    *,
+    out: Path,
+    pixels: int = 0,
+    size: tuple[int, int] | None = None,
+    threads: int = 0,
+    resume: bool = False,
+    say: Callable[[str], None] = print,
+) -> tuple[dict[str, list[Render]], list[Failure]]:
+    """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
+
+    A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
+    touches all rivals alike.
+    """
+    scene = open_scene(source, pixels, size)
+    renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
+    failures: list[Failure] = []
+    scene_hash = source.content_hash()
+    for seed in range(1, seed_count + 1):
+        for rival in rivals:
+            if any(failure.rival == rival.name for failure in failures):
+                continue
+            record = RenderRecord(
+                scene=source.name,
+                scene_hash=scene_hash,
+                rival=rival.name,
+                seed=seed,
+                width=scene.render.resolution_x,
+                height=scene.render.resolution_y,
+                samples_asked=0 if budget.seconds else budget.samples,
+                seconds_asked=budget.seconds,
+                threads=threads or environment.thread_count(),
+                environment=environment.describe(),
+            )
+            exr = out / source.name / f"{rival.name}_{budget}_seed{seed}.exr"
+            done = _finished(exr, record, rival.is_ours) if resume else None
+            if done is None:
+                try:
+                    done = render_once(scene, rival, budget, record, exr)
+                except (RuntimeError, ValueError) as error:
+                    failures.append(Failure(rival.name, str(error).strip()))
+                    say(f"  {source.name}: {rival.name} failed: {str(error).strip()}")
+                    continue
+            renders[rival.name].append(done)
+            r = done.record
+            say(
+                f"  {source.name} {rival.name} seed {seed}: {r.samples:.0f} spp in {r.render_seconds:.2f} s"
+                f" ({r.samples_per_second / 1e6:.3f} Msamples/s), export {r.export_seconds:.2f} s"
+            )
+    return renders, failures
+
+
+def image_stack(renders: Sequence[Render]) -> list[Float32Array]:
+    """The pictures of renders, NaN and infinity kept for the comparison to stumble over."""
+    return [np.asarray(render.image, np.float32) for render in renders]
