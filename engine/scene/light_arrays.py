@@ -39,11 +39,12 @@ NODE_TWO_SIDED = 14
 NODE_SPREAD = 15
 NODE_WIDTH = 16
 
-# LightArrays.links (int32). The two children are neighbours (2k, 2k + 1), so the sibling of node i > 0 is i ^ 1.
+# LightArrays.links (int32)
 LINK_PARENT = 0
-#: First child, or ~emitter for a leaf.
+#: Children are the rows [LINK_CHILD, LINK_CHILD + LINK_COUNT); ~emitter for a leaf.
 LINK_CHILD = 1
-LINK_WIDTH = 2
+LINK_COUNT = 2
+LINK_WIDTH = 4
 
 # LightArrays.distant (float32): emitters at infinity.
 DISTANT_DIRECTION = 0  # towards the light

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Building the light tree: a binary tree over local emitters with bounds on where and how strongly they shine.
 
-Splits are chosen by the surface area orientation heuristic over binned centroids; bounds are merged bottom-up. One
-emitter a leaf; nodes know their parent, so the probability of an emitter is found by walking up from its leaf.
+Splits are chosen by the surface area orientation heuristic over binned centroids until few emitters are left, which then
+become the children of one node: choosing among eight costs about as much as three more levels, and is done by what each
+emitter can do rather than by bounds. Bounds are merged bottom-up. Nodes know their parent, so the probability of an
+emitter is found by walking up from its leaf.
 
 References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting", section 4;
 two-sided cones as in PBRT-4, section 12.6.3.
@@ -18,6 +20,7 @@ from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int32Array
 from engine.scene.light_arrays import (
     LINK_CHILD,
+    LINK_COUNT,
     LINK_PARENT,
     LINK_WIDTH,
     NODE_AXIS,
@@ -47,6 +50,8 @@ BOUNDS_RADIUS_SQUARED = 14
 BOUNDS_WIDTH = 16
 
 _BIN_COUNT = 12
+#: Most emitters below a node that is not split further.
+_GROUP_SIZE = 8
 
 
 @kernel
@@ -183,24 +188,31 @@ def _partition(centers, order, start, end, axis, position):
 
 @kernel
 def _build_topology(bounds, centers, links, leaf_of_emitter, order, stack, bins):
-    """Top-down splitting; returns the number of nodes (index 1 stays unused so that siblings differ in one bit)."""
+    """Top-down splitting; returns the number of nodes. Children have higher numbers than their parent."""
     emitter_count = bounds.shape[0]
-    node_count = 2
+    links[0, LINK_PARENT] = -1
+    if emitter_count == 1:
+        links[0, LINK_CHILD] = ~0
+        leaf_of_emitter[0] = 0
+        return 1
+    node_count = 1
     stack[0, 0] = 0
     stack[0, 1] = 0
     stack[0, 2] = emitter_count
     depth = 1
-    links[0, LINK_PARENT] = -1
-    links[1, LINK_PARENT] = -1
-    links[1, LINK_CHILD] = 0
     while depth > 0:
         depth -= 1
         node = stack[depth, 0]
         start = stack[depth, 1]
         end = stack[depth, 2]
-        if end - start == 1:
-            links[node, LINK_CHILD] = ~order[start]
-            leaf_of_emitter[order[start]] = node
+        links[node, LINK_CHILD] = node_count
+        if end - start <= _GROUP_SIZE:
+            links[node, LINK_COUNT] = end - start
+            for i in range(start, end):
+                links[node_count, LINK_PARENT] = node
+                links[node_count, LINK_CHILD] = ~order[i]
+                leaf_of_emitter[order[i]] = node_count
+                node_count += 1
             continue
         axis, position = _choose_split(bounds, centers, order, start, end, bins)
         middle = start
@@ -209,23 +221,28 @@ def _build_topology(bounds, centers, links, leaf_of_emitter, order, stack, bins)
         # Emitters in one place, or a stack that fills up (splits far off balance): halve by number.
         if middle == start or middle == end or depth > stack.shape[0] - 64:
             middle = (start + end) // 2
-        links[node, LINK_CHILD] = node_count
+        links[node, LINK_COUNT] = 2
         links[node_count, LINK_PARENT] = node
         links[node_count + 1, LINK_PARENT] = node
-        stack[depth, 0] = node_count
-        stack[depth, 1] = start
-        stack[depth, 2] = middle
-        stack[depth + 1, 0] = node_count + 1
-        stack[depth + 1, 1] = middle
-        stack[depth + 1, 2] = end
-        depth += 2
+        for side in range(2):
+            first = start if side == 0 else middle
+            last = middle if side == 0 else end
+            if last - first == 1:
+                links[node_count + side, LINK_CHILD] = ~order[first]
+                leaf_of_emitter[order[first]] = node_count + side
+            else:
+                stack[depth, 0] = node_count + side
+                stack[depth, 1] = first
+                stack[depth, 2] = last
+                depth += 1
         node_count += 2
     return node_count
 
 
 @kernel(float64_literals=True)
-def _merge_cones(cones, target, a, b):
-    """Smallest cone around two (Conty Estevez and Kulla 2018, algorithm 1); columns axis, theta_o, theta_e, sides."""
+def _merge_cones(cones, a, b):
+    """Widen cone a to hold b (Conty Estevez and Kulla 2018, algorithm 1): axis, theta_o, theta_e, sides."""
+    target = a
     two_sided = max(cones[a, 5], cones[b, 5])
     emission = max(cones[a, 4], cones[b, 4])
     if cones[b, 3] > cones[a, 3]:
@@ -273,8 +290,6 @@ def _merge_cones(cones, target, a, b):
 def _fill_nodes(bounds, links, nodes, boxes, cones, node_count):
     """Bounds of all nodes, children (which have higher numbers) before parents."""
     for node in range(node_count - 1, -1, -1):
-        if node == 1:
-            continue
         child = links[node, LINK_CHILD]
         radius_squared = 0.0
         if child < 0:
@@ -290,13 +305,20 @@ def _fill_nodes(bounds, links, nodes, boxes, cones, node_count):
             spread = np.float64(bounds[e, BOUNDS_SPREAD])
             radius_squared = np.float64(bounds[e, BOUNDS_RADIUS_SQUARED])
         else:
-            for c in range(3):
-                boxes[node, c] = min(boxes[child, c], boxes[child + 1, c])
-                boxes[node, c + 3] = max(boxes[child, c + 3], boxes[child + 1, c + 3])
-            _merge_cones(cones, node, child, child + 1)
-            energy = np.float64(nodes[child, NODE_ENERGY]) + np.float64(nodes[child + 1, NODE_ENERGY])
+            last = child + links[node, LINK_COUNT]
+            energy = 0.0
+            for k in range(child, last):
+                energy += nodes[k, NODE_ENERGY]
+            for c in range(6):
+                boxes[node, c] = boxes[child, c]
+                cones[node, c] = cones[child, c]
+            for k in range(child + 1, last):
+                for c in range(3):
+                    boxes[node, c] = min(boxes[node, c], boxes[k, c])
+                    boxes[node, c + 3] = max(boxes[node, c + 3], boxes[k, c + 3])
+                _merge_cones(cones, node, k)
             spread = 0.0
-            for k in range(child, child + 2):
+            for k in range(child, last):
                 squared = 0.0
                 for c in range(3):
                     offset = nodes[k, NODE_CENTER + c] - 0.5 * (boxes[node, c] + boxes[node, c + 3])

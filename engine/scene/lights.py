@@ -352,8 +352,14 @@ def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, not
             values[la.LAMP_TAN_SPREAD] = math.tan(half)
             values[la.LAMP_SPREAD_SCALE] = 1.0 / (math.tan(half) - half) if half > 0.05 else 3.0 / half**3
             peak = values[la.LAMP_TAN_SPREAD] * values[la.LAMP_SPREAD_SCALE]
-        values[la.LAMP_AXIS_U : la.LAMP_AXIS_U + 3] = along_u / length_u
-        values[la.LAMP_AXIS_V : la.LAMP_AXIS_V + 3] = along_v / length_v
+        # A sheared lamp is made rectangular again: its normal is its plane's, on the side of its own -z.
+        axis_u = along_u / length_u
+        axis_v = _unit(along_v - (along_v @ axis_u) * axis_u)
+        normal = np.cross(axis_u, axis_v)
+        direction = normal if normal @ direction >= 0.0 else -normal
+        along_v = axis_v * length_v
+        values[la.LAMP_AXIS_U : la.LAMP_AXIS_U + 3] = axis_u
+        values[la.LAMP_AXIS_V : la.LAMP_AXIS_V + 3] = axis_v
         values[la.LAMP_DIRECTION : la.LAMP_DIRECTION + 3] = direction
         values[la.LAMP_LENGTH_U], values[la.LAMP_LENGTH_V] = length_u, length_v
         extent = 0.5 * (np.abs(along_u) + np.abs(along_v))

@@ -72,7 +72,7 @@ def _sides(flags, facing):
     return (flags & EMITTER_BACK) != 0
 
 
-@kernel
+@kernel(forceinline=True)
 def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
     """Choose an emitter and a direction towards it for next-event estimation.
 

@@ -10,6 +10,8 @@ References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights wi
 
 import math
 
+import numpy as np
+
 from engine.jit import kernel
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.scene.light_arrays import (
@@ -20,6 +22,7 @@ from engine.scene.light_arrays import (
     DISTANT_SIN,
     EMITTER_NODE,
     LINK_CHILD,
+    LINK_COUNT,
     LINK_PARENT,
     NODE_AXIS,
     NODE_CENTER,
@@ -32,6 +35,9 @@ from engine.scene.light_arrays import (
     NODE_SPREAD,
     NODE_TWO_SIDED,
 )
+
+#: An int64, not a literal: each type of node index would compile `node_importance` again.
+_ROOT = np.int64(0)
 
 
 @kernel
@@ -115,7 +121,7 @@ def _group_importances(nodes, distant, p, n, has_transmission):
     if nodes.shape[0] > 0:
         if distant_count == 0:
             return local + 1.0, local + 1.0
-        local = node_importance(nodes, 0, p, n, has_transmission)
+        local = node_importance(nodes, _ROOT, p, n, has_transmission)
     total = local
     for k in range(distant_count):
         total += distant_importance(distant, k, n, has_transmission)
@@ -153,26 +159,30 @@ def pick_emitter(nodes, links, distant, p, n, has_transmission, u):
         u = local
     u = min(u / local, ONE_MINUS_EPSILON)
     pmf = local / total
-    node = 0
-    child = links[0, LINK_CHILD]
+    node = _ROOT
+    child = np.int64(links[node, LINK_CHILD])
     while child >= 0:
-        left = node_importance(nodes, child, p, n, has_transmission)
-        right = node_importance(nodes, child + 1, p, n, has_transmission)
-        both = left + right
-        if not both > 0.0:
-            return -1, 0.0 * local
-        probability = left / both
-        if u < probability:
-            node = child
-            u /= probability
-        else:
-            node = child + 1
-            u -= probability
-            probability = right / both
-            u /= probability
-        u = min(u, ONE_MINUS_EPSILON)
-        pmf *= probability
-        child = links[node, LINK_CHILD]
+        # A reservoir of one: each child takes the place of the chosen with its share of the sum so far, and u, which
+        # decided, is stretched to be uniform again.
+        last = child + links[node, LINK_COUNT]
+        chosen_importance = 0.0 * local
+        below = chosen_importance
+        for k in range(child, last):
+            importance = node_importance(nodes, k, p, n, has_transmission)
+            if importance > 0.0:
+                below += importance
+                share = importance / below
+                if u < share:
+                    node = k
+                    chosen_importance = importance
+                    u /= share
+                else:
+                    u = (u - share) / (1.0 - share)
+                u = min(u, ONE_MINUS_EPSILON)
+        if not below > 0.0:
+            return -1, below
+        pmf *= chosen_importance / below
+        child = np.int64(links[node, LINK_CHILD])
     return ~child, pmf
 
 
@@ -182,14 +192,22 @@ def emitter_pmf(nodes, links, distant, emitters, emitter, p, n, has_transmission
     local, total = _group_importances(nodes, distant, p, n, has_transmission)
     if not total > 0.0:
         return 0.0 * local
-    node = emitters[emitter, EMITTER_NODE]
+    node = np.int64(emitters[emitter, EMITTER_NODE])
     if node < 0:
         return distant_importance(distant, ~node, n, has_transmission) / total
     pmf = local / total
     while node > 0:
-        mine = node_importance(nodes, node, p, n, has_transmission)
+        parent = np.int64(links[node, LINK_PARENT])
+        first = np.int64(links[parent, LINK_CHILD])
+        mine = 0.0 * local
+        below = mine
+        for k in range(first, first + links[parent, LINK_COUNT]):
+            importance = node_importance(nodes, k, p, n, has_transmission)
+            below += importance
+            if k == node:
+                mine = importance
         if not mine > 0.0:
             return 0.0 * local
-        pmf *= mine / (mine + node_importance(nodes, node ^ 1, p, n, has_transmission))
-        node = links[node, LINK_PARENT]
+        pmf *= mine / below
+        node = parent
     return pmf
