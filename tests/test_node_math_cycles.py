@@ -10,12 +10,11 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from node_oracle import NodeCase, node_inputs, render_cases
-from node_runner import run_node
-
 from engine.kernels.shader.color_math import BLEND_MODES
 from engine.kernels.shader.scalar_math import MATH_OPERATIONS
 from engine.kernels.shader.vector_math import COMPONENT_OPERATIONS, VECTOR_OPERATIONS
+from tests.node_oracle import NodeCase, node_inputs, render_cases
+from tests.node_runner import run_node
 
 
 def _numbers() -> list[NodeCase]:

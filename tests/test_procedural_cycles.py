@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from node_oracle import NodeCase, node_inputs, render_cases
-from node_runner import run_node
+from tests.node_oracle import NodeCase, node_inputs, render_cases
+from tests.node_runner import run_node
 
 _NOISE_KINDS = ("MULTIFRACTAL", "RIDGED_MULTIFRACTAL", "HYBRID_MULTIFRACTAL", "FBM", "HETERO_TERRAIN")
 _DIMENSIONS = ("1D", "2D", "3D", "4D")

@@ -271,14 +271,13 @@ def _mix(node: Node, builder: Any) -> Operation:
             (blend_type, clamp_factor, _flag(node, "clamp_result", False)),
         )
     if data_type == "VECTOR":
-        # A factor for all axes is converted to a vector of three of them.
         is_uniform = node.properties.get("factor_mode", "UNIFORM") == "UNIFORM"
-        factor = "Factor_Float" if is_uniform else "Factor_Vector"
+        factor = Socket("Factor_Float", FLOAT, 0.5) if is_uniform else Socket("Factor_Vector", VECTOR, _GREY)
         return Operation(
             ops_math.OP_MIX_VECTOR,
-            (Socket(factor, VECTOR, _GREY), Socket("A_Vector", VECTOR, _BLACK), Socket("B_Vector", VECTOR, _BLACK)),
+            (factor, Socket("A_Vector", VECTOR, _BLACK), Socket("B_Vector", VECTOR, _BLACK)),
             (Socket("Result_Vector", VECTOR),),
-            (clamp_factor,),
+            (clamp_factor, int(is_uniform)),
         )
     if data_type != "FLOAT":
         builder.notice(f"data_type {data_type!r} is not supported", "numbers are mixed instead")

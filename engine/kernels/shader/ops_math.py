@@ -38,7 +38,7 @@ OP_VECTOR_COMPONENTS = MATH_FIRST + 4  # vector, value <- a, b, c | operation of
 OP_VECTOR_MATH = MATH_FIRST + 5  # vector, value <- a, b, c, scale | operation
 OP_MIX_COLOR = MATH_FIRST + 6  # color <- factor, a, b | mode, clamp factor, clamp result
 OP_MIX_FLOAT = MATH_FIRST + 7  # value <- factor, a, b | clamp factor
-OP_MIX_VECTOR = MATH_FIRST + 8  # vector <- factor (vector), a, b | clamp factor
+OP_MIX_VECTOR = MATH_FIRST + 8  # vector <- factor (number or vector), a, b | clamp factor, is uniform
 OP_MAP_RANGE = MATH_FIRST + 9  # value <- value, from min, from max, to min, to max, steps | interpolation, clamp
 OP_MAP_RANGE_VECTOR = MATH_FIRST + 10  # the same on vectors
 OP_COMBINE_COLOR = MATH_FIRST + 11  # color <- red, green, blue | model
@@ -60,8 +60,8 @@ OP_NORMAL = MATH_FIRST + 24  # normal, dot <- normal, direction
 @kernel
 def _run_vector_op(opcode, code, pc, memory):
     """Vector Math component by component, mixing and mapping of vectors: one call site each for the big functions."""
-    a = read3(memory, code[pc + 3])
     if opcode == OP_MAP_RANGE_VECTOR:
+        a = read3(memory, code[pc + 3])
         from_min = read3(memory, code[pc + 4])
         from_max = read3(memory, code[pc + 5])
         to_min = read3(memory, code[pc + 6])
@@ -82,7 +82,10 @@ def _run_vector_op(opcode, code, pc, memory):
         write3(memory, code[pc + 2], (x, y, z))
         return
     if opcode == OP_MIX_VECTOR:
-        factor = a
+        share = memory[code[pc + 3]]
+        factor = (share, share, share)
+        if code[pc + 7] == 0:
+            factor = read3(memory, code[pc + 3])
         a = read3(memory, code[pc + 4])
         b = read3(memory, code[pc + 5])
         if code[pc + 6] != 0:
