@@ -42,11 +42,20 @@ def user_scripts(blender: str) -> Path:
     return Path(line.partition("=")[2])
 
 
-def install(blender: str) -> Path:
-    """Install add-on and packages for `blender`, enable it; returns the add-on's folder."""
+def install(blender: str, *, link: bool = False) -> Path:
+    """Install add-on and packages for `blender`, enable it; returns the add-on's folder.
+
+    With `link` the add-on is a link to this checkout, for whoever works on it.
+    """
     scripts = user_scripts(blender)
     folder = scripts / "addons" / "neuralguide"
-    stage_sources(folder)
+    if folder.is_symlink():
+        folder.unlink()
+    if link:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.symlink_to(ROOT)
+    else:
+        stage_sources(folder)
     pins = [
         line
         for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
@@ -64,7 +73,9 @@ def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("blender", nargs="?", default="blender", help="the binary to install into")
-    print(f"installed {install(parser.parse_args().blender)}")
+    parser.add_argument("--link", action="store_true", help="link to this checkout instead of copying it")
+    arguments = parser.parse_args()
+    print(f"installed {install(arguments.blender, link=arguments.link)}")
     return 0
 
 
