@@ -8,6 +8,7 @@ them is read at once, and only datablocks that outlive the iteration are remembe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 import numpy as np
@@ -47,7 +48,8 @@ _UNSUPPORTED = {
 #: Appearances between two questions whether to stop.
 _CANCEL_INTERVAL = 4096
 
-Key = tuple[int, int, int, int]
+#: Data, object or its address, instancer, whether the object itself is shown.
+Key = tuple[Any, Any, Any, bool]
 
 
 @dataclass
@@ -108,15 +110,9 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
             context.check_cancel()
             countdown = _CANCEL_INTERVAL
         countdown -= 1
-        shown = item.object
-        data = shown.data
-        if data is None:
-            append(-1)
-            continue
-        if item.is_instance:
-            key = (data.as_pointer(), item.instance_object.as_pointer(), item.parent.as_pointer(), item.show_self)
-        else:
-            key = (data.as_pointer(), shown.as_pointer(), 0, item.show_self)
+        # Datablocks as keys are compared by address, which costs half of asking for the addresses.
+        source = item.instance_object
+        key = (item.object.data, source or item.object.as_pointer(), item.parent, item.show_self)
         row = rows.get(key)
         if row is None:
             row = rows[key] = _classify(context, materials, item, result.kinds)
@@ -156,7 +152,9 @@ def _classify(
 ) -> int:
     """Decide what an object is shown as; append that to `kinds` and return its row, -1 for nothing."""
     shown = item.object
-    if not shown.original.is_evaluated and item.show_particles:
+    if shown.data is None:
+        return -1
+    if item.show_particles:
         _notice_hair(context, shown)
     if not item.show_self:
         return -1
@@ -249,8 +247,8 @@ def _read_arrays(context: ExportContext, materials: MaterialExporter, result: Ap
             instances.foreach_get("uv", uv)
             result.uv[mask] = uv.reshape(count, 2)[mask]
     numbers = identifiers.view(np.uint32)
-    for row, kind in enumerate(result.kinds):
-        if not kind.is_instance:
-            numbers[result.kind == row] = random_of_name(kind.name)
+    named = np.array([not kind.is_instance for kind in result.kinds] + [False], bool)[result.kind]
+    hashes = [0 if kind.is_instance else random_of_name(kind.name) for kind in result.kinds]
+    numbers[named] = np.array([*hashes, 0], np.uint32)[result.kind[named]]
     # 2^-32 as Cycles; its largest value, one, is just outside our interval.
     result.random = np.minimum(numbers.astype(np.float32) * np.float32(2.0**-32), np.float32(1.0 - 2.0**-24))
