@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import os
 import platform
@@ -42,6 +43,16 @@ def _cpu() -> str:
 
 
 @cache
+def sources_hash() -> str:
+    """Hash of everything that makes our picture: the sources of engine and add-on."""
+    digest = hashlib.sha256()
+    for folder in ("engine", "addon"):
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
 def describe() -> dict[str, Any]:
     """Commit ("+" where engine or add-on differ from it), CPU and versions, for the record of a render."""
     commit = _git("rev-parse", "--short=12", "HEAD")
@@ -53,7 +64,14 @@ def describe() -> dict[str, Any]:
             versions[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             versions[package] = ""
-    return {"commit": commit, "cpu": _cpu(), "cores": thread_count(), "system": platform.system(), "versions": versions}
+    return {
+        "commit": commit,
+        "sources_hash": sources_hash(),
+        "cpu": _cpu(),
+        "cores": thread_count(),
+        "system": platform.system(),
+        "versions": versions,
+    }
 
 
 def reset_peak_memory() -> None:

@@ -75,7 +75,7 @@ def profile(
             bare_rate = recorder.count / bare
             rate = sum(single.rays.values()) / single.render_seconds
             print(
-                f"\nOne thread: {rate / 1e6:.2f} Mrays/s in the render, {bare_rate / 1e6:.2f} Mrays/s by bare Embree on "
-                f"{recorder.count:,} of its rays: {100.0 * rate / bare_rate:.0f}% of the limit"
+                f"\nOne thread: {rate / 1e6:.2f} Mrays/s in the render, {bare_rate / 1e6:.2f} Mrays/s by bare Embree "
+                f"on {recorder.count:,} of its rays: {100.0 * rate / bare_rate:.0f}% of the limit"
             )
         session.close()

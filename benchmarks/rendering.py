@@ -58,7 +58,9 @@ class RenderRecord:
         if any(getattr(self, key) != getattr(other, key) for key in keys):
             return False
         mine, theirs = self.environment, other.environment
-        return mine.get("versions") == theirs.get("versions") and (not is_ours or mine["commit"] == theirs["commit"])
+        if mine.get("versions") != theirs.get("versions"):
+            return False
+        return not is_ours or mine["sources_hash"] == theirs["sources_hash"]
 
 
 @dataclass

@@ -71,7 +71,8 @@ class Nodes:
 def material(name: str, surface: Surface) -> Any:
     """A material whose surface is what `surface(nodes)` returns."""
     created = bpy.data.materials.new(name)
-    created.use_nodes = True
+    if created.node_tree is None:
+        created.use_nodes = True
     nodes = Nodes(created.node_tree)
     nodes.node("OutputMaterial", Surface=surface(nodes))
     return created
@@ -185,7 +186,8 @@ def world(color: Sequence[float] = (0.5, 0.5, 0.5), strength: float = 1.0) -> An
 def world_nodes(surface: Surface) -> Any:
     """A world whose surface is what `surface(nodes)` returns."""
     created = bpy.data.worlds.new("World")
-    created.use_nodes = True
+    if created.node_tree is None:
+        created.use_nodes = True
     nodes = Nodes(created.node_tree)
     nodes.node("OutputWorld", Surface=surface(nodes))
     bpy.context.scene.world = created
