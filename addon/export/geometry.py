@@ -180,5 +180,7 @@ def _add_undeformed(mesh: bpy.types.Mesh, exported: Mesh) -> None:
     """Where modifiers moved vertices, Blender remembers where they were before (for final renders)."""
     undeformed = np.empty(len(mesh.vertices) * 3, np.float32)
     mesh.vertices.foreach_get("undeformed_co", undeformed)
-    if not np.array_equal(undeformed, exported.vertices.reshape(-1)):
+    moved = np.abs(undeformed - exported.vertices.reshape(-1)).max(initial=0.0)
+    # Blender stores them relative to the texture space: what is left of rounding is no deformation.
+    if not moved <= 1e-5 * np.abs(undeformed).max(initial=0.0):
         exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed.reshape(-1, 3))

@@ -75,7 +75,9 @@ class Node:
         index into `SceneDescription.images` under `'image'` (-1 = missing). Ramps as a float32 table `'ramp'` (257, 4)
         over [0, 1], with `'interpolate'` (False = constant steps). Curves as `'curves'`, (257, 3) for colours (the
         combined curve first, then each channel's) and vectors, (257, 1) for Float Curve, sampled evenly from
-        `'min_x'` to `'max_x'` (the extent of all curves), with `'extrapolate'`.
+        `'min_x'` to `'max_x'` (the extent of all curves), with `'extrapolate'`. What RGB, Value and Normal nodes hold
+        is `'value'`, as is the resolved value (4 floats) of a view layer's attribute. `'object_matrix'` float32
+        (4, 4), world to object, of a Texture Coordinate node with an object.
     """
 
     kind: str
@@ -160,7 +162,10 @@ class Mesh:
     material_slots : int32 (T,)
         Index into the material list of the instance.
     attributes : dict
-        By name; UV maps are `CORNER` attributes of width 2, tangents for map `X` are `'X.tangent'`, width 4.
+        By name; UV maps are `CORNER` attributes of width 2, tangents for map `X` are `'X.tangent'`, width 4
+        (`'.tangent'` for the render-active map where a node names none). Properties of objects that Attribute nodes
+        read are `MESH` attributes `'object:name'` and `'instancer:name'`. `'__undeformed'` are positions before
+        deformation, where they differ, for Generated coordinates.
     default_uv, default_color : str
         Names of the render-active UV map and colour attribute, '' if none.
     texture_space : float32 (2, 3)
