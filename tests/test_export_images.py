@@ -235,6 +235,45 @@ def test_sequences_follow_the_frame(node: Any, tmp_path: Path) -> None:
     assert len(bpy.data.images) == 1
 
 
+def test_sequences_in_a_final_render(node: Any, tmp_path: Path) -> None:
+    """Reading a frame of a sequence makes and removes a datablock, in the middle of Blender's render."""
+    import bpy
+
+    from addon.export import export_scene
+
+    for frame in (1, 2):
+        write(tmp_path / f"s_{frame:03d}.png", np.full((1, 1, 4), frame * 10 / 255.0))
+    node.image = bpy.data.images.load(str(tmp_path / "s_001.png"))
+    node.image.source = "SEQUENCE"
+    node.image_user.frame_duration, node.image_user.use_auto_refresh = 2, True
+    results: list[Any] = []
+
+    class Engine(bpy.types.RenderEngine):
+        bl_idname = "EXPORT_IMAGE_TEST"
+        bl_label = "Export image test"
+
+        def update(self, data: Any, depsgraph: Any) -> None:
+            description = export_scene(depsgraph, engine=self)
+            results.append((int(shown(description).pixels[0, 0, 0]), len(description.instances.mesh)))
+
+        def render(self, depsgraph: Any) -> None:
+            pass
+
+    bpy.utils.register_class(Engine)
+    scene = bpy.context.scene
+    try:
+        scene.render.engine = "EXPORT_IMAGE_TEST"
+        scene.render.resolution_x = scene.render.resolution_y = 4
+        scene.render.use_persistent_data = True
+        scene.render.filepath = str(tmp_path / "out_")
+        scene.frame_start, scene.frame_end = 1, 2
+        bpy.ops.render.render(animation=True)
+    finally:
+        scene.render.engine = "BLENDER_WORKBENCH"
+        bpy.utils.unregister_class(Engine)
+    assert results == [(10, 1), (20, 1)]
+
+
 def test_udim_shows_its_first_tile_with_a_notice(node: Any) -> None:
     import bpy
 

@@ -66,6 +66,13 @@ def test_no_camera_says_what_to_do(scene: Any) -> None:
         export()
 
 
+@pytest.mark.parametrize("scale", [0.0, float("nan")])
+def test_flattened_camera_is_named(scene: Any, scale: float) -> None:
+    scene.camera.scale.x = scale
+    with pytest.raises(ValueError, match="Camera 'Camera' is scaled to zero"):
+        export()
+
+
 def test_empty_scene(scene: Any) -> None:
     description = export()
     assert description.meshes == [] and description.lights == [] and description.world is None

@@ -15,7 +15,7 @@ from .context import ExportContext, cycles_property
 if TYPE_CHECKING:
     import bpy
 
-#: Names of panorama types before Blender 4.? moved them from Cycles' settings to the camera are the same.
+#: The only panorama the engine has.
 EQUIRECTANGULAR = "EQUIRECTANGULAR"
 
 
@@ -25,10 +25,12 @@ def export_camera(context: ExportContext) -> Camera:
     Raises
     ------
     ValueError
-        If the scene has none.
+        If the scene has none, or one that is scaled to nothing.
     """
     camera_object = _camera_object(context)
     transform = _without_scale(_model_matrix(context, camera_object))
+    if not np.isfinite(transform).all() or not abs(np.linalg.det(transform[:3, :3])) > 1e-6:
+        raise ValueError(f"Camera {camera_object.name!r} is scaled to zero or infinity: clear its scale (Alt S)")
     data = camera_object.data
     if camera_object.type != "CAMERA":
         return _camera_of_other_object(context, camera_object, transform)

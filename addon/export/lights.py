@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,7 +51,7 @@ def export_light(
         kind=data.type,
         transform=transform,
         color=_color(data),
-        energy=data.energy,
+        energy=_energy(data),
         is_normalized=getattr(data, "normalize", True),
         use_soft_falloff=getattr(data, "use_soft_falloff", True),
         cast_shadow=_casts_shadow(data),
@@ -73,6 +74,15 @@ def export_light(
         light.size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
         light.spread = data.spread
     return light
+
+
+def _energy(data: bpy.types.Light) -> float:
+    """[W] as Blender 4.0 and later mean it: the same number made an area light dimmer before."""
+    import bpy
+
+    if data.type == "AREA" and bpy.app.version < (4, 0, 0):
+        return data.energy * math.pi / 4.0
+    return data.energy
 
 
 def _color(data: bpy.types.Light) -> tuple[float, float, float]:

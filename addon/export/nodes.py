@@ -213,7 +213,10 @@ class GraphExporter:
             properties["image"] = self._image(node)
         if getattr(node, "object", None) is not None:
             matrix = np.array(node.object.matrix_world, np.float64)
-            properties["object_matrix"] = np.linalg.pinv(matrix).astype(np.float32)
+            if np.isfinite(matrix).all():
+                properties["object_matrix"] = np.linalg.pinv(matrix).astype(np.float32)
+            else:
+                self._notice(node, f"refers to {node.object.name}, whose transform is not finite", "own coordinates")
         mapping = getattr(node, "texture_mapping", None)
         if mapping is not None and not _is_identity(mapping):
             self._notice(node, "has a texture mapping of its own, which is not supported", "coordinates as they come")
