@@ -20,7 +20,7 @@ LAMPS = {
     "point soft": probe.lamp("POINT", (0.3, -0.4, 1.0), radius=0.5),
     "point around": probe.lamp("POINT", (0.3, 0.1, 0.2), radius=1.5, use_soft_falloff=False),
     "spot wide": probe.lamp("SPOT", (0.1, 0.2, 1.0), radius=0.5, use_soft_falloff=False, spot_angle=2.6, spot_blend=1),
-    "spot narrow": probe.lamp("SPOT", (0.1, 0, 0.9), radius=0.8, use_soft_falloff=False, spot_angle=0.7, spot_blend=0.2),
+    "spot narrow": probe.lamp("SPOT", (0.1, 0, 0.9), radius=0.8, use_soft_falloff=False, spot_angle=0.7),
     "spot soft": probe.lamp("SPOT", (0.5, 0.2, 0.8), radius=0.5, spot_angle=1.4, spot_blend=0.1),
     "spot scaled": probe.lamp("SPOT", (0.1, 0.2, 1), SKEWED, radius=0.4, use_soft_falloff=False, spot_angle=1.0),
     "square": probe.lamp("AREA", (0.3, -0.2, 0.6), size_x=1.4),
@@ -258,7 +258,7 @@ def test_background_map_points_where_the_sun_is() -> None:
 
 def test_black_background_is_no_light() -> None:
     """Nothing to sample: not an emitter, density 0."""
-    lights, geometry = probe.build(
+    lights, _ = probe.build(
         probe.make_description(world=World("w", "World", None)), background=np.zeros((8, 16, 3), np.float32)
     )
     assert len(lights.emitters) == 0
