@@ -143,7 +143,8 @@ def test_the_literal_command_renders_what_bpy_renders(profile: dict[str, str], t
     def cells(pixels: np.ndarray) -> np.ndarray:
         return pixels.reshape(6, 8, 8, 8, 3).sum(axis=(1, 3))
 
-    z = cells(first - second) / np.sqrt(cells(variance))
+    # Where only the even background is seen there is no variance but that of float32.
+    z = cells(first - second) / np.sqrt(cells(variance + (1e-6 * first) ** 2))
     assert np.abs(z).max() < 5.0, z
     assert np.sqrt(np.mean(z**2)) < 1.35
     assert np.abs(first - second).max() > 0.0, "two seeds gave one image"
