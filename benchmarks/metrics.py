@@ -26,6 +26,8 @@ FloatArray = npt.NDArray[np.floating[Any]]
 
 EPSILON = 0.01
 TRIMMED_FRACTION = 0.001
+#: Darkest cell that differences are relative to, as a share of the image's mean.
+CELL_FLOOR = 0.05
 
 
 @dataclass(frozen=True)
@@ -147,11 +149,12 @@ def compare_cells(
 
     The variance of a cell's mean is the sum of its pixels' variances over seeds: pixels are independent (every sampler
     here scrambles per pixel), and hundreds of pixels give a far steadier estimate than a handful of seeds' cell means.
-    Relative to the second renderer's cell, floored at 1% of its image mean so that black cells do not divide by zero.
+    Relative to the second renderer's cell, or to `CELL_FLOOR` of its image mean if that is more: a black cell with one
+    grey pixel of an edge has no relative difference worth the name.
     """
     mean_a, variance_a = mean_and_error([_colour(image).mean(axis=-1) for image in images_a])
     mean_b, variance_b = mean_and_error([_colour(image).mean(axis=-1) for image in images_b])
-    floor = 0.01 * abs(float(mean_b.mean())) or 1.0
+    floor = CELL_FLOOR * abs(float(mean_b.mean())) or 1.0
     row_edges, column_edges = grid_edges(mean_a.shape[0], rows), grid_edges(mean_a.shape[1], columns)
 
     def cell_means(pixels: FloatArray) -> npt.NDArray[np.float64]:
