@@ -76,7 +76,7 @@ def _source(tree: Any, vectors: dict[str, Any], value: Any) -> Any:
 
 
 def _bake(node: Any) -> dict[str, Any]:
-    """Tables of a ramp or curve node, as the add-on must hand them to the engine."""
+    """What the add-on hands to the engine beside a node's own properties: ramps and curves as tables."""
     from addon.export.node_tables import bake_curves, bake_ramp
 
     if node.bl_idname == "ShaderNodeValToRGB":

@@ -5,8 +5,6 @@ Layout of an instruction at `pc`: opcode, length, outputs, inputs, immediates, i
 engine/shaders/nodes_texture_math.py lists them. Operands are read before anything is written: they may share memory.
 """
 
-import math
-
 import numpy as np
 
 from engine.jit import kernel
@@ -28,7 +26,6 @@ from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import MATH_FIRST
 from engine.kernels.shader.scalar_math import lookup, map_range, math_operation
 from engine.kernels.shader.vector_math import rotate_vector, vector_operation
-from engine.kernels.vector import dot
 
 OP_CLAMP = MATH_FIRST + 0  # value <- value, min, max | is_range
 OP_COMBINE_XYZ = MATH_FIRST + 1  # vector <- x, y, z
@@ -54,7 +51,6 @@ OP_CURVES = MATH_FIRST + 20  # color <- fac, color, min x, max x | table (RGB), 
 OP_FLOAT_CURVE = MATH_FIRST + 21  # value <- factor, value, min x, max x | table, size, extrapolate
 OP_VECTOR_ROTATE = MATH_FIRST + 22  # vector <- vector, center, axis, angle, rotation | kind, invert
 OP_WAVELENGTH = MATH_FIRST + 23  # color <- wavelength, first [nm], last [nm] | table (RGB), size
-OP_NORMAL = MATH_FIRST + 24  # normal, dot <- normal, direction
 
 
 @kernel
@@ -277,11 +273,6 @@ def run_math_op(opcode, code, pc, memory, tables):
         memory[code[pc + 2]] = value
     elif opcode == OP_LUMINANCE:
         memory[code[pc + 2]] = luminance(read3(memory, code[pc + 3]))
-    elif opcode == OP_NORMAL:
-        normal = read3(memory, code[pc + 4])
-        direction = read3(memory, code[pc + 5])
-        memory[code[pc + 3]] = dot(direction, normal) / math.sqrt(dot(normal, normal))
-        write3(memory, code[pc + 2], direction)
     elif opcode == OP_VECTOR_ROTATE:
         rotated = rotate_vector(
             code[pc + 8],

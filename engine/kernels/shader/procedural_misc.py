@@ -75,7 +75,10 @@ def gradient(x, y, z, kind):
 
 @kernel
 def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, detail_roughness, phase):
-    """Blender's Wave texture at a scaled position, in [0, 1]."""
+    """Blender's Wave texture at a scaled position, in [0, 1].
+
+    `detail` is limited to [0, 15], Blender's own range for an unlinked socket: a number of octaves must be bounded.
+    """
     x = (x + _NUDGE) * _SHRINK
     y = (y + _NUDGE) * _SHRINK
     z = (z + _NUDGE) * _SHRINK
@@ -96,6 +99,7 @@ def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, de
         angle = math.sqrt(rx * rx + ry * ry + rz * rz) * 20.0
     angle += phase
     if distortion != 0.0:
+        detail = min(max(detail, 0.0), 15.0)
         noise = fractal_noise(
             x * detail_scale, y * detail_scale, z * detail_scale, 0.0,
             _THREE, _FBM, detail, detail_roughness, 2.0, 0.0, 0.0, _YES,
