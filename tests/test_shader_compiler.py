@@ -73,7 +73,7 @@ def test_socket_conversions() -> None:
     mean = graph.link("ShaderNodeClamp", "Result", inputs={"Value": position})
     combine = graph.link("ShaderNodeCombineXYZ", "Vector", inputs={"X": constant_gray, "Y": mean, "Z": 0.0})
     result = emitted(graph.emit(combine), square_points((0.6, 0.3)))
-    luminance = 0.2126729 * 0.1 + 0.7151522 * 0.5 + 0.0721750 * 0.9
+    luminance = 0.2126390 * 0.1 + 0.7151687 * 0.5 + 0.0721923 * 0.9
     np.testing.assert_allclose(result[0], (luminance, 0.3, 0.0), rtol=1e-6)
     graph = Graph()
     value = graph.link("ShaderNodeLightPath", "Is Camera Ray")

@@ -36,7 +36,7 @@ _RECURSION_LIMIT = 50_000
 
 NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_texture_math.NODES
 
-_LUMINANCE = (0.2126729, 0.7151522, 0.0721750)
+_LUMINANCE = (0.2126390, 0.7151687, 0.0721923)
 _GREY = Constant((0.8, 0.8, 0.8))
 _ZERO = Constant((0.0,))
 _ONE = Constant((1.0,))
