@@ -535,3 +535,31 @@ def test_persistent_data_skips_what_blender_calls_untouched(scene: Any, monkeypa
     assert descriptions[0].meshes[0] is descriptions[2].meshes[0]
     assert read.count("Animated") == 3
     assert read.count("Still") == 1
+
+
+def test_cache_forgets_what_is_gone(scene: Any) -> None:
+    import bpy
+
+    from addon.export import ExportCache
+
+    cache = ExportCache()
+    square, gone = add_square(), add_square("Gone")
+    export(cache)
+    assert len(cache.meshes) == 2
+    bpy.data.objects.remove(gone)
+    for _ in range(8):
+        export(cache)
+    assert [key[0] for key in cache.meshes] == [square.name]
+
+
+def test_failed_export_is_not_built_upon(scene: Any) -> None:
+    from addon.export import ExportCache
+
+    cache = ExportCache()
+    add_square()
+    export(cache)
+    assert cache.depsgraph != 0
+    scene.camera = None
+    with pytest.raises(ValueError, match="no camera"):
+        export(cache)
+    assert cache.depsgraph == 0

@@ -23,6 +23,8 @@ class CachedMesh:
     mesh: Mesh
     #: What the extraction depended on besides the datablock (names of attributes, tangents).
     request: Hashable
+    #: Number of the last export that used it.
+    last_used: int = 0
 
 
 @dataclass
@@ -31,6 +33,11 @@ class CachedImage:
 
     image: Image
     state: Hashable
+    last_used: int = 0
+
+
+#: Exports after which what was not used again is forgotten (view layers take turns).
+_KEPT_EXPORTS = 8
 
 
 @dataclass
@@ -48,6 +55,20 @@ class ExportCache:
     depsgraph: int = 0
     #: Number of the last mesh or image whose content was new.
     next_version: int = 0
+    #: Number of exports begun.
+    export_count: int = 0
+
+    def begin(self) -> None:
+        """Start an export: until `finish`, nothing Blender says about changes since the last one holds."""
+        self.export_count += 1
+        self.depsgraph = 0
+
+    def finish(self, depsgraph: int) -> None:
+        """End an export of the dependency graph at an address, and forget what has not been used for a while."""
+        self.depsgraph = depsgraph
+        oldest = self.export_count - _KEPT_EXPORTS
+        self.meshes = {key: kept for key, kept in self.meshes.items() if kept.last_used > oldest}
+        self.images = {key: kept for key, kept in self.images.items() if kept.last_used > oldest}
 
     def new_version(self) -> int:
         """A number no earlier object of this cache has."""

@@ -36,6 +36,7 @@ def export_mesh(
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
     if kept is not None and kept.request == request and _is_untouched(context, original):
+        kept.last_used = context.cache.export_count
         return kept.mesh
     exported = _read_mesh(context, mesh, owner, request)
     if exported is None:
@@ -45,7 +46,7 @@ def export_mesh(
         exported = kept.mesh
     else:
         exported.key = (*identity, context.cache.new_version())
-    context.cache.meshes[identity] = CachedMesh(exported, request)
+    context.cache.meshes[identity] = CachedMesh(exported, request, context.cache.export_count)
     return exported
 
 

@@ -53,6 +53,7 @@ class ImageExporter:
         kept = context.cache.images.get(identity)
         # A painted image says so until it is saved; only its pixels tell whether it changed again.
         if kept is not None and kept.state == state and not image.is_dirty:
+            kept.last_used = context.cache.export_count
             return kept.image
         exported = _read(context, image) if frame is None else _read_sequence(context, image, frame)
         if exported is None:
@@ -61,7 +62,7 @@ class ImageExporter:
             exported = kept.image
         else:
             exported.key = (*identity, context.cache.new_version())
-        context.cache.images[identity] = CachedImage(exported, state)
+        context.cache.images[identity] = CachedImage(exported, state, context.cache.export_count)
         return exported
 
 

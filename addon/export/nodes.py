@@ -60,6 +60,7 @@ class GraphExporter:
         self._images = images
         self._graph = NodeGraph()
         self._subject = ""
+        self._exported: dict[int, NodeGraph] = {}
 
     def export(self, tree: bpy.types.NodeTree, subject: str) -> NodeGraph:
         """What the active output of `tree` depends on, in an order where a node follows its inputs.
@@ -69,7 +70,10 @@ class GraphExporter:
         subject : str
             Names the user of the tree in notices, as "Cube / Glass".
         """
-        self._graph = NodeGraph()
+        address = tree.as_pointer()
+        if address in self._exported:
+            return self._exported[address]
+        self._graph = self._exported[address] = NodeGraph()
         self._subject = subject
         output = _active_output(tree)
         if output is None:

@@ -61,6 +61,7 @@ def export_scene(
         should_cancel=should_cancel,
         updated=_updated_datablocks(depsgraph, engine, cache),
     )
+    cache.begin()
     context.check_cancel()
     camera = export_camera(context)
     to_xyz = _set_working_space(context)
@@ -73,7 +74,7 @@ def export_scene(
     lights = _export_lights(context, graphs, appearances)
     if context.scene.render.use_motion_blur:
         context.notice(context.scene.name, "motion blur is not supported", "everything as at the frame's own time")
-    cache.depsgraph = depsgraph.as_pointer()
+    cache.finish(depsgraph.as_pointer())
     return SceneDescription(
         camera=camera,
         frame=export_frame(context),
