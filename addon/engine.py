@@ -104,6 +104,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
+        from engine.scene.description import Notice
+
         from .export import ExportCache, ExportCancelled, export_scene
 
         scene = depsgraph.scene_eval
@@ -133,6 +135,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
             return
         self._pending = pending
+        layer = depsgraph.view_layer_eval
+        missing = passes.unsupported_passes(layer)
+        if missing:
+            self._show([Notice(f"View layer {layer.name}", f"no passes {', '.join(missing)}", "they are left out")])
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.session import Session

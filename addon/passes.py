@@ -98,3 +98,31 @@ def write_layer(
         target = layer.passes.find_by_name(render_pass.blender_name, view)
         if target is not None and name in images:
             write_pass(target, images[name])
+
+
+#: Switches of Blender for passes that the engine does not have, and their names in the user interface.
+_UNSUPPORTED = {
+    "use_pass_mist": "Mist",
+    "use_pass_vector": "Vector",
+    "use_pass_uv": "UV",
+    "use_pass_diffuse_direct": "Diffuse Direct",
+    "use_pass_diffuse_indirect": "Diffuse Indirect",
+    "use_pass_diffuse_color": "Diffuse Color",
+    "use_pass_glossy_direct": "Glossy Direct",
+    "use_pass_glossy_indirect": "Glossy Indirect",
+    "use_pass_glossy_color": "Glossy Color",
+    "use_pass_transmission_direct": "Transmission Direct",
+    "use_pass_transmission_indirect": "Transmission Indirect",
+    "use_pass_transmission_color": "Transmission Color",
+    "use_pass_ambient_occlusion": "Ambient Occlusion",
+    "use_pass_shadow": "Shadow",
+    "use_pass_cryptomatte_object": "Cryptomatte Object",
+    "use_pass_cryptomatte_material": "Cryptomatte Material",
+    "use_pass_cryptomatte_asset": "Cryptomatte Asset",
+}
+
+
+def unsupported_passes(view_layer: bpy.types.ViewLayer) -> list[str]:
+    """Names of passes that `view_layer` asks for and will not get."""
+    found = [name for switch, name in _UNSUPPORTED.items() if getattr(view_layer, switch, False)]
+    return found + [f"AOV {aov.name}" for aov in view_layer.aovs]

@@ -228,6 +228,15 @@ def test_a_notice_is_shown_once_a_job(cube_scene: Any, fake: FakeEngine, tmp_pat
     assert "Wave Texture" in "".join(capfd.readouterr())
 
 
+def test_passes_it_has_not_are_named(cube_scene: Any, fake: FakeEngine, capfd: Any) -> None:
+    import bpy
+
+    cube_scene.view_layers[0].use_pass_mist = True
+    cube_scene.view_layers[0].use_pass_cryptomatte_object = True
+    bpy.ops.render.render()
+    assert "View layer ViewLayer: no passes Mist, Cryptomatte Object" in "".join(capfd.readouterr())
+
+
 def test_the_file_says_how_it_was_made(cube_scene: Any, fake: FakeEngine, tmp_path: Path) -> None:
     cube_scene.render.use_stamp_frame = True  # without any of these Blender writes no metadata at all
     render(cube_scene, tmp_path)

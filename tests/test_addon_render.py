@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The add-on with the real exporter and engine, on a cube."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+
+def render(scene: Any, path: Path) -> dict[str, np.ndarray]:
+    import bpy
+
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    with OpenEXR.File(str(path)) as file:
+        return {name: np.array(channel.pixels) for part in file.parts for name, channel in part.channels.items()}
+
+
+def test_a_cube_is_lit_as_cycles_lights_it(cube_scene: Any, tmp_path: Path) -> None:
+    """Mean of the picture within 2% of Cycles': 512 pixels of 64 samples are good for 0.5%."""
+    scene = cube_scene
+    scene.neuralguide.samples = scene.cycles.samples = 64
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    ours = render(scene, tmp_path / "ours.exr")["RGBA"]
+    scene.render.engine = "CYCLES"
+    theirs = render(scene, tmp_path / "cycles.exr")["RGBA"]
+    assert theirs[..., :3].mean() > 0.01
+    assert ours[..., :3].mean() == pytest.approx(theirs[..., :3].mean(), rel=0.02)
+
+
+def test_passes_hold_what_they_say(cube_scene: Any, tmp_path: Path) -> None:
+    layer = cube_scene.view_layers[0]
+    layer.use_pass_z = layer.use_pass_normal = layer.use_pass_object_index = True
+    layer.neuralguide.use_pass_sample_count = True
+    cube_scene.objects["Cube"].pass_index = 7
+    cube_scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
+    images = {name.split(".")[1]: value for name, value in render(cube_scene, tmp_path / "image.exr").items()}
+    middle = (8, 16)
+    assert float(images["Object Index"][middle]) == 7
+    assert float(images["Sample Count"][middle]) == 4
+    assert 4.5 < float(images["Depth"][middle]) < 6.5
+    assert images["Normal"][middle] == pytest.approx((0.0, -1.0, 0.0), abs=1e-3)
+
+
+def test_cancel_is_fast_and_keeps_the_picture(cube_scene: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    """Kernels are there (an earlier test rendered); from the cancel to the return it may take 0.3 s, here with room
+    for a machine that is busy with other tests."""
+    import bpy
+
+    from addon import engine
+
+    bpy.ops.render.render()
+    cube_scene.render.resolution_x, cube_scene.render.resolution_y = 320, 160
+    cube_scene.neuralguide.samples = 1 << 20
+    started = time.monotonic()
+    cancelled_at: list[float] = []
+
+    def should_cancel() -> bool:
+        if time.monotonic() - started > 4.0:
+            cancelled_at.append(time.monotonic())
+        return bool(cancelled_at)
+
+    monkeypatch.setattr(engine, "cancel_hooks", [should_cancel])
+    engine.outcomes.clear()
+    bpy.ops.render.render()
+    ended = time.monotonic()
+    assert [item.status for item in engine.outcomes] == ["CANCELLED"]
+    assert ended - cancelled_at[0] < 1.5
+    bpy.data.images["Render Result"].save_render(str(tmp_path / "kept.exr"))
+    with OpenEXR.File(str(tmp_path / "kept.exr")) as file:
+        kept = file.channels()["RGBA"].pixels
+    assert np.count_nonzero(kept[..., 3]) > 0.5 * kept[..., 3].size
+
+
+def test_two_runs_give_the_same_pixels(cube_scene: Any, tmp_path: Path) -> None:
+    first = render(cube_scene, tmp_path / "a.exr")["RGBA"]
+    cube_scene.neuralguide.threads = 1
+    second = render(cube_scene, tmp_path / "b.exr")["RGBA"]
+    np.testing.assert_array_equal(first, second)
+    cube_scene.neuralguide.seed = 1
+    assert np.any(first != render(cube_scene, tmp_path / "c.exr")["RGBA"])
+
+
+@pytest.mark.parametrize("name", ["camera", "samples"])
+def test_what_is_missing_is_said(cube_scene: Any, name: str) -> None:
+    import bpy
+
+    if name == "camera":
+        cube_scene.camera = None
+    else:
+        cube_scene.neuralguide.samples = 0
+    with pytest.raises(RuntimeError, match=name):
+        bpy.ops.render.render()
