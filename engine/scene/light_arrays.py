@@ -23,7 +23,7 @@ LIGHT_BACKGROUND = 5
 # LightArrays.nodes (float32, one cache line): what lies below a node of the light tree.
 
 NODE_CENTER = 0
-NODE_RADIUS_SQUARED = 3
+NODE_RADIUS = 3
 NODE_HALF_SIZE = 4
 #: Radiant intensity [W/sr] along the strongest direction, mean of channels.
 NODE_ENERGY = 7

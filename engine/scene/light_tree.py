@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Building the light tree: a binary tree over local emitters with bounds on where and how strongly they shine.
 
-Splits are chosen by the surface area orientation heuristic over binned centroids until few emitters are left, which then
-become the children of one node: choosing among eight costs about as much as three more levels, and is done by what each
-emitter can do rather than by bounds. Bounds are merged bottom-up. Nodes know their parent, so the probability of an
-emitter is found by walking up from its leaf.
+Splits are chosen by the surface area orientation heuristic over binned centroids until few emitters are left, which
+then become the children of one node: choosing among eight costs about as much as three more levels, and is done by what
+each emitter can do rather than by bounds. Bounds are merged bottom-up. Nodes know their parent, so the probability of
+an emitter is found by walking up from its leaf.
 
 References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting", section 4;
 two-sided cones as in PBRT-4, section 12.6.3.
@@ -29,7 +29,7 @@ from engine.scene.light_arrays import (
     NODE_COS_NORMALS,
     NODE_ENERGY,
     NODE_HALF_SIZE,
-    NODE_RADIUS_SQUARED,
+    NODE_RADIUS,
     NODE_SIN_NORMALS,
     NODE_SPREAD,
     NODE_TWO_SIDED,
@@ -333,7 +333,7 @@ def _fill_nodes(bounds, links, nodes, boxes, cones, node_count):
             nodes[node, NODE_HALF_SIZE + c] = half
             diagonal += half * half
             nodes[node, NODE_AXIS + c] = cones[node, c]
-        nodes[node, NODE_RADIUS_SQUARED] = radius_squared if radius_squared > 0.0 else diagonal
+        nodes[node, NODE_RADIUS] = math.sqrt(radius_squared if radius_squared > 0.0 else diagonal)
         nodes[node, NODE_ENERGY] = energy
         nodes[node, NODE_COS_NORMALS] = math.cos(cones[node, 3])
         nodes[node, NODE_SIN_NORMALS] = math.sin(cones[node, 3])

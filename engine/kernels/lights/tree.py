@@ -30,7 +30,7 @@ from engine.scene.light_arrays import (
     NODE_COS_NORMALS,
     NODE_ENERGY,
     NODE_HALF_SIZE,
-    NODE_RADIUS_SQUARED,
+    NODE_RADIUS,
     NODE_SIN_NORMALS,
     NODE_SPREAD,
     NODE_TWO_SIDED,
@@ -40,60 +40,47 @@ from engine.scene.light_arrays import (
 _ROOT = np.int64(0)
 
 
-@kernel
+@kernel(forceinline=True)
 def node_importance(nodes, k, p, n, has_transmission):
     """Irradiance at p, up to a constant, that node k may cause; 0 only where it causes none.
 
     Cosines are those of the most favourable point of the node's bounding sphere; the distance is the mean over its
-    energy.
+    energy. All angles are kept as products of lengths with the distance D: sin theta_u = radius / D,
+    cos theta = along / D and so on, so that one division serves all and square roots do not wait for each other.
     """
     dx = nodes[k, NODE_CENTER] - p[0]
     dy = nodes[k, NODE_CENTER + 1] - p[1]
     dz = nodes[k, NODE_CENTER + 2] - p[2]
-    height = n[0] * dx + n[1] * dy + n[2] * dz
-    if not has_transmission:
-        reach = (
-            abs(n[0]) * nodes[k, NODE_HALF_SIZE]
-            + abs(n[1]) * nodes[k, NODE_HALF_SIZE + 1]
-            + abs(n[2]) * nodes[k, NODE_HALF_SIZE + 2]
-        )
-        if height + reach <= 0.0:
-            return 0.0 * height
     squared = dx * dx + dy * dy + dz * dz
-    radius_squared = nodes[k, NODE_RADIUS_SQUARED]
-    importance = nodes[k, NODE_ENERGY] / (squared + nodes[k, NODE_SPREAD] + 1e-20)
-    if squared <= radius_squared:
-        return importance
-
-    inverse = 1.0 / math.sqrt(squared)
-    ratio = radius_squared / squared
-    sin_u = math.sqrt(ratio)
-    cos_u = math.sqrt(1.0 - ratio)
+    height = n[0] * dx + n[1] * dy + n[2] * dz
+    reach = (
+        abs(n[0]) * nodes[k, NODE_HALF_SIZE]
+        + abs(n[1]) * nodes[k, NODE_HALF_SIZE + 1]
+        + abs(n[2]) * nodes[k, NODE_HALF_SIZE + 2]
+    )
+    is_above = has_transmission or height + reach > 0.0
+    height = abs(height) if has_transmission else height
+    along = -(nodes[k, NODE_AXIS] * dx + nodes[k, NODE_AXIS + 1] * dy + nodes[k, NODE_AXIS + 2] * dz)
+    along = abs(along) if nodes[k, NODE_TWO_SIDED] > 0.0 else along
+    radius = nodes[k, NODE_RADIUS]
+    tangent = math.sqrt(max(0.0, squared - radius * radius))
+    across = math.sqrt(max(0.0, squared - along * along))
+    beside = math.sqrt(max(0.0, squared - height * height))
+    inverse = 1.0 / max(squared, 1e-30)
 
     # theta' = theta - theta_o - theta_u, between the receiver and the nearest normal of an emitter.
-    cosine = -(nodes[k, NODE_AXIS] * dx + nodes[k, NODE_AXIS + 1] * dy + nodes[k, NODE_AXIS + 2] * dz) * inverse
-    if nodes[k, NODE_TWO_SIDED] > 0.0:
-        cosine = abs(cosine)
-    if cosine < cos_u:
-        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-        nearest = cosine * cos_u + sine * sin_u
-        cos_normals = nodes[k, NODE_COS_NORMALS]
-        if nearest < cos_normals:
-            nearest_sine = sine * cos_u - cosine * sin_u
-            emitted = nearest * cos_normals + nearest_sine * nodes[k, NODE_SIN_NORMALS]
-            if emitted <= nodes[k, NODE_COS_EMISSION]:
-                return 0.0 * importance
-            importance *= emitted
-
-    received = height * inverse
-    if has_transmission:
-        received = abs(received)
-    if received < cos_u:
-        received = received * cos_u + math.sqrt(max(0.0, 1.0 - received * received)) * sin_u
-        if received <= 0.0:
-            return 0.0 * importance
-        importance *= received
-    return importance
+    nearest = (along * tangent + across * radius) * inverse
+    nearest_sine = (across * tangent - along * radius) * inverse
+    emitted = nearest * nodes[k, NODE_COS_NORMALS] + nearest_sine * nodes[k, NODE_SIN_NORMALS]
+    is_lit = emitted > nodes[k, NODE_COS_EMISSION]
+    is_inside = squared <= radius * radius
+    faces = is_inside or along >= tangent or nearest >= nodes[k, NODE_COS_NORMALS]
+    received = (height * tangent + beside * radius) * inverse
+    overhead = is_inside or height >= tangent
+    importance = nodes[k, NODE_ENERGY] / (squared + nodes[k, NODE_SPREAD] + 1e-20)
+    importance *= 1.0 if faces else emitted
+    importance *= 1.0 if overhead else max(0.0, received)
+    return importance if is_above and (faces or is_lit) else 0.0
 
 
 @kernel
@@ -169,16 +156,13 @@ def pick_emitter(nodes, links, distant, p, n, has_transmission, u):
         below = chosen_importance
         for k in range(child, last):
             importance = node_importance(nodes, k, p, n, has_transmission)
-            if importance > 0.0:
-                below += importance
-                share = importance / below
-                if u < share:
-                    node = k
-                    chosen_importance = importance
-                    u /= share
-                else:
-                    u = (u - share) / (1.0 - share)
-                u = min(u, ONE_MINUS_EPSILON)
+            below += importance
+            share = importance / max(below, 1e-37)
+            # The first that counts is always taken: rounding must not leave it out.
+            is_taken = importance > 0.0 and (u < share or not chosen_importance > 0.0)
+            node = k if is_taken else node
+            chosen_importance = importance if is_taken else chosen_importance
+            u = min((u if is_taken else u - share) / (share if is_taken else 1.0 - share), ONE_MINUS_EPSILON)
         if not below > 0.0:
             return -1, below
         pmf *= chosen_importance / below
