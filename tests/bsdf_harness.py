@@ -26,9 +26,9 @@ from engine.kernels.bsdf import (
     reset_closures,
     sample_bsdf,
     summarize,
+    valid_specular_normal,
 )
-from engine.kernels.bsdf.closures import read3
-from engine.state import CLOSURE_N, Closures, allocate_closures
+from engine.state import Closures, allocate_closures
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -70,11 +70,13 @@ class Case:
     inputs: dict[str, Any] = field(default_factory=dict)
     distribution: int = MULTI_GGX
     is_backfacing: bool = False
+    is_bumped: bool = False
 
     def __str__(self) -> str:
         names = ("diffuse", "glossy", "refraction", "glass", "principled", "translucent", "transparent", "mixture")
         inputs = ",".join(f"{name}={value}" for name, value in self.inputs.items())
         kind = f"{names[self.node]}{'' if self.distribution else '-ggx'}{'-back' if self.is_backfacing else ''}"
+        kind += "-bumped" if self.is_bumped else ""
         return f"{kind}({inputs})"
 
 
@@ -84,20 +86,23 @@ def _color(colors, k):
 
 
 @kernel
-def _append(closures, tables, node, distribution, is_backfacing, values, colors, wo, ng, n, tangent):
-    """Append the lobes of a node to lane 0."""
+def _append(closures, tables, node, distribution, is_backfacing, values, colors, wo, ng, n, coat_n, tangent):
+    """Append the lobes of a node to lane 0, as the shader interpreter does."""
+    specular_n = valid_specular_normal(closures, 0, ng, wo, n)
     white = (1.0, 1.0, 1.0)
     color = _color(colors, 0)
     if node == 0:
         add_diffuse(closures, 0, color, n, values[0], color)
     elif node == 1:
         add_glossy(
-            closures, tables, 0, white, color, wo, n, tangent, distribution, values[0], values[2], values[3]
+            closures, tables, 0, white, color, wo, specular_n, tangent, distribution, values[0], values[2], values[3]
         )
     elif node == 2:
-        add_refraction(closures, tables, 0, white, color, wo, n, distribution, values[0], values[1], is_backfacing)
+        add_refraction(
+            closures, tables, 0, white, color, wo, specular_n, distribution, values[0], values[1], is_backfacing
+        )
     elif node == 3:
-        add_glass(closures, tables, 0, white, color, wo, n, distribution, values[0], values[1], is_backfacing)
+        add_glass(closures, tables, 0, white, color, wo, specular_n, distribution, values[0], values[1], is_backfacing)
     elif node == 4:
         add_principled(
             closures,
@@ -107,7 +112,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             wo,
             ng,
             n,
-            n,
+            coat_n,
             tangent,
             is_backfacing,
             distribution,
@@ -133,7 +138,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             values[14],
         )
     elif node == 5:
-        add_translucent(closures, 0, color, n)
+        add_translucent(closures, 0, color, specular_n)
     elif node == 6:
         add_transparent(closures, 0, color)
 
@@ -169,11 +174,6 @@ def _summarize(closures):
     return summarize(closures, 0)
 
 
-@kernel
-def _normal(closures, i):
-    return read3(closures.param, 0, i, CLOSURE_N)
-
-
 def vector(*values: float) -> tuple[np.float32, ...]:
     """Unit float32 tuple along `values`."""
     array = np.asarray(values, np.float64)
@@ -197,7 +197,7 @@ def sobol(log2_count: int, seed: int = 1) -> npt.NDArray[np.float32]:
 
 
 class Lobes:
-    """Closures of one or more cases seen from `wo`, on a surface with normals `ng`, `ns` and lobes' normal `n`."""
+    """Closures of one or more cases seen from `wo`, on a surface with normals `ng`, `ns` (the coat's too) and `n`."""
 
     def __init__(
         self,
@@ -229,6 +229,7 @@ class Lobes:
                 wo,
                 ng,
                 n,
+                ns,
                 tangent,
             )
 

@@ -18,15 +18,19 @@ from tests.bsdf_harness import (
     GLOSSY,
     PRINCIPLED,
     REFRACTION,
+    UP,
     Case,
     Lobes,
     at_cosine,
+    vector,
 )
 
 COSINES = (1.0, 0.8, 0.5, 0.2)
 ORANGE = (0.8, 0.4, 0.1)
 #: Directions to suns, above and below the planes.
 SUNS = ((0.3, 0.5, 0.9), (-0.5, -0.2, 0.9), (0.1, -0.2, -1.0))
+#: Normal of bumped cases in the frame of their plane.
+BUMP = np.array([0.6, 0.3, 0.75]) / np.linalg.norm([0.6, 0.3, 0.75])
 PIXELS = 12
 SAMPLES = 512
 
@@ -71,6 +75,11 @@ CASES = [
     Case(PRINCIPLED, {"color": ORANGE, "sheen_weight": 1.0, "sheen_tint": (0.9, 0.6, 0.3)}),
     Case(PRINCIPLED, {"color": ORANGE, "sheen_weight": 0.7, "sheen_roughness": 0.2}),
     Case(PRINCIPLED, {"color": ORANGE, "sheen_weight": 1.0, "sheen_roughness": 1.0}),
+    Case(DIFFUSE, {"color": ORANGE, "roughness": 0.0}, is_bumped=True),
+    Case(DIFFUSE, {"color": ORANGE, "roughness": 0.6}, is_bumped=True),
+    Case(GLOSSY, {"color": ORANGE, "roughness": 0.5}, is_bumped=True),
+    Case(GLOSSY, {"color": ORANGE, "roughness": 0.0}, is_bumped=True),
+    Case(PRINCIPLED, {"color": ORANGE, "coat_weight": 0.7, "sheen_weight": 0.5, "metallic": 0.4}, is_bumped=True),
 ]
 
 NODES = {
@@ -119,6 +128,13 @@ def add_plane(bpy: Any, case: Case, column: int, row: int) -> None:
         tangent = tree.nodes.new("ShaderNodeTangent")
         tangent.direction_type = "UV_MAP"
         tree.links.new(tangent.outputs["Tangent"], node.inputs["Tangent"])
+    if case.is_bumped:
+        cosine, sine = COSINES[row], np.sqrt(1.0 - COSINES[row] ** 2)
+        normal = tree.nodes.new("ShaderNodeCombineXYZ")
+        world = (BUMP[0] * cosine + BUMP[2] * sine, BUMP[1], BUMP[2] * cosine - BUMP[0] * sine)
+        for socket, value in zip(normal.inputs, world, strict=True):
+            socket.default_value = value
+        tree.links.new(normal.outputs["Vector"], node.inputs["Normal"])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(node.outputs["BSDF"], output.inputs["Surface"])
     angle = np.arccos(COSINES[row]) + (np.pi if case.is_backfacing else 0.0)
@@ -202,11 +218,16 @@ def cycles(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     return np.load(path)
 
 
+def lobes_of(case: Case, cosine: float) -> Lobes:
+    """Our closures of a case, in the frame of its plane."""
+    return Lobes(case, wo=at_cosine(cosine, np.pi), n=vector(*BUMP) if case.is_bumped else UP)
+
+
 def ours(case: Case) -> np.ndarray:
     """Our albedos, emission included, float64 (cosines, 3)."""
     rows = []
     for cosine in COSINES:
-        lobes = Lobes(case, wo=at_cosine(cosine, np.pi))
+        lobes = lobes_of(case, cosine)
         rows.append(lobes.albedo(16) + lobes.closures.emission[0, :3])
     return np.array(rows)
 
@@ -241,7 +262,7 @@ def test_albedo_agrees_with_cycles(case: Case, cycles: np.ndarray) -> None:
 def test_value_agrees_with_cycles(case: Case, sun: int, cycles: np.ndarray) -> None:
     for row, cosine in enumerate(COSINES):
         wo, wi = directions(cosine, SUNS[sun])
-        lobes = Lobes(case, wo=at_cosine(cosine, np.pi))
+        lobes = lobes_of(case, cosine)
         value = lobes.evaluate(wi[None])[1][0] + lobes.closures.emission[0, :3]
         if is_impossible_refraction(case, wo, wi):
             # Cycles lights these by light sampling only, against its own sampling of the lobe: we do not.

@@ -110,7 +110,7 @@ def add_principled(
     ----------
     weight, base_color, specular_tint, coat_tint, sheen_tint, emission_color : tuple of 3 float32
     wo, ng, n, coat_normal, tangent : tuple of 3 float32
-        Unit, world space, normals on the viewer's side. A coat normal that is not linked is `n`.
+        Unit, world space, normals on the viewer's side. A coat normal that is not linked is the smooth shading normal.
     distribution : int, GGX or MULTI_GGX
     anisotropic_rotation : float32 [turns]
     Others : float32, the node's inputs, clamped here as Cycles does.
