@@ -64,7 +64,7 @@ POSITION = (0.3, -0.2, 1.4)
 
 
 @pytest.fixture(scope="module")
-def plane_scene() -> Iterator[Any]:
+def plane_scene() -> Any:
     """A white plane of 40 m seen from above through a square of EXTENT metres, nothing else."""
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
