@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
-import numpy as np
-
 from engine.jit import kernel
 from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
@@ -30,7 +28,7 @@ OP_WHITE_NOISE = TEXTURE_FIRST + 7  # value, color <- vector, w | dimensions
 
 @kernel
 def _run_noise(code, pc, memory):
-    dimensions = np.int64(code[pc + 13])  # int64 as in `wave`: one compiled copy of the noise
+    dimensions = code[pc + 13]
     p = read3(memory, code[pc + 4])
     scale = memory[code[pc + 6]]
     x, y, z, w = p[0] * scale, p[1] * scale, p[2] * scale, memory[code[pc + 5]] * scale
@@ -39,15 +37,15 @@ def _run_noise(code, pc, memory):
     color = noise_texture(
         x, y, z, w,
         dimensions,
-        np.int64(code[pc + 14]),
+        code[pc + 14],
         memory[code[pc + 7]],
         memory[code[pc + 8]],
         memory[code[pc + 9]],
         memory[code[pc + 10]],
         memory[code[pc + 11]],
         memory[code[pc + 12]],
-        np.int64(code[pc + 15]),
-        np.int64(1 if code[pc + 3] == SINK else 3),
+        code[pc + 15],
+        1 if code[pc + 3] == SINK else 3,
     )  # fmt: skip
     memory[code[pc + 2]] = color[0]
     write3(memory, code[pc + 3], color)
@@ -55,7 +53,7 @@ def _run_noise(code, pc, memory):
 
 @kernel
 def _run_voronoi(code, pc, memory):
-    dimensions = np.int64(code[pc + 16])
+    dimensions = code[pc + 16]
     p = read3(memory, code[pc + 7])
     x, y, z, w = p[0], p[1], p[2], memory[code[pc + 8]]
     if dimensions == 1:

@@ -31,11 +31,6 @@ WAVE_SINE = 0
 WAVE_SAW = 1
 WAVE_TRIANGLE = 2
 
-# Arguments as plain integers: numba would compile literals into a second copy of the noise.
-_THREE = np.int64(3)
-_FBM = np.int64(NOISE_FBM)
-_YES = np.int64(1)
-
 # Keeps points on integer coordinates, which surfaces love, on one side of the step.
 _NUDGE = np.float32(0.000001)
 _SHRINK = np.float32(0.999999)
@@ -102,7 +97,7 @@ def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, de
         detail = min(max(detail, 0.0), 15.0)
         noise = fractal_noise(
             x * detail_scale, y * detail_scale, z * detail_scale, 0.0,
-            _THREE, _FBM, detail, detail_roughness, 2.0, 0.0, 0.0, _YES,
+            3, NOISE_FBM, detail, detail_roughness, 2.0, 0.0, 0.0, 1,
         )  # fmt: skip
         angle += distortion * (noise * 2.0 - 1.0)
     if profile == WAVE_SINE:

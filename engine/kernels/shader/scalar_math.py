@@ -152,20 +152,6 @@ def math_operation(operation, a, b, c):
     return 0.0
 
 
-@kernel
-def smooth_step(t):
-    """Cubic Hermite step on [0, 1]."""
-    t = min(max(t, 0.0), 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
-@kernel
-def smoother_step(t):
-    """Quintic step on [0, 1] (Perlin 2002)."""
-    t = min(max(t, 0.0), 1.0)
-    return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
-
-
 MAP_LINEAR = 0
 MAP_STEPPED = 1
 MAP_SMOOTHSTEP = 2
@@ -173,19 +159,31 @@ MAP_SMOOTHERSTEP = 3
 
 
 @kernel
-def map_range(value, from_min, from_max, to_min, to_max, steps, interpolation, clamp):
-    """The Map Range node on one number; `clamp` limits to the interval between `to_min` and `to_max`.
+def map_range(value, from_min, from_max, to_min, to_max, steps, interpolation, clamp, is_number):
+    """The Map Range node on one number or component.
 
-    An empty source interval gives `to_min` (which Cycles does for vectors; for numbers see the instruction).
+    Parameters
+    ----------
+    interpolation : int
+        MAP_*.
+    clamp : bool
+        Limit to the interval between `to_min` and `to_max`.
+    is_number : bool
+        What Cycles makes of an empty source interval: 0 for numbers (then clamped), `to_min` for vectors.
+
+    References: Perlin 2002, "Improving Noise" (the quintic step).
     """
-    factor = safe_divide(value - from_min, from_max - from_min)
+    width = from_max - from_min
+    t = safe_divide(value - from_min, width)
     if interpolation == MAP_STEPPED:
-        factor = np.floor(factor * (steps + 1.0)) / steps if steps > 0.0 else 0.0
-    elif interpolation == MAP_SMOOTHSTEP:
-        factor = smooth_step(factor)
-    elif interpolation == MAP_SMOOTHERSTEP:
-        factor = smoother_step(factor)
-    result = to_min + factor * (to_max - to_min)
+        t = np.floor(t * (steps + 1.0)) / steps if steps > 0.0 else 0.0
+    elif interpolation != MAP_LINEAR:
+        t = min(max(t, 0.0), 1.0)
+        if interpolation == MAP_SMOOTHSTEP:
+            t = t * t * (3.0 - 2.0 * t)
+        else:
+            t = t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+    result = 0.0 if is_number and width == 0.0 else to_min + t * (to_max - to_min)
     if clamp:
         result = min(max(result, min(to_min, to_max)), max(to_min, to_max))
     return result
