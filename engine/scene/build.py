@@ -138,7 +138,9 @@ def build_scene(
     notices = list(description.notices)
     programs = compile_scene(description)
     notices += programs.notices
-    attribute_names = tuple(programs.attribute_names)
+    # Programs ask for a mesh's default UV map and colour without knowing their names.
+    defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
+    attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
 
     key = _geometry_key(description, attribute_names)
     if cache.geometry is None or cache.geometry_key != key:
