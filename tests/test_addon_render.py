@@ -39,12 +39,13 @@ def test_passes_hold_what_they_say(cube_scene: Any, tmp_path: Path) -> None:
     layer.neuralguide.use_pass_sample_count = True
     cube_scene.objects["Cube"].pass_index = 7
     cube_scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
-    images = {name.split(".")[1]: value for name, value in render(cube_scene, tmp_path / "image.exr").items()}
+    images = {name.removeprefix("ViewLayer."): value for name, value in render(cube_scene, tmp_path / "i.exr").items()}
     middle = (8, 16)
-    assert float(images["Object Index"][middle]) == 7
-    assert float(images["Sample Count"][middle]) == 4
-    assert 4.5 < float(images["Depth"][middle]) < 6.5
-    assert images["Normal"][middle] == pytest.approx((0.0, -1.0, 0.0), abs=1e-3)
+    assert float(images["Object Index.X"][middle]) == 7
+    assert float(images["Sample Count.X"][middle]) == 4
+    assert 4.5 < float(images["Depth.Z"][middle]) < 6.5
+    normal = [float(images[f"Normal.{axis}"][middle]) for axis in "XYZ"]
+    assert normal == pytest.approx((0.0, -1.0, 0.0), abs=1e-3)
 
 
 def test_cancel_is_fast_and_keeps_the_picture(cube_scene: Any, tmp_path: Path, monkeypatch: Any) -> None:
@@ -96,3 +97,11 @@ def test_what_is_missing_is_said(cube_scene: Any, name: str) -> None:
         cube_scene.neuralguide.samples = 0
     with pytest.raises(RuntimeError, match=name):
         bpy.ops.render.render()
+
+
+def test_film_exposure_is_a_factor(cube_scene: Any, tmp_path: Path) -> None:
+    plain = render(cube_scene, tmp_path / "plain.exr")["RGBA"]
+    cube_scene.neuralguide.film_exposure = 2.0
+    cube_scene.cycles.film_exposure = 5.0  # Cycles' own setting means nothing here
+    bright = render(cube_scene, tmp_path / "bright.exr")["RGBA"]
+    np.testing.assert_allclose(bright[..., :3], 2.0 * plain[..., :3], rtol=1e-5)

@@ -83,8 +83,16 @@ def export_frame(context: ExportContext) -> Frame:
         region=region,
         pixel_aspect_x=render.pixel_aspect_x,
         pixel_aspect_y=render.pixel_aspect_y,
-        exposure=cycles_property(context.scene, "film_exposure", 1.0),
+        exposure=_film_exposure(context.scene),
     )
+
+
+def _film_exposure(scene: bpy.types.Scene) -> float:
+    """NeuralGuide's own setting; Cycles' where the add-on is not registered."""
+    settings = getattr(scene, "neuralguide", None)
+    if settings is not None:
+        return settings.film_exposure
+    return cycles_property(scene, "film_exposure", 1.0)
 
 
 def _camera_object(context: ExportContext) -> bpy.types.Object:

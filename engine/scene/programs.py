@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.arrays import Float32Array, GeometryArrays, Int32Array
-from engine.scene.description import Notice, SceneDescription
+from engine.scene.description import Link, Node, NodeGraph, Notice, SceneDescription
 from engine.scene.lights import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.shaders.arrays import (
     MODE_EMISSION,
@@ -142,7 +142,9 @@ def compile_scene(description: SceneDescription) -> Programs:
         for material in description.materials
     ]
     default_program = len(sources)
-    sources.append(ProgramSource("the default material", None))
+    # What Cycles 5.0 gives faces without a material: the Principled BSDF as it is added.
+    default = NodeGraph([Node("ShaderNodeBsdfPrincipled", "Principled BSDF")], surface=Link(0, "BSDF"))
+    sources.append(ProgramSource("the default material", default))
     world_program = -1
     if description.world is not None:
         world_program = len(sources)
