@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.shader_harness import Graph, compile_one, emitted, run, square_points
 
 from engine.kernels.bsdf import kinds
 from engine.kernels.shader import ops_closure
@@ -26,6 +25,7 @@ from engine.shaders.arrays import (
     ShaderArrays,
 )
 from engine.state import CLOSURE_WEIGHT
+from tests.shader_harness import Graph, compile_one, emitted, run, square_points
 
 
 def opcodes(shaders: ShaderArrays, mode: int = MODE_CLOSURES) -> list[int]:
@@ -69,7 +69,8 @@ def test_socket_conversions() -> None:
     graph = Graph()
     color = (0.1, 0.5, 0.9)
     position = graph.link("ShaderNodeNewGeometry", "Position")
-    constant_gray = graph.link("ShaderNodeClamp", "Result", inputs={"Value": graph.link("ShaderNodeRGB", "Color", value=color)})
+    swatch = graph.link("ShaderNodeRGB", "Color", value=color)
+    constant_gray = graph.link("ShaderNodeClamp", "Result", inputs={"Value": swatch})
     mean = graph.link("ShaderNodeClamp", "Result", inputs={"Value": position})
     combine = graph.link("ShaderNodeCombineXYZ", "Vector", inputs={"X": constant_gray, "Y": mean, "Z": 0.0})
     result = emitted(graph.emit(combine), square_points((0.6, 0.3)))
