@@ -26,109 +26,97 @@ OP_MAGIC = TEXTURE_FIRST + 6  # color, fac <- vector, scale, distortion | depth
 OP_WHITE_NOISE = TEXTURE_FIRST + 7  # value, color <- vector, w | dimensions
 
 
-@kernel
-def _run_noise(code, pc, memory):
-    dimensions = code[pc + 13]
-    p = read3(memory, code[pc + 4])
-    scale = memory[code[pc + 6]]
-    x, y, z, w = p[0] * scale, p[1] * scale, p[2] * scale, memory[code[pc + 5]] * scale
-    if dimensions == 1:
-        x = w
-    color = noise_texture(
-        x, y, z, w,
-        dimensions,
-        code[pc + 14],
-        memory[code[pc + 7]],
-        memory[code[pc + 8]],
-        memory[code[pc + 9]],
-        memory[code[pc + 10]],
-        memory[code[pc + 11]],
-        memory[code[pc + 12]],
-        code[pc + 15],
-        1 if code[pc + 3] == SINK else 3,
-    )  # fmt: skip
-    memory[code[pc + 2]] = color[0]
-    write3(memory, code[pc + 3], color)
-
-
-@kernel
-def _run_voronoi(code, pc, memory):
-    dimensions = code[pc + 16]
-    p = read3(memory, code[pc + 7])
-    x, y, z, w = p[0], p[1], p[2], memory[code[pc + 8]]
-    if dimensions == 1:
-        x = w
-    if dimensions < 2:
-        y = 0.0
-    if dimensions < 3:
-        z = 0.0
-    if dimensions < 4:
-        w = 0.0
-    distance, red, green, blue, px, py, pz, pw = voronoi_texture(
-        x, y, z, w,
-        memory[code[pc + 9]],
-        dimensions,
-        code[pc + 17],
-        code[pc + 18],
-        memory[code[pc + 10]],
-        memory[code[pc + 11]],
-        memory[code[pc + 12]],
-        memory[code[pc + 13]],
-        memory[code[pc + 14]],
-        memory[code[pc + 15]],
-        code[pc + 19],
-    )  # fmt: skip
-    memory[code[pc + 2]] = distance
-    write3(memory, code[pc + 3], (red, green, blue))
-    if dimensions == 1:
-        write3(memory, code[pc + 4], (0.0, 0.0, 0.0))
-        memory[code[pc + 5]] = px
-    else:
-        write3(memory, code[pc + 4], (px, py, pz))
-        memory[code[pc + 5]] = pw
-    memory[code[pc + 6]] = distance
-
-
-@kernel
-def _run_brick(code, pc, memory):
-    p = read3(memory, code[pc + 4])
-    first = read3(memory, code[pc + 5])
-    second = read3(memory, code[pc + 6])
-    joint = read3(memory, code[pc + 7])
-    scale = memory[code[pc + 8]]
-    tint, mortar = brick(
-        p[0] * scale,
-        p[1] * scale,
-        memory[code[pc + 9]],
-        memory[code[pc + 10]],
-        memory[code[pc + 11]],
-        memory[code[pc + 12]],
-        memory[code[pc + 13]],
-        memory[code[pc + 14]],
-        code[pc + 16],
-        memory[code[pc + 15]],
-        code[pc + 17],
-    )
-    keep = (1.0 - mortar) * (1.0 - tint)
-    other = (1.0 - mortar) * tint
-    color = (
-        keep * first[0] + other * second[0] + mortar * joint[0],
-        keep * first[1] + other * second[1] + mortar * joint[1],
-        keep * first[2] + other * second[2] + mortar * joint[2],
-    )
-    memory[code[pc + 3]] = mortar
-    write3(memory, code[pc + 2], color)
-
-
 @kernel(forceinline=True)
 def run_texture_op(opcode, code, pc, memory, tables):
-    """Run the instruction at `pc`. `tables` is the pool of ramps and curves (ShaderArrays.tables)."""
+    """Run the instruction at `pc`. `tables` is the pool of ramps and curves (ShaderArrays.tables).
+
+    One function, as in ops_math.
+    """
     if opcode == OP_NOISE:
-        _run_noise(code, pc, memory)
+        dimensions = code[pc + 13]
+        p = read3(memory, code[pc + 4])
+        scale = memory[code[pc + 6]]
+        x, y, z, w = p[0] * scale, p[1] * scale, p[2] * scale, memory[code[pc + 5]] * scale
+        if dimensions == 1:
+            x = w
+        color = noise_texture(
+            x, y, z, w,
+            dimensions,
+            code[pc + 14],
+            memory[code[pc + 7]],
+            memory[code[pc + 8]],
+            memory[code[pc + 9]],
+            memory[code[pc + 10]],
+            memory[code[pc + 11]],
+            memory[code[pc + 12]],
+            code[pc + 15],
+            1 if code[pc + 3] == SINK else 3,
+        )  # fmt: skip
+        memory[code[pc + 2]] = color[0]
+        write3(memory, code[pc + 3], color)
     elif opcode == OP_VORONOI:
-        _run_voronoi(code, pc, memory)
+        dimensions = code[pc + 16]
+        p = read3(memory, code[pc + 7])
+        x, y, z, w = p[0], p[1], p[2], memory[code[pc + 8]]
+        if dimensions == 1:
+            x = w
+        if dimensions < 2:
+            y = 0.0
+        if dimensions < 3:
+            z = 0.0
+        if dimensions < 4:
+            w = 0.0
+        distance, red, green, blue, px, py, pz, pw = voronoi_texture(
+            x, y, z, w,
+            memory[code[pc + 9]],
+            dimensions,
+            code[pc + 17],
+            code[pc + 18],
+            memory[code[pc + 10]],
+            memory[code[pc + 11]],
+            memory[code[pc + 12]],
+            memory[code[pc + 13]],
+            memory[code[pc + 14]],
+            memory[code[pc + 15]],
+            code[pc + 19],
+        )  # fmt: skip
+        memory[code[pc + 2]] = distance
+        write3(memory, code[pc + 3], (red, green, blue))
+        if dimensions == 1:
+            write3(memory, code[pc + 4], (0.0, 0.0, 0.0))
+            memory[code[pc + 5]] = px
+        else:
+            write3(memory, code[pc + 4], (px, py, pz))
+            memory[code[pc + 5]] = pw
+        memory[code[pc + 6]] = distance
     elif opcode == OP_BRICK:
-        _run_brick(code, pc, memory)
+        p = read3(memory, code[pc + 4])
+        first = read3(memory, code[pc + 5])
+        second = read3(memory, code[pc + 6])
+        joint = read3(memory, code[pc + 7])
+        scale = memory[code[pc + 8]]
+        tint, mortar = brick(
+            p[0] * scale,
+            p[1] * scale,
+            memory[code[pc + 9]],
+            memory[code[pc + 10]],
+            memory[code[pc + 11]],
+            memory[code[pc + 12]],
+            memory[code[pc + 13]],
+            memory[code[pc + 14]],
+            code[pc + 16],
+            memory[code[pc + 15]],
+            code[pc + 17],
+        )
+        keep = (1.0 - mortar) * (1.0 - tint)
+        other = (1.0 - mortar) * tint
+        color = (
+            keep * first[0] + other * second[0] + mortar * joint[0],
+            keep * first[1] + other * second[1] + mortar * joint[1],
+            keep * first[2] + other * second[2] + mortar * joint[2],
+        )
+        memory[code[pc + 3]] = mortar
+        write3(memory, code[pc + 2], color)
     elif opcode == OP_CHECKER:
         p = read3(memory, code[pc + 4])
         scale = memory[code[pc + 7]]
