@@ -119,7 +119,7 @@ class _Triangles:
 def _emissive_instances(geometry: GeometryArrays, sides: Int32Array) -> np.ndarray:
     """Instances that have a material which is sampled as a light, and that scattered rays can see."""
     instances = geometry.instance_table
-    if len(instances) == 0 or len(geometry.instance_materials) == 0:
+    if len(instances) == 0 or len(geometry.instance_materials) == 0 or not sides.any():
         return np.zeros(0, np.int64)
     slot_count = np.ones(len(geometry.mesh_table), np.int64)
     for mesh, row in enumerate(geometry.mesh_table):
