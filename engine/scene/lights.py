@@ -129,10 +129,10 @@ def _emissive_instances(geometry: GeometryArrays, sides: Int32Array) -> np.ndarr
     programs = geometry.instance_materials
     emissive = np.where(programs >= 0, sides[np.maximum(programs, 0)] != 0, False)
     before = np.concatenate([[0], np.cumsum(emissive)])
-    first = np.minimum(instances[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64), len(programs))
-    last = np.minimum(first + slot_count[instances[:, INSTANCE_MESH]], len(programs))
+    starts = np.minimum(instances[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64), len(programs))
+    ends = np.minimum(starts + slot_count[instances[:, INSTANCE_MESH]], len(programs))
     visible = (instances[:, INSTANCE_VISIBILITY] & _VISIBLE_TO_SCATTERING) != 0
-    return np.flatnonzero((before[last] > before[first]) & visible)
+    return np.flatnonzero((before[ends] > before[starts]) & visible)
 
 
 def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
