@@ -69,7 +69,7 @@ def _suzanne(
 def _room() -> None:
     """Two rooms with a doorway between them, and a window on the left."""
     wall = materials.plaster("Wall paint", (0.42, 0.40, 0.36))
-    accent = materials.plaster("Accent paint", (0.30, 0.115, 0.06))
+    accent = materials.plaster("Accent paint", (0.36, 0.17, 0.10))
     ceiling = materials.plaster("Ceiling paint", (0.72, 0.70, 0.66))
     oak = materials.wood("Oak", (0.09, 0.035, 0.012), (0.30, 0.14, 0.055))
     _box("Floor", (-3.2, -6.2, -0.2), (3.2, 6.2, 0.0), materials.marble_tiles())
@@ -110,15 +110,15 @@ def _translation(x: float, y: float, z: float) -> object:
 def _lights() -> None:
     """None of them is in the picture."""
     data = bpy.data.lights.new("Lamp next door", "AREA")
-    data.shape, data.size, data.energy = "DISK", 0.5, 300.0
+    data.shape, data.size, data.energy = "DISK", 0.6, 420.0
     data.color = (1.0, 0.62, 0.33)
     next_door = _object("Lamp next door", data)
-    next_door.location = (2.75, 4.65, 2.25)
+    next_door.location = (2.72, 4.75, 2.2)
     next_door.rotation_euler = (math.radians(-48.0), 0.0, math.radians(-40.0))
 
     panel_wood = materials.wood("Walnut", (0.05, 0.022, 0.011), (0.22, 0.105, 0.05))
     _box("Panel", (-2.35, 2.86, 0.95), (0.35, 2.90, 2.15), panel_wood, 0.008)
-    glow = materials.lamp("Lighting strip", 2900.0, 34.0)
+    glow = materials.lamp("Lighting strip", 3300.0, 40.0)
     _box("Strip above", (-2.2, 2.93, 1.98), (0.2, 2.95, 2.0), glow)
     _box("Strip below", (-2.2, 2.93, 1.10), (0.2, 2.95, 1.12), glow)
 
@@ -148,13 +148,13 @@ def _still_life() -> None:
     bronze = materials.metal("Bronze", (0.80, 0.46, 0.22), 0.16)
     _suzanne("Bronze head", bronze, (0.0, 0.77, 1.10), 1.0, 20.0)
 
-    _box("Low table", (-2.15, -0.55, 0.36), (-0.85, 0.25, 0.42), walnut, 0.012)
-    for x in (-2.08, -0.98):
+    _box("Low table", (-1.95, -0.55, 0.36), (-0.75, 0.25, 0.42), walnut, 0.012)
+    for x in (-1.90, -0.86):
         for y in (-0.48, 0.12):
             _box("Leg", (x, y, 0.0), (x + 0.06, y + 0.06, 0.36), walnut, 0.006)
     sphere = bpy.ops.mesh.primitive_uv_sphere_add
     clear = materials.glass("Glass", (0.97, 0.99, 0.98))
-    _primitive(sphere, "Glass ball", clear, radius=0.20, segments=96, ring_count=48, location=(-1.22, -0.20, 0.62))
+    _primitive(sphere, "Glass ball", clear, radius=0.20, segments=96, ring_count=48, location=(-1.02, -0.26, 0.62))
     _primitive(
         bpy.ops.mesh.primitive_torus_add,
         "Ring",
@@ -163,14 +163,14 @@ def _still_life() -> None:
         minor_radius=0.045,
         major_segments=96,
         minor_segments=32,
-        location=(-1.68, -0.28, 0.465),
+        location=(-1.42, -0.32, 0.465),
     )
     vase = _primitive(sphere, "Vase", materials.glaze(), radius=0.19, segments=96, ring_count=48)
-    vase.location, vase.scale = (-1.86, 0.02, 0.70), (0.85, 0.85, 1.5)
+    vase.location, vase.scale = (-1.60, 0.02, 0.70), (0.85, 0.85, 1.5)
 
-    frosted = materials.glass("Frosted glass", (0.75, 0.92, 0.86), 0.25)
-    small = _suzanne("Glass head", frosted, (0.98, -0.55, 0.33), 0.62, -18.0)
-    small.location.z = 0.27
+    frosted = materials.glass("Frosted glass", (0.72, 0.93, 0.86), 0.18)
+    small = _suzanne("Glass head", frosted, (0.80, -0.38, 0.33), 0.58, -16.0)
+    small.location.z = 0.24
     _books()
 
 
@@ -196,13 +196,13 @@ def _books() -> None:
 
 def _camera() -> None:
     data = bpy.data.cameras.new("Camera")
-    data.lens = 30.0
+    data.lens = 31.0
     data.dof.use_dof = True
-    data.dof.focus_distance = 3.5
+    data.dof.focus_distance = 3.9
     data.dof.aperture_fstop = 2.0
     camera = _object("Camera", data)
-    camera.location = (0.30, -3.05, 1.25)
-    camera.rotation_euler = (math.radians(84.0), 0.0, math.radians(5.0))
+    camera.location = (0.22, -3.45, 1.32)
+    camera.rotation_euler = (math.radians(82.0), 0.0, math.radians(3.5))
     bpy.context.scene.camera = camera
 
 
@@ -221,5 +221,6 @@ def build(width: int = 640, height: int = 360, samples: int = 256) -> bpy.types.
     settings.samples = samples
     settings.max_bounces = settings.diffuse_bounces = settings.glossy_bounces = settings.transmission_bounces = 16
     settings.clamp_indirect = 12.0
-    scene.view_settings.exposure = 1.3
+    scene.view_settings.look = "AgX - Medium High Contrast"
+    scene.view_settings.exposure = 1.7
     return scene
