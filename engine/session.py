@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import sys
 import threading
 import time
@@ -20,6 +19,11 @@ from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
 from engine.wavefront.integrator import Batch, Integrator, Statistics, Unit
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
 
 #: Side of a tile [pixels].
 TILE_SIZE = 32
@@ -73,7 +77,9 @@ class RenderResult:
 
 
 def peak_memory() -> int:
-    """Largest resident memory of this process so far [bytes]."""
+    """Largest resident memory of this process so far [bytes]; 0 where the system does not tell."""
+    if resource is None:
+        return 0
     usage = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return usage if sys.platform == "darwin" else usage * 1024
 
