@@ -8,9 +8,9 @@ still in flight of a cancelled unit would favour short paths.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
+
+from engine.bundle import Bundle
 
 # Columns of the feature sums, written at the first surface that is not transparent.
 FEATURE_NORMAL = 0
@@ -46,7 +46,7 @@ PASS_NAMES = (
 FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
 
 
-class FilmTile(NamedTuple):
+class FilmTile(Bundle):
     """Sums over samples, P pixels; also the shape of the whole film.
 
     radiance, square : float32 (P, C), sum of samples and of their squares

@@ -7,10 +7,9 @@ its length, so `for c in range(len(paths.channels))` unrolls and both widths liv
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array, Uint32Array
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -75,7 +74,7 @@ POINT_INTEGER_WIDTH = 11
 POINT_FLAG_BACKFACING = 1
 
 
-class ShadePoints(NamedTuple):
+class ShadePoints(Bundle):
     """Points at which shader programs run: surface hits, light samples, background directions, shadow hits.
 
     real : float32 (L, POINT_REAL_WIDTH)
@@ -100,7 +99,7 @@ CLOSURE_SAMPLE_WEIGHT = 7  # unnormalised selection probability
 CLOSURE_KIND_PARAMS = 8
 
 
-class Closures(NamedTuple):
+class Closures(Bundle):
     """Weighted lobes per lane.
 
     kind : int32 (L, MAX_CLOSURES), engine.kernels.bsdf.kinds
@@ -151,7 +150,7 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
 # Paths
 
 
-class PathState(NamedTuple):
+class PathState(Bundle):
     """A batch of paths in flight, L lanes.
 
     pixel : int32, index into the film; sample : int32
@@ -206,7 +205,7 @@ class PathState(NamedTuple):
     channels: tuple[int, ...]
 
 
-class ShadowRays(NamedTuple):
+class ShadowRays(Bundle):
     """Light samples waiting for their visibility, at most one a lane.
 
     Row k waits for path `lane[k]`; how many rows are in use is kept by the integrator.
@@ -226,7 +225,7 @@ class ShadowRays(NamedTuple):
     channels: tuple[int, ...]
 
 
-class LightSamples(NamedTuple):
+class LightSamples(Bundle):
     """One light sample a lane, between choosing it and connecting to it.
 
     direction : float32 (L, 3), from the surface, unit; distance : float32, 1e30 for distant lights

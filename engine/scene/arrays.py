@@ -7,10 +7,10 @@ array and index.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
+
+from engine.bundle import Bundle
 
 Float32Array = npt.NDArray[np.float32]
 Int32Array = npt.NDArray[np.int32]
@@ -59,7 +59,7 @@ DOMAIN_CORNER = 3
 DOMAIN_MESH = 4
 
 
-class GeometryArrays(NamedTuple):
+class GeometryArrays(Bundle):
     """Meshes concatenated, instances, attributes.
 
     vertices : float32 (V, 3), object space, or world where the instance is baked

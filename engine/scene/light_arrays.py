@@ -7,8 +7,7 @@ triangles first (so a triangle emitter's number is its row in `triangles`), then
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
+from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Int64Array
 
 # Kinds of emitters
@@ -138,7 +137,7 @@ HEADER_WIDTH = 8
 DISTANT = 1e30
 
 
-class LightArrays(NamedTuple):
+class LightArrays(Bundle):
     """All emitters, the tree over them and their shapes.
 
     header : int32 (HEADER_WIDTH,)
@@ -153,6 +152,9 @@ class LightArrays(NamedTuple):
     map_marginal : float32 (H + 1, 2), cumulative probability of rows and cosine of their lower latitude bound
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
     """
+
+    #: The map's width differs from world to world.
+    _dynamic = frozenset({"map_conditional"})
 
     header: Int32Array
     nodes: Float32Array

@@ -11,10 +11,9 @@ a kernel reads either the same way. Vectors and colours take three consecutive f
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Int64Array, Uint8Array
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -82,7 +81,7 @@ CAMERA_WORLD_TO_NDC = 2  # three homogeneous rows: x, y, weight
 CAMERA_ROWS = 3
 
 
-class ShaderArrays(NamedTuple):
+class ShaderArrays(Bundle):
     """All programs of a scene.
 
     code : int32 (K,)

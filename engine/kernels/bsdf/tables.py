@@ -5,17 +5,17 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from engine.bundle import Bundle
 from engine.kernels.bsdf.lookup import TABLES_SIZE
 from engine.scene.arrays import Float32Array
 
 TABLES_FILE = Path(__file__).with_name("tables.npz")
 
 
-class BsdfTables(NamedTuple):
+class BsdfTables(Bundle):
     """All tables in one array (a tuple of arrays would cost every call that passes it on).
 
     data : float32 (TABLES_SIZE,), the tables of `TABLE_SHAPES` at the offsets of `engine.kernels.bsdf.lookup`

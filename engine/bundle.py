@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`Bundle`: a named group of arrays that a kernel takes as one pointer.
+
+Numba passes an array as seven words and a named tuple as all its arrays' words, at every call that is not inlined: a
+hundred stores before the first useful instruction, and a reference count for each array. A bundle is one word. Reading
+a field loads the array's address from a table; the loads are marked invariant, so LLVM hoists them out of loops. Sizes
+of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
+
+In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.core import cgutils
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
+from numba.np.arrayobj import make_array, populate_array
+
+#: Words per field in a bundle's table: address, then the shape.
+_FIELD_WORDS = 4
+
+
+class Bundle:
+    """Base class: annotate fields in the subclass, construct by position or keyword.
+
+    A field is a C-contiguous array of at most three dimensions, or a tuple of ints (`channels`), which becomes part of
+    the type.
+    """
+
+    _fields: ClassVar[tuple[str, ...]] = ()
+    #: Fields whose inner dimensions vary from scene to scene: they must not be part of the type.
+    _dynamic: ClassVar[frozenset[str]] = frozenset()
+    _address: int
+
+    def __init_subclass__(cls) -> None:
+        cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
+
+    def __init__(self, *arrays: Any, **named: Any) -> None:
+        values = dict(zip(self._fields, arrays, strict=False), **named)
+        if len(arrays) + len(named) != len(self._fields) or set(values) != set(self._fields):
+            raise TypeError(f"{type(self).__name__} takes the fields {', '.join(self._fields)}")
+        table = np.zeros(max(len(self._fields), 1) * _FIELD_WORDS, np.int64)
+        described = []
+        for index, name in enumerate(self._fields):
+            value = values[name]
+            object.__setattr__(self, name, value)
+            if isinstance(value, tuple):
+                described.append((name, value))
+                continue
+            if not (isinstance(value, np.ndarray) and value.flags.c_contiguous and 1 <= value.ndim <= 3):
+                raise TypeError(f"{type(self).__name__}.{name} must be a C-contiguous array of 1 to 3 dimensions")
+            word = index * _FIELD_WORDS
+            table[word] = value.ctypes.data
+            table[word + 1 : word + 1 + value.ndim] = value.shape
+            inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
+            described.append((name, (from_dtype(value.dtype), value.ndim, inner)))
+        object.__setattr__(self, "_table", table)
+        object.__setattr__(self, "_address", table.ctypes.data)
+        object.__setattr__(self, "_numba_type_", BundleType(type(self).__name__, tuple(described)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{type(self).__name__}.{name} cannot be assigned: use _replace")
+
+    def __iter__(self) -> Iterator[Any]:
+        return (getattr(self, name) for name in self._fields)
+
+    def __reduce__(self) -> Any:
+        return (type(self), tuple(self))
+
+    def _asdict(self) -> dict[str, Any]:
+        """Fields by name."""
+        return {name: getattr(self, name) for name in self._fields}
+
+    def _replace(self, **changes: Any) -> Self:
+        """A bundle of the same arrays but for `changes`."""
+        return type(self)(**{**self._asdict(), **changes})
+
+
+class BundleType(types.Type):
+    """Numba's type of a bundle: its name, and per field either a tuple or (dtype, dimensions, inner shape)."""
+
+    def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
+        self.fields = fields
+        self.index = {field: k for k, (field, _) in enumerate(fields)}
+        super().__init__(name=f"{name}({fields})")
+
+    def field_type(self, name: str) -> types.Type | None:
+        """Numba type of a field, None if there is no such field."""
+        if name not in self.index:
+            return None
+        described = self.fields[self.index[name]][1]
+        if _is_tuple_field(described):
+            return types.UniTuple(types.int64, len(described))
+        dtype, dimensions, _inner = described
+        return types.Array(dtype, dimensions, "C")
+
+
+def _is_tuple_field(described: tuple) -> bool:
+    return not described or isinstance(described[0], int)
+
+
+@register_model(BundleType)
+class _BundleModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, ir.IntType(64))
+
+
+@unbox(BundleType)
+def _unbox_bundle(typ: BundleType, obj: Any, c: Any) -> NativeValue:
+    address = c.pyapi.object_getattr_string(obj, "_address")
+    value = c.pyapi.long_as_longlong(address)
+    c.pyapi.decref(address)
+    return NativeValue(value)
+
+
+@infer_getattr
+class _BundleAttributes(AttributeTemplate):
+    key = BundleType
+
+    def generic_resolve(self, typ: BundleType, attr: str) -> types.Type | None:
+        return typ.field_type(attr)
+
+
+@lower_getattr_generic(BundleType)
+def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, attr: str) -> Any:
+    index = typ.index[attr]
+    described = typ.fields[index][1]
+    if _is_tuple_field(described):
+        result = context.get_constant_generic(builder, types.UniTuple(types.int64, len(described)), described)
+        return result
+    dtype, dimensions, inner = described
+    intp = ir.IntType(64)
+    table = builder.inttoptr(value, intp.as_pointer())
+    invariant = builder.module.add_metadata([])
+
+    def word(offset: int) -> Any:
+        pointer = builder.gep(table, [ir.Constant(intp, index * _FIELD_WORDS + offset)])
+        loaded = builder.load(pointer)
+        loaded.set_metadata("invariant.load", invariant)
+        return loaded
+
+    array_type = typ.field_type(attr)
+    array = make_array(array_type)(context, builder)
+    shape = [word(1)]
+    for axis in range(1, dimensions):
+        size = inner[axis - 1]
+        shape.append(ir.Constant(intp, size) if size >= 0 else word(1 + axis))
+    itemsize = context.get_abi_sizeof(context.get_data_type(dtype))
+    strides = [ir.Constant(intp, itemsize)]
+    for axis in range(dimensions - 1, 0, -1):
+        strides.insert(0, builder.mul(strides[0], shape[axis]))
+    data = builder.inttoptr(word(0), context.get_data_type(dtype).as_pointer())
+    populate_array(
+        array,
+        data=data,
+        shape=cgutils.pack_array(builder, shape),
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=ir.Constant(intp, itemsize),
+        meminfo=None,
+    )
+    return array._getvalue()
