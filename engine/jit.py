@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one decorator every compiled function wears, and where its machine code is kept.
 
-`kernel` differs from a bare `numba.njit` in four ways:
+`kernel` differs from a bare `numba.njit` in these ways:
 
 - a float literal in a kernel is float32 (numba would promote every expression it touches to float64);
+- kernels do not allocate, so arrays are not reference counted (numba's counting is not always optimised away);
+- other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
-- literal and int32 arguments do not make numba compile a callee anew (`_share_specializations`);
+- literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
 - the cache on disk is keyed by the sources a kernel is made of, imports included: numba's own cache does not see
   an edited callee in another file.
 """
@@ -24,7 +26,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import types
+from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
@@ -120,22 +122,33 @@ def _general_type(argument: Any) -> Any:
     return types.int64 if general == types.int32 else general
 
 
-def _share_specializations(dispatcher: Any) -> Any:
-    """Make calls from other kernels with a literal, an int32 or an int64 argument use one compiled function.
+def _serve_callers(dispatcher: Any, callee: Any) -> Any:
+    """Make calls from other kernels use `callee`: the same function without what only Python needs.
 
-    Numba would compile the callee, and all it calls, again for every value of a literal argument.
+    Numba would give every helper a Python wrapper, machine code and a file in the cache, all unused once it is inlined;
+    and compile it, and all it calls, again for every value of a literal argument and for int32 beside int64.
     """
     if numba.config.DISABLE_JIT:
         return dispatcher
-    resolve = dispatcher.get_call_template
+    keys: dict[Any, object] = {}
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return resolve(
+        return callee.get_call_template(
             tuple(_general_type(argument) for argument in args),
             {name: _general_type(argument) for name, argument in kws.items()},
         )
 
+    def get_overload(signature: Any) -> object:
+        # Numba looks a callee up by its entry point, of which one without wrapper has none: give it a name.
+        arguments, _returned = sigutils.normalize_signature(signature)
+        if arguments not in keys:
+            compiled = callee.overloads[arguments]
+            keys[arguments] = object()
+            compiled.target_context.insert_user_function(keys[arguments], compiled.fndesc, [compiled.library])
+        return keys[arguments]
+
     dispatcher.get_call_template = get_call_template
+    dispatcher.get_overload = get_overload
     return dispatcher
 
 
@@ -168,15 +181,18 @@ def kernel(
         previous = numba.config.CACHE_DIR
         sources = source_hash(module, Path(target.__code__.co_filename))
         numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{sources}")
+        options = {
+            "nogil": True,
+            "error_model": "numpy",
+            "fastmath": set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
+            "forceinline": forceinline,
+            # No allocation in kernels, so no reference counting: it was most of the code.
+            "_nrt": False,
+        }
         try:
-            return _share_specializations(
-                numba.njit(
-                    nogil=True,
-                    cache=True,
-                    error_model="numpy",
-                    fastmath=set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
-                    forceinline=forceinline,
-                )(target)
+            return _serve_callers(
+                numba.njit(cache=True, **options)(target),
+                numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target),
             )
         finally:
             numba.config.CACHE_DIR = previous
