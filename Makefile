@@ -27,7 +27,7 @@ test: .venv/installed ## Run the tests
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .
 	.venv/bin/mypy
-	.venv/bin/lint-imports
+	.venv/bin/lint-imports --no-cache
 
 bench: .venv/installed ## Compare with Cycles on a short set of scenes
 	$(PYTHON) -m benchmarks run $(BENCH_SCENES) --rivals cycles OFF --samples 64 --seeds 2

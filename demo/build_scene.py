@@ -110,7 +110,7 @@ def _translation(x: float, y: float, z: float) -> object:
 def _lights() -> None:
     """None of them is in the picture."""
     data = bpy.data.lights.new("Lamp next door", "AREA")
-    data.shape, data.size, data.energy = "DISK", 0.6, 420.0
+    data.shape, data.size, data.energy = "DISK", 0.9, 520.0
     data.color = (1.0, 0.62, 0.33)
     next_door = _object("Lamp next door", data)
     next_door.location = (2.72, 4.75, 2.2)
@@ -118,9 +118,9 @@ def _lights() -> None:
 
     panel_wood = materials.wood("Walnut", (0.05, 0.022, 0.011), (0.22, 0.105, 0.05))
     _box("Panel", (-2.35, 2.86, 0.95), (0.35, 2.90, 2.15), panel_wood, 0.008)
-    glow = materials.lamp("Lighting strip", 3300.0, 40.0)
-    _box("Strip above", (-2.2, 2.93, 1.98), (0.2, 2.95, 2.0), glow)
-    _box("Strip below", (-2.2, 2.93, 1.10), (0.2, 2.95, 1.12), glow)
+    glow = materials.lamp("Lighting strip", 3300.0, 16.0)
+    _box("Strip above", (-2.2, 2.92, 1.94), (0.2, 2.95, 2.02), glow)
+    _box("Strip below", (-2.2, 2.92, 1.08), (0.2, 2.95, 1.16), glow)
 
     world = bpy.data.worlds.new("Sunset")
     world.use_nodes = True
@@ -206,7 +206,7 @@ def _camera() -> None:
     bpy.context.scene.camera = camera
 
 
-def build(width: int = 640, height: int = 360, samples: int = 256) -> bpy.types.Scene:
+def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.Scene:
     """Replace the open file by the demo scene, ready to render with NEURALGUIDE, which must be registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -219,8 +219,8 @@ def build(width: int = 640, height: int = 360, samples: int = 256) -> bpy.types.
     render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
     settings = scene.neuralguide
     settings.samples = samples
-    settings.max_bounces = settings.diffuse_bounces = settings.glossy_bounces = settings.transmission_bounces = 16
-    settings.clamp_indirect = 12.0
+    settings.max_bounces = settings.diffuse_bounces = settings.glossy_bounces = settings.transmission_bounces = 12
+    settings.clamp_indirect = 6.0
     scene.view_settings.look = "AgX - Medium High Contrast"
     scene.view_settings.exposure = 1.7
     return scene
