@@ -95,11 +95,11 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
             samples.radiance[lane, c] = radiance[c]
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance
-        # How much too long the ray could be: rounding at the light, seen at a slant.
+        # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
         if distance < _FAR:
-            slant = max(abs(dot(q_ng, wi)), 0.02)
+            slant = max(abs(dot(q_ng, wi)), 0.004)
             extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
-            samples.offset[lane] = extent * _ERROR / slant
+            samples.offset[lane] = (extent * _ERROR + paths.offset[lane]) / slant
         else:
             samples.offset[lane] = 0.0
         if program >= 0:
@@ -192,6 +192,6 @@ def connect_lights(
         store(shadows.direction, row, wi)
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         store(shadows.origin, row, offset_origin(p, ng, wi, paths.offset[lane]))
-        distance = samples.distance[lane] - samples.offset[lane] - paths.offset[lane]
+        distance = samples.distance[lane] - samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
     return shadow_count
