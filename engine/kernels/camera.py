@@ -19,7 +19,6 @@ from engine.scene.camera import (
     CAMERA_LENS_RADIUS,
     CAMERA_OFFSET_X,
     CAMERA_OFFSET_Y,
-    CAMERA_PIXEL_SPREAD,
     CAMERA_SCALE_X,
     CAMERA_SCALE_Y,
     FILTER_TABLE_SIZE,
@@ -89,18 +88,23 @@ def generate_ray(camera, x, y, lens_u, lens_v):
     near = camera[CAMERA_CLIP_START]
     far = camera[CAMERA_CLIP_END]
     radius = 0.0
-    spread = camera[CAMERA_PIXEL_SPREAD]
+    spread = 0.0
     if kind == KIND_ORTHOGRAPHIC:
         position = (film_x, film_y, 0.0)
         direction = (0.0, 0.0, -1.0)
-        radius = camera[CAMERA_PIXEL_SPREAD]
-        spread = 0.0
+        radius = camera[CAMERA_SCALE_X]
     elif kind == KIND_EQUIRECTANGULAR:
         # Longitude 0 looks along local -z, growing to the right; latitude up.
         horizontal = math.cos(film_y)
         direction = (math.sin(film_x) * horizontal, math.sin(film_y), -math.cos(film_x) * horizontal)
+        spread = 0.5 * (abs(camera[CAMERA_SCALE_X]) * horizontal + abs(camera[CAMERA_SCALE_Y]))
     else:
         direction = (film_x, film_y, -1.0)
+        # How far the unit direction moves from one pixel to the next, mean of x and y.
+        squared = film_x * film_x + film_y * film_y + 1.0
+        across_x = abs(camera[CAMERA_SCALE_X]) * math.sqrt(squared - film_x * film_x)
+        across_y = abs(camera[CAMERA_SCALE_Y]) * math.sqrt(squared - film_y * film_y)
+        spread = 0.5 * (across_x + across_y) / squared
     if camera[CAMERA_LENS_RADIUS] > 0.0:
         lens_x, lens_y = sample_aperture(camera, lens_u, lens_v)
         lens_x *= camera[CAMERA_LENS_RADIUS]

@@ -23,8 +23,7 @@ CAMERA_BLADES = 20
 CAMERA_BLADE_ROTATION = 21
 CAMERA_INVERSE_RATIO = 22
 CAMERA_KIND = 23
-CAMERA_PIXEL_SPREAD = 24  # footprint of a pixel: growth per metre (perspective) or size in metres (orthographic)
-CAMERA_WIDTH = 25
+CAMERA_WIDTH = 24
 
 KIND_PERSPECTIVE = 0
 KIND_ORTHOGRAPHIC = 1
@@ -80,7 +79,6 @@ def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: 
         row[CAMERA_OFFSET_X] = camera.longitude_min
         row[CAMERA_SCALE_Y] = (camera.latitude_max - camera.latitude_min) / frame.height
         row[CAMERA_OFFSET_Y] = camera.latitude_min
-        row[CAMERA_PIXEL_SPREAD] = 0.5 * abs(row[CAMERA_SCALE_Y])
     else:
         if kind == KIND_ORTHOGRAPHIC:
             scale = camera.ortho_scale / (2.0 * aspect)
@@ -92,7 +90,6 @@ def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: 
         row[CAMERA_OFFSET_X] = (shift_x - half_x) * scale
         row[CAMERA_SCALE_Y] = 2.0 * half_y * scale / frame.height
         row[CAMERA_OFFSET_Y] = (shift_y - half_y) * scale
-        row[CAMERA_PIXEL_SPREAD] = 0.25 * (row[CAMERA_SCALE_X] + row[CAMERA_SCALE_Y])
     row[CAMERA_CLIP_START] = camera.clip_start
     row[CAMERA_CLIP_END] = camera.clip_end
     if camera.use_dof:

@@ -5,11 +5,11 @@ import math
 
 from engine.jit import kernel
 from engine.kernels.shader.surface import (
+    blended_object_normal,
     footprint_axis,
     normal_to_object,
     normal_to_world,
     read_point,
-    smooth_normal_object,
     to_object,
     uv_tangent_object,
 )
@@ -33,8 +33,6 @@ from engine.state import (
     POINT_NG,
     POINT_NS,
     POINT_RADIUS,
-    POINT_U,
-    POINT_V,
 )
 
 SPACE_TANGENT = 0
@@ -89,9 +87,7 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
         tangent, sign = uv_tangent_object(geometry, points, lane, tangent_slot, uv_slot)
         if sign == 0.0:
             return ns
-        u = points.real[lane, POINT_U]
-        v = points.real[lane, POINT_V]
-        normal = smooth_normal_object(geometry, points, lane, u, v)
+        normal = blended_object_normal(geometry, points, lane)
         x *= strength
         y *= strength
         s = min(max(strength, 0.0), 1.0)

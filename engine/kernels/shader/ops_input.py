@@ -201,7 +201,7 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
             value = normal_to_object(geometry, instance, read_point(points, lane, POINT_NS))
         else:
             u, v = displaced_barycentrics(geometry, points, lane, axis, width)
-            value = normalize(smooth_normal_object(geometry, points, lane, u, v))
+            value = smooth_normal_object(geometry, points, lane, u, v)
             if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
                 value = scale(value, -1.0)
     write3(memory, code[pc + 2], value)

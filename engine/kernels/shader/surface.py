@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What shader inputs read at a point: positions, displaced positions for bump mapping, mesh attributes, spaces."""
 
-import math
-
 from engine.jit import kernel
 from engine.kernels.vector import (
     add,
@@ -211,29 +209,72 @@ def normal_to_world(geometry, instance, n):
 
 
 @kernel
-def smooth_normal_object(geometry, points, lane, u, v):
-    """Unnormalised interpolated normal in object space, outward (not flipped on back faces)."""
-    instance = points.integer[lane, POINT_INSTANCE]
-    triangle = points.integer[lane, POINT_TRIANGLE]
-    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+def first_normal(geometry, points, lane):
+    """Row of `corner_normals` of the point's triangle, -1 where its mesh is flat."""
+    mesh = geometry.instance_table[points.integer[lane, POINT_INSTANCE], INSTANCE_MESH]
     first = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     if first < 0:
-        ng = read_point(points, lane, POINT_NG)
-        if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
-            ng = negate(ng)
-        return normal_to_object(geometry, instance, ng)
-    row = first + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+        return -1
+    return first + points.integer[lane, POINT_TRIANGLE] - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+
+
+@kernel
+def outward_ng(points, lane):
+    """Geometric normal, not flipped on back faces."""
+    ng = read_point(points, lane, POINT_NG)
+    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
+        return negate(ng)
+    return ng
+
+
+@kernel
+def corner_normal(geometry, row, corner):
+    """One corner's normal, in the space the mesh is stored in."""
     normals = geometry.corner_normals
+    at = 3 * corner
+    return (normals[row, at], normals[row, at + 1], normals[row, at + 2])
+
+
+@kernel
+def blend3(a, b, c, u, v):
+    """(1 - u - v) a + u b + v c."""
     w = 1.0 - u - v
-    n = (
-        w * normals[row, 0] + u * normals[row, 3] + v * normals[row, 6],
-        w * normals[row, 1] + u * normals[row, 4] + v * normals[row, 7],
-        w * normals[row, 2] + u * normals[row, 5] + v * normals[row, 8],
+    return (
+        w * a[0] + u * b[0] + v * c[0],
+        w * a[1] + u * b[1] + v * c[1],
+        w * a[2] + u * b[2] + v * c[2],
     )
+
+
+@kernel
+def smooth_normal_object(geometry, points, lane, u, v):
+    """Unit interpolated normal in object space, outward (not flipped on back faces)."""
+    instance = points.integer[lane, POINT_INSTANCE]
+    row = first_normal(geometry, points, lane)
+    if row < 0:
+        return normal_to_object(geometry, instance, outward_ng(points, lane))
+    a = corner_normal(geometry, row, 0)
+    n = blend3(a, corner_normal(geometry, row, 1), corner_normal(geometry, row, 2), u, v)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        size = math.sqrt(dot(n, n))
-        return scale(normal_to_object(geometry, instance, n), size)
-    return n
+        return normal_to_object(geometry, instance, n)
+    return normalize(n)
+
+
+@kernel
+def blended_object_normal(geometry, points, lane):
+    """Object space corner normals blended but not normalised, outward: the frame of tangent space normal maps."""
+    instance = points.integer[lane, POINT_INSTANCE]
+    row = first_normal(geometry, points, lane)
+    if row < 0:
+        return normal_to_object(geometry, instance, outward_ng(points, lane))
+    a = corner_normal(geometry, row, 0)
+    b = corner_normal(geometry, row, 1)
+    c = corner_normal(geometry, row, 2)
+    if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
+        a = normal_to_object(geometry, instance, a)
+        b = normal_to_object(geometry, instance, b)
+        c = normal_to_object(geometry, instance, c)
+    return blend3(a, b, c, points.real[lane, POINT_U], points.real[lane, POINT_V])
 
 
 @kernel
