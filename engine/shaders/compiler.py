@@ -270,6 +270,8 @@ class _ProgramCompiler:
                 builder.closure(ops_closure.OP_EMISSION, _ONE, operands, modes=modes)
             return
         self._displacement()
+        if self.graph.volume is not None:
+            self.scene.notice(source.name, "has a volume, which is not supported", "no volume")
         if self.graph.surface is None or not self._exists(self.graph.surface, "the output"):
             return
         weights: dict[int, Value] = {self.graph.surface.node: _ONE}
@@ -315,7 +317,7 @@ class _ProgramCompiler:
         node = self.graph.nodes[index]
         builder = _Builder(self, index, 0, 0.0)
         if node.kind in (nodes_closure.MIX_SHADER, nodes_closure.ADD_SHADER):
-            shares = (weight, weight)
+            shares: tuple[Value, Value] = (weight, weight)
             if node.kind == nodes_closure.MIX_SHADER:
                 shares = self._mix_weights(weight, builder.input(Socket("Fac", FLOAT, 0.5)))
             for link, share in zip(self._shader_links(index), shares, strict=True):
