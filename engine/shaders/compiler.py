@@ -265,9 +265,9 @@ class _ProgramCompiler:
                 operands = (builder.input(Socket("Normal", VECTOR, Implicit.NORMAL)), _GREY, _ZERO)
                 builder.closure(ops_closure.OP_DIFFUSE, _ONE, operands, modes=(MODE_CLOSURES,))
             elif any(source.color):
-                operands = (Constant(tuple(float(c) for c in source.color)), _ONE)
+                color = Constant(tuple(float(c) for c in source.color))
                 modes = (MODE_CLOSURES, MODE_EMISSION)
-                builder.closure(ops_closure.OP_EMISSION, _ONE, operands, modes=modes)
+                builder.closure(ops_closure.OP_EMISSION, _ONE, (color, _ONE), modes=modes)
             return
         self._displacement()
         if self.graph.volume is not None:
