@@ -113,7 +113,7 @@ def attributes() -> None:
 
     def surface(nodes: Nodes) -> Socket:
         colour = nodes("VertexColor", {"layer_name": "Paint"})
-        value = nodes("Attribute", {"attribute_name": "heat"}, output="Fac")
+        value = nodes("Attribute", {"attribute_name": "warmth"}, output="Fac")
         second = nodes("UVMap", {"uv_map": "Second"})
         checker = nodes("TexChecker", Vector=second, Scale=4.0)
 
@@ -127,8 +127,8 @@ def attributes() -> None:
         layer = data.color_attributes.new("Paint", "FLOAT_COLOR", domain)
         generator = np.random.default_rng(3)
         layer.data.foreach_set("color", generator.uniform(0.0, 1.0, 4 * len(layer.data)).astype(np.float32))
-        heat = data.attributes.new("heat", "FLOAT", "FACE")
-        heat.data.foreach_set("value", generator.uniform(0.0, 1.0, len(heat.data)).astype(np.float32))
+        warmth = data.attributes.new("warmth", "FLOAT", "FACE")
+        warmth.data.foreach_set("value", generator.uniform(0.0, 1.0, len(warmth.data)).astype(np.float32))
         second = data.uv_layers.new(name="Second")
         uv = np.zeros(2 * len(second.data), np.float32)
         data.uv_layers[0].data.foreach_get("uv", uv)

@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
-from engine.kernels.lights import sample_light
+from engine.kernels.lights import sample_light, triangle_shows_back
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
 from engine.kernels.surface import offset_origin
@@ -80,7 +80,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         (
-            pdf, _emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            pdf, emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis,
         ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, u0, u1, u2)
         if not pdf > 0.0 or paths.depth[lane] > max_bounces:
@@ -105,12 +105,13 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         if program >= 0:
             flags |= LIGHT_HAS_PROGRAM
             out = light_points.real
-            back = dot(q_ng, wi) > 0.0
+            # Normals face the receiver, as everywhere; the flag says whether that is the back.
+            back = instance >= 0 and triangle_shows_back(lights, emitter, wi)
             for c in range(3):
                 out[lane, POINT_P + c] = q[c] if distance < _FAR else wi[c]
                 out[lane, POINT_WO + c] = -wi[c]
-                out[lane, POINT_NG + c] = -q_ng[c] if back else q_ng[c]
-                out[lane, POINT_NS + c] = -q_ng[c] if back else q_ng[c]
+                out[lane, POINT_NG + c] = q_ng[c]
+                out[lane, POINT_NS + c] = q_ng[c]
             out[lane, POINT_U] = u
             out[lane, POINT_V] = v
             out[lane, POINT_RAY_LENGTH] = distance

@@ -10,6 +10,7 @@ from engine.kernels.lights.sample import (
     sun_is_hit,
     sun_pdf,
     triangle_emitter_pdf,
+    triangle_shows_back,
 )
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "sun_is_hit",
     "sun_pdf",
     "triangle_emitter_pdf",
+    "triangle_shows_back",
 ]

@@ -72,6 +72,32 @@ def _sides(flags, facing):
     return (flags & EMITTER_BACK) != 0
 
 
+@kernel
+def _facing(triangles, emitter, wi):
+    """dot(cross(edge1, edge2), wi) of an emissive triangle."""
+    e1 = (
+        triangles[emitter, TRIANGLE_EDGE1],
+        triangles[emitter, TRIANGLE_EDGE1 + 1],
+        triangles[emitter, TRIANGLE_EDGE1 + 2],
+    )
+    e2 = (
+        triangles[emitter, TRIANGLE_EDGE2],
+        triangles[emitter, TRIANGLE_EDGE2 + 1],
+        triangles[emitter, TRIANGLE_EDGE2 + 2],
+    )
+    facing = wi[0] * (e1[1] * e2[2] - e1[2] * e2[1])
+    facing += wi[1] * (e1[2] * e2[0] - e1[0] * e2[2])
+    facing += wi[2] * (e1[0] * e2[1] - e1[1] * e2[0])
+    return facing
+
+
+@kernel
+def triangle_shows_back(lights, emitter, wi):
+    """Whether a receiver from which wi leads to an emissive triangle sees its back."""
+    facing = _facing(lights.triangles, emitter, wi)
+    return facing < 0.0 if lights.emitters[emitter, EMITTER_FLAGS] & EMITTER_MIRRORED else facing > 0.0
+
+
 @kernel(forceinline=True)
 def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
     """Choose an emitter and a direction towards it for next-event estimation.
@@ -239,19 +265,7 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     emitter = lights.lookup[first + triangle - lights.lookup_offset[instance, 1]]
     if emitter < 0:
         return 0.0 * distance
-    e1 = (
-        lights.triangles[emitter, TRIANGLE_EDGE1],
-        lights.triangles[emitter, TRIANGLE_EDGE1 + 1],
-        lights.triangles[emitter, TRIANGLE_EDGE1 + 2],
-    )
-    e2 = (
-        lights.triangles[emitter, TRIANGLE_EDGE2],
-        lights.triangles[emitter, TRIANGLE_EDGE2 + 1],
-        lights.triangles[emitter, TRIANGLE_EDGE2 + 2],
-    )
-    facing = wi[0] * (e1[1] * e2[2] - e1[2] * e2[1])
-    facing += wi[1] * (e1[2] * e2[0] - e1[0] * e2[2])
-    facing += wi[2] * (e1[0] * e2[1] - e1[1] * e2[0])
+    facing = _facing(lights.triangles, emitter, wi)
     if not _sides(lights.emitters[emitter, EMITTER_FLAGS], facing):
         return 0.0 * distance
     pdf = triangle_pdf(lights.triangles, emitter, p, wi, distance)
