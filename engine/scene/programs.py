@@ -118,7 +118,7 @@ class Programs:
         return radiance.reshape(height, width, 3)
 
     def _map_width(self) -> int:
-        """As wide as the widest image the world shows."""
+        """As wide as the widest image the world shows; small ones are interpolated and turned, and need more."""
         world = self.description.world
         widths = [0]
         if world is not None and world.graph is not None:
@@ -126,7 +126,7 @@ class Programs:
                 image = node.properties.get("image", -1)
                 if isinstance(image, int) and 0 <= image < len(self.description.images):
                     widths.append(self.description.images[image].pixels.shape[1])
-        return max(widths) or _DEFAULT_MAP_WIDTH
+        return max(*widths, _DEFAULT_MAP_WIDTH)
 
 
 def compile_scene(description: SceneDescription) -> Programs:
