@@ -126,7 +126,7 @@ class Film:
 
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (mean * exposure).reshape(*shape, 3)
-        combined[..., 3] = (self.sums.alpha * scale[:, 0]).reshape(shape) if transparent else 1.0
+        combined[..., 3] = np.clip(self.sums.alpha * scale[:, 0], 0.0, 1.0).reshape(shape) if transparent else 1.0
         images["Combined"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)

@@ -118,7 +118,7 @@ def _float32_constants(value: Any) -> Any:
 
 
 def _general_type(argument: Any) -> Any:
-    general = types.unliteral(argument)
+    general = types.unliteral(argument)  # type: ignore[attr-defined]
     return types.int64 if general == types.int32 else general
 
 

@@ -328,9 +328,8 @@ class _Job:
             fraction = max(fraction, min(elapsed / limit, 1.0))
         rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
         sample = int(self._finished_paths / max(self._total_paths, 1) * self.settings.samples)
-        return Progress(
-            min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, rays / max(elapsed, 1e-6), "Rendering"
-        )
+        speed = rays / max(elapsed, 1e-6)
+        return Progress(min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, speed, "Rendering")
 
     def _prepare(self) -> None:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)

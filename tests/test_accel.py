@@ -80,7 +80,8 @@ def test_a_ray_finds_the_right_instance(count):
 
 
 def test_visibility_selects_what_rays_see():
-    _, accelerator = built(quad_scene([at(0, 0, 2), at(0, 0, 0)], visibility=[VISIBLE_ALL & ~VISIBLE_CAMERA, VISIBLE_ALL]))
+    visibility = [VISIBLE_ALL & ~VISIBLE_CAMERA, VISIBLE_ALL]
+    _, accelerator = built(quad_scene([at(0, 0, 2), at(0, 0, 0)], visibility=visibility))
     assert trace(accelerator, (0.5, 0.2, 5.0))[1] == pytest.approx(5.0)
     assert trace(accelerator, (0.5, 0.2, 5.0), mask=2)[1] == pytest.approx(3.0)
 

@@ -37,11 +37,16 @@ def rays(camera, frame, xy, lens=None):
 
 @pytest.mark.parametrize(
     ("kind", "fit", "size", "aspect"),
-    list(itertools.product(("PERSP", "ORTHO"), ("AUTO", "HORIZONTAL", "VERTICAL"), ((64, 36), (30, 50)), ((1, 1), (2, 1)))),
+    list(
+        itertools.product(
+            ("PERSP", "ORTHO"), ("AUTO", "HORIZONTAL", "VERTICAL"), ((64, 36), (30, 50)), ((1, 1), (2, 1))
+        )
+    ),
 )
 def test_rays_pass_through_the_pixels_blender_projects_to(blender, kind, fit, size, aspect):
-    from addon.export import export_scene
     from bpy_extras.object_utils import world_to_camera_view
+
+    from addon.export import export_scene
 
     bpy = blender
     scene = bpy.context.scene

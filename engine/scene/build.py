@@ -151,7 +151,8 @@ def build_scene(
         cache.geometry_key = key
     geometry = cache.geometry
     # Slots without a material render with the default program.
-    materials = np.where(description.instances.materials >= 0, description.instances.materials, programs.default_program)
+    materials = description.instances.materials
+    materials = np.where(materials >= 0, materials, programs.default_program)
     geometry = geometry._replace(instance_materials=np.ascontiguousarray(materials, np.int32))
     notices += cache.geometry_notices
 

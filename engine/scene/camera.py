@@ -106,10 +106,11 @@ def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: 
 def filter_table(pixel_filter: str, width: float) -> np.ndarray:
     """Offset from the pixel's centre [pixels] for FILTER_TABLE_SIZE uniform numbers from 0 to 1.
 
-    `width` is Cycles' filter width: the box's whole width, a third of the Gaussian's, half of Blackman and Harris's.
+    `width` is Cycles' filter width: a third of the Gaussian's support, half of Blackman and Harris's. The box is one
+    pixel whatever it says, as in Cycles.
     """
     if pixel_filter == "BOX":
-        return np.linspace(-0.5 * width, 0.5 * width, FILTER_TABLE_SIZE).astype(np.float32)
+        return np.linspace(-0.5, 0.5, FILTER_TABLE_SIZE).astype(np.float32)
     support = width * (3.0 if pixel_filter == "GAUSSIAN" else 2.0)
     x = np.linspace(-0.5 * support, 0.5 * support, 8193)
     if pixel_filter == "GAUSSIAN":

@@ -12,8 +12,8 @@ from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND
 
 @kernel
 def init_from_camera(
-    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, active, active_count, free,
-    free_count,
+    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, active, active_count,
+    free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 

@@ -13,7 +13,8 @@ import numpy as np
 from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
 from engine.scene.build import Scene
-from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_HITTABLE, HEADER_LAST_SUN, HEADER_FIRST_SUN
+from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
+from engine.settings import RenderSettings
 from engine.shaders.arrays import (
     MODE_CLOSURES,
     MODE_EMISSION,
@@ -24,7 +25,6 @@ from engine.shaders.arrays import (
     PROGRAM_FLAGS,
     allocate_memory,
 )
-from engine.settings import RenderSettings
 from engine.state import (
     allocate_closures,
     allocate_light_samples,
@@ -125,7 +125,8 @@ class Integrator:
         self.use_features = use_features
         header = scene.lights.header
         self.has_emitters = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
-        self.has_hittable_lights = bool(header[HEADER_HITTABLE] > 0 or header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN])
+        has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
+        self.has_hittable_lights = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         self.mode = MODE_CLOSURES
         if not settings.use_caustics_reflective:
             self.mode |= MODE_NO_REFLECTIVE_CAUSTICS
@@ -164,7 +165,7 @@ class Integrator:
     def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
         """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
         scene, options, b = self.scene, self.options, batch
-        paths, points, closures, shadows, film = b.paths, b.points, b.closures, b.shadows, b.film
+        paths, points, closures, film = b.paths, b.points, b.closures, b.film
         geometry, shaders, tables, lights = scene.geometry, scene.shaders, scene.tables, scene.lights
         embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
         rays = b.statistics.rays

@@ -6,12 +6,13 @@ Between the two, `evaluate_shaders` runs the world's program where it is not con
 
 import numpy as np
 
-from engine.film import FEATURE_ENVIRONMENT, POINT_DEPTH, NO_DEPTH
+from engine.film import FEATURE_ENVIRONMENT, NO_DEPTH, POINT_DEPTH
 from engine.jit import kernel
 from engine.kernels.lights import background_pdf
 from engine.kernels.radiance import add_radiance, power_heuristic
 from engine.kernels.vector import load
 from engine.shaders.arrays import VALUE_EMISSION
+from engine.state import POINT_DEPTH as POINT_PATH_DEPTH
 from engine.state import (
     POINT_DIFFUSE_DEPTH,
     POINT_FLAGS,
@@ -40,7 +41,6 @@ from engine.state import (
     RAY_TRANSPARENT_BACKGROUND,
     RAY_VISIBILITY,
 )
-from engine.state import POINT_DEPTH as POINT_PATH_DEPTH
 
 
 @kernel

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Emissive triangles: uniform in solid angle where they are near and large, else uniform in area.
 
-Both `sample_triangle` and `triangle_pdf` decide by where the receiver is alone (`sampled_solid_angle`). Far away a point
-uniform in area is as good, and several times cheaper; Cycles draws the line at the same distance.
+Both `sample_triangle` and `triangle_pdf` decide by where the receiver is alone (`sampled_solid_angle`). Far away a
+point uniform in area is as good, and several times cheaper; Cycles draws the line at the same distance.
 
 References: Arvo 1995, "Stratified Sampling of Spherical Triangles"; Van Oosterom and Strackee 1983, "The Solid Angle of
 a Plane Triangle"; Heitz 2019, "A Low-Distortion Map Between Triangle and Square".

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine without Blender: known pixels, the same image for any thread count, cancel, bounds, bad samples."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from engine.film import Film, allocate_tile
+from engine.scene.description import (
+    VISIBLE_ALL,
+    Camera,
+    Frame,
+    Instances,
+    Light,
+    Link,
+    Material,
+    Mesh,
+    Node,
+    NodeGraph,
+    SceneDescription,
+    World,
+)
+from engine.scene.geometry import empty_instances
+from engine.session import Session, _sample_ranges, _tiles
+from engine.settings import RenderSettings
+
+_FLOOR = np.array([(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)], np.float32)
+_TRIANGLES = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)
+
+
+def looking_down(height=10.0):
+    matrix = np.eye(4, dtype=np.float32)
+    matrix[2, 3] = height
+    return Camera(transform=matrix)
+
+
+def material(name="Grey", color=(0.5, 0.5, 0.5), kind="ShaderNodeBsdfDiffuse"):
+    node = Node(kind, name, {"Color": (*color, 1.0), "Roughness": 0.0})
+    output = "Emission" if kind == "ShaderNodeEmission" else "BSDF"
+    return Material(name, name, NodeGraph([node], Link(0, output)))
+
+
+def floor_scene(*, lights=(), world=None, materials=None, size=(48, 32), transforms=None):
+    """A floor of two triangles, once per transform, seen from above."""
+    transforms = [np.eye(4)] if transforms is None else transforms
+    count = len(transforms)
+    instances = Instances(
+        mesh=np.zeros(count, np.int32),
+        transform=np.asarray(transforms, np.float32),
+        material_offset=np.zeros(count, np.int32),
+        materials=np.zeros(1, np.int32),
+        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        pass_index=np.full(count, 7, np.int32),
+        random=np.zeros(count, np.float32),
+        color=np.ones((count, 4), np.float32),
+        is_holdout=np.zeros(count, np.bool_),
+        name=["Floor"] * count,
+        dupli_generated=np.zeros((count, 3), np.float32),
+        dupli_uv=np.zeros((count, 2), np.float32),
+        is_shadow_catcher=np.zeros(count, np.bool_),
+    )
+    mesh = Mesh("floor", "Floor", _FLOOR, _TRIANGLES, None, np.zeros(2, np.int32))
+    return SceneDescription(
+        camera=looking_down(),
+        frame=Frame(*size, (0, 0, *size)),
+        meshes=[mesh],
+        instances=instances,
+        materials=[material()] if materials is None else materials,
+        images=[],
+        lights=list(lights),
+        world=world,
+    )
+
+
+def sun(strength=2.0):
+    return Light("sun", "Sun", "SUN", np.eye(4, dtype=np.float32), (1.0, 1.0, 1.0), strength, angle=0.0)
+
+
+def render(description, passes=("Combined",), **settings):
+    session = Session(RenderSettings(**{"samples": 4, "threads": 1, **settings}))
+    session.load(description)
+    result = session.render(passes=passes)
+    session.close()
+    return result
+
+
+def test_a_floor_under_a_sun_reflects_albedo_over_pi():
+    image = render(floor_scene(lights=[sun(2.0)])).passes["Combined"]
+    assert np.allclose(image[..., :3], 0.5 / np.pi * 2.0, rtol=1e-4)
+    assert (image[..., 3] == 1.0).all()
+
+
+def test_exposure_is_a_factor():
+    description = floor_scene(lights=[sun(2.0)])
+    description.frame.exposure = 3.0
+    assert np.allclose(render(description).passes["Combined"][..., :3], 3.0 / np.pi, rtol=1e-4)
+
+
+def test_an_open_floor_under_a_white_world_is_its_albedo():
+    """No noise: a constant world found by cosine sampling has zero variance."""
+    image = render(floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)))).passes["Combined"]
+    assert np.allclose(image[..., :3], 0.5, atol=1e-5)
+
+
+def test_the_image_is_the_same_bit_for_bit_for_any_thread_count():
+    transforms = [np.eye(4), np.eye(4)]
+    transforms[1] = transforms[1].copy()
+    transforms[1][2, 3], transforms[1][0, 0], transforms[1][1, 1] = 2.0, 0.02, 0.02
+    lamp = Light("p", "Point", "POINT", np.eye(4, dtype=np.float32), (1, 1, 1), 500.0, radius=0.5)
+    lamp.transform[2, 3] = 5.0
+    description = floor_scene(
+        lights=[lamp], world=World("w", "World", None, (0.2, 0.3, 0.4)), transforms=transforms, size=(70, 45)
+    )
+    passes = ("Combined", "Depth", "Normal", "Albedo", "Variance")
+    one = render(description, passes, samples=9, threads=1).passes
+    for threads in (2, 3):
+        several = render(description, passes, samples=9, threads=threads).passes
+        for name in passes:
+            assert np.array_equal(one[name], several[name]), name
+    assert one["Combined"][..., :3].std() > 0.0
+    assert not np.array_equal(one["Combined"], render(description, samples=9, seed=1).passes["Combined"])
+
+
+def test_passes_of_the_first_surface():
+    passes = ("Combined", "Depth", "Normal", "Position", "Albedo", "IndexOB", "Sample Count", "Environment", "Emission")
+    images = render(floor_scene(lights=[sun()]), passes, pixel_filter="BOX").passes
+    assert np.allclose(images["Depth"], 10.0, atol=1e-4)
+    assert np.allclose(images["Normal"], (0, 0, 1), atol=1e-6)
+    assert np.allclose(images["Position"][..., 2], 0.0, atol=1e-4)
+    assert np.allclose(images["Albedo"], 0.5, atol=1e-5)
+    assert (images["IndexOB"] == 7.0).all()
+    assert (images["Sample Count"] == 4.0).all()
+    assert (images["Environment"] == 0.0).all()
+    position = images["Position"]
+    assert (np.diff(position[..., 0], axis=1) > 0.0).all()
+    assert (np.diff(position[..., 1], axis=0) > 0.0).all()
+
+
+def test_emission_is_seen_whole():
+    glowing = material("Lamp", (3.0, 2.0, 1.0), "ShaderNodeEmission")
+    glowing.graph.nodes[0].inputs["Strength"] = 2.0
+    images = render(floor_scene(materials=[glowing]), ("Combined", "Emission")).passes
+    assert np.allclose(images["Combined"][..., :3], (6.0, 4.0, 2.0), rtol=1e-5)
+    assert np.allclose(images["Emission"], (6.0, 4.0, 2.0), rtol=1e-5)
+
+
+def test_transparent_film_has_no_background_but_alpha():
+    description = floor_scene(world=World("w", "World", None, (1, 1, 1)))
+    description.instances.transform[0, 0, 0] = 0.02
+    opaque = render(description).passes["Combined"]
+    clear = render(description, film_transparent=True).passes["Combined"]
+    outside = clear[..., 3] < 1e-6
+    assert 0.2 < outside.mean() < 0.95
+    assert np.allclose(opaque[outside][:, :3], 1.0)
+    assert (clear[outside] == 0.0).all()
+    inside = clear[..., 3] > 1.0 - 1e-6
+    assert np.allclose(clear[inside][:, :3], opaque[inside][:, :3])
+
+
+def test_a_border_shows_the_same_pixels():
+    description = floor_scene(world=World("w", "World", None, (1, 1, 1)), lights=[sun()])
+    whole = render(description).passes["Combined"]
+    description.frame.region = (10, 5, 31, 29)
+    part = render(description).passes["Combined"]
+    assert part.shape == (24, 21, 4)
+    assert np.array_equal(part, whole[5:29, 10:31])
+
+
+def test_cancel_stops_within_0_3_seconds_and_keeps_what_there_is():
+    description = floor_scene(world=World("w", "World", None, (1, 1, 1)), lights=[sun()], size=(320, 240))
+    session = Session(RenderSettings(samples=100_000, threads=2))
+    session.load(description)
+    cancelled_at = []
+    timer = threading.Event()
+
+    def should_cancel():
+        if timer.is_set() and not cancelled_at:
+            cancelled_at.append(time.perf_counter())
+        return timer.is_set()
+
+    def on_progress(progress):
+        if progress.sample >= 2:
+            timer.set()
+
+    result = session.render(should_cancel=should_cancel, on_progress=on_progress)
+    assert time.perf_counter() - cancelled_at[0] < 0.3
+    assert result.report.cancelled
+    assert result.report.sample_count > 0.0
+    image = result.passes["Combined"]
+    assert np.isfinite(image).all()
+    assert (image[..., 0] > 0.0).any()
+
+
+def test_a_time_limit_ends_the_render():
+    session = Session(RenderSettings(samples=1_000_000, time_limit=0.5, threads=2))
+    session.load(floor_scene(lights=[sun()], size=(64, 64)))
+    result = session.render()
+    assert 0.4 < result.report.render_seconds < 2.0
+    assert not result.report.cancelled
+    assert result.report.sample_count >= 1.0
+
+
+def test_images_come_while_it_renders():
+    images = []
+    session = Session(RenderSettings(samples=200_000, time_limit=1.5, threads=2))
+    session.load(floor_scene(lights=[sun()], size=(64, 64)))
+    session.render(on_image=images.append)
+    assert images
+    assert np.isfinite(images[0]["Combined"]).all()
+
+
+def test_an_empty_scene_is_black_and_a_missing_one_is_refused():
+    description = floor_scene()
+    description.meshes, description.instances = [], empty_instances()
+    assert (render(description).passes["Combined"][..., :3] == 0.0).all()
+    with pytest.raises(RuntimeError, match="load"):
+        Session(RenderSettings()).render()
+
+
+def test_samples_that_are_not_numbers_are_counted_and_left_out():
+    glowing = material("Lamp", (1.0, 1.0, 1.0), "ShaderNodeEmission")
+    glowing.graph.nodes[0].inputs["Strength"] = float("inf")
+    result = render(floor_scene(materials=[glowing]))
+    assert result.report.reject_count == 4 * 48 * 32
+    assert np.isfinite(result.passes["Combined"]).all()
+
+
+def test_geometry_is_kept_between_frames_while_nothing_changes():
+    session = Session(RenderSettings(samples=1, threads=1))
+    description = floor_scene(lights=[sun()])
+    session.load(description)
+    first = session.scene
+    session.load(floor_scene(lights=[sun(5.0)]))
+    assert session.scene.accelerator is first.accelerator
+    moved = floor_scene(lights=[sun()])
+    moved.instances.transform[0, 2, 3] = 1.0
+    session.load(moved)
+    assert session.scene.accelerator is not first.accelerator
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda d: setattr(d, "frame", Frame(0, 10, (0, 0, 0, 10))), "resolution"),
+        (lambda d: setattr(d.frame, "region", (5, 5, 5, 9)), "border"),
+        (lambda d: setattr(d.camera, "transform", np.full((4, 4), np.nan, np.float32)), "camera"),
+    ],
+)
+def test_bad_input_is_named(change, word):
+    description = floor_scene()
+    change(description)
+    with pytest.raises(ValueError, match=word):
+        Session(RenderSettings()).load(description)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("samples", 0), ("time_limit", -1.0), ("guiding_method", "X"), ("threads", -2)]
+)
+def test_bad_settings_are_named(setting, value):
+    with pytest.raises(ValueError, match=setting):
+        RenderSettings(**{setting: value})
+
+
+def test_sample_ranges_cover_every_sample_once():
+    for samples in (1, 2, 7, 64, 1000):
+        ranges = _sample_ranges(samples)
+        assert [first for first, _ in ranges] == list(np.cumsum([0] + [count for _, count in ranges])[:-1])
+        assert sum(count for _, count in ranges) == samples
+
+
+def test_tiles_cover_every_pixel_once():
+    tiles = _tiles(Frame(100, 80, (3, 7, 90, 71)))
+    indices = np.concatenate([index for _, index in tiles])
+    assert np.array_equal(np.sort(indices), np.arange(87 * 64))
+
+
+def test_film_statistics():
+    """Mean and variance of the mean from merged tiles of known samples."""
+    film = Film(2, 1)
+    values = np.array([1.0, 3.0, 5.0, 7.0], np.float32)
+    for part in (values[:1], values[1:]):
+        tile = allocate_tile(2, 3, False)
+        tile.radiance[:] = part.sum()
+        tile.square[:] = (part**2).sum()
+        tile.count[:] = len(part)
+        film.merge(np.array([0, 1]), tile)
+    images = film.passes({"Combined", "Variance", "Sample Count"}, exposure=2.0, transparent=False)
+    assert np.allclose(images["Combined"][..., :3], 8.0)
+    assert np.allclose(images["Variance"], 4.0 * values.var(ddof=1) / 4, rtol=1e-5)
+    assert (images["Sample Count"] == 4.0).all()
