@@ -42,7 +42,7 @@ class ParityResult:
     cell_worst, cell_worst_sigmas : largest difference of a cell, and the largest in standard errors
     cells_beyond : cells outside the allowance; cells_noisy : share of cells whose standard error is above 1%
     error_ratio : trimmed error over seeds, ours over Cycles'; nan with fewer than 3 seeds
-    verdict : 'same', 'noisy' (nothing found, but too noisy to tell), or 'differs: ' and why
+    verdict : 'same', 'as documented', 'noisy' (nothing found, but too noisy to tell), or 'differs: ' and why
     """
 
     scene: str
@@ -60,11 +60,17 @@ class ParityResult:
 
 
 def compare(
-    scene: str, ours: Sequence[Float32Array], theirs: Sequence[Float32Array], samples: int, note: str = ""
+    scene: str,
+    ours: Sequence[Float32Array],
+    theirs: Sequence[Float32Array],
+    samples: int,
+    note: str = "",
+    allowance: float = 0.0,
 ) -> ParityResult:
     """Compare two renderers' pictures of one scene, one picture a seed, at least 2 of each.
 
     A difference of means above the allowance that is still within 4 standard errors counts as noise, not as found.
+    `allowance` is the size of a documented difference, `note` its name: within it the verdict is 'as documented'.
     """
     if ours[0].shape != theirs[0].shape:
         return ParityResult(
@@ -78,7 +84,7 @@ def compare(
         ours = [np.nan_to_num(image) for image in ours]
 
     mean_difference, mean_error = metrics.compare_means(ours, theirs)
-    excess = np.abs(mean_difference) > MEAN_ALLOWANCE
+    excess = np.abs(mean_difference) > max(MEAN_ALLOWANCE, allowance)
     found = excess & (np.abs(mean_difference) > CELL_SIGMAS * mean_error)
     worst_channel = int(np.argmax(np.abs(mean_difference)))
     if found.any():
@@ -87,7 +93,7 @@ def compare(
     is_noisy |= bool(excess.any()) or bool((mean_error > MEAN_ALLOWANCE / 2).any())
 
     cells = metrics.compare_cells(ours, theirs)
-    beyond = cells.exceeds(CELL_ALLOWANCE, CELL_SIGMAS)
+    beyond = cells.exceeds(max(CELL_ALLOWANCE, allowance), CELL_SIGMAS)
     if beyond.any():
         row, column = np.unravel_index(np.argmax(np.where(beyond, np.abs(cells.difference), 0.0)), beyond.shape)
         problems.append(f"{beyond.sum()} cells, worst {100 * cells.difference[row, column]:+.1f}% at ({column}, {row})")
@@ -106,7 +112,9 @@ def compare(
             problems.append(f"error {error_ratio:.2f} times Cycles'")
 
     sigmas = np.abs(cells.difference) / np.maximum(cells.standard_error, 1e-9)
-    verdict = "differs: " + "; ".join(problems) if problems else ("noisy" if is_noisy else "same")
+    verdict = "noisy" if is_noisy else "as documented" if allowance else "same"
+    if problems:
+        verdict = "differs: " + "; ".join(problems)
     return ParityResult(
         scene,
         samples,
@@ -174,7 +182,7 @@ def parity(
             failed += [f"{source.name}, {failure.rival}: {failure.message}" for failure in failures]
             continue
         ours, theirs = image_stack(renders[rival.name]), image_stack(renders["cycles"])
-        results.append(compare(source.name, ours, theirs, samples, source.note()))
+        results.append(compare(source.name, ours, theirs, samples, source.note(), source.allowance()))
         print(f"  {source.name}: {results[-1].verdict}", flush=True)
     print(
         f"\n{rival.name} against Cycles, {samples} spp, {seed_count} seeds, commit {environment.describe()['commit']}\n"
@@ -183,10 +191,9 @@ def parity(
     for text in failed:
         print(f"failed: {text}")
     differing = [r for r in results if r.verdict.startswith("differs")]
-    counts = {verdict: sum(r.verdict == verdict for r in results) for verdict in ("same", "noisy")}
-    print(
-        f"\n{counts['same']} same, {counts['noisy']} too noisy to tell, {len(differing)} differ, {len(failed)} failed"
-    )
+    counts = {verdict: sum(r.verdict == verdict for r in results) for verdict in ("same", "as documented", "noisy")}
+    tally = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    print(f"\n{tally}, {len(differing)} differ, {len(failed)} failed")
     out.mkdir(parents=True, exist_ok=True)
     summary = {"environment": environment.describe(), "results": [asdict(r) for r in results], "failed": failed}
     (out / "parity.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

@@ -45,6 +45,14 @@ class SceneSource:
             return SCENES[self.name].note
         return ""
 
+    def allowance(self) -> float:
+        """How large the documented difference may be in a cell, relative."""
+        if self.is_builtin:
+            from benchmarks.scenes import SCENES
+
+            return SCENES[self.name].allowance
+        return 0.0
+
 
 def expand(texts: list[str]) -> list[SceneSource]:
     """Scenes of command-line arguments; `builtin:*` and other patterns name several, a folder all its .blend files.

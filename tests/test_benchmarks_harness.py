@@ -59,6 +59,12 @@ def test_parity_finds_more_noise_than_the_rival_has() -> None:
     assert "error 2.5" in result.verdict or "error 2.6" in result.verdict
 
 
+def test_parity_allows_a_documented_difference_and_no_more() -> None:
+    ours, theirs = renders(range(4), 1.03), renders(range(10, 14))
+    assert parity.compare("x", ours, theirs, 64, "a reason", 0.05).verdict == "as documented"
+    assert parity.compare("x", ours, theirs, 64, "a reason", 0.02).verdict.startswith("differs")
+
+
 def test_parity_admits_noise() -> None:
     deviation = 2.0
     result = parity.compare("x", renders(range(4), 1.0, deviation), renders(range(10, 14), 1.0, deviation), 64)

@@ -7,8 +7,14 @@ from benchmarks.scenes import registry
 from benchmarks.scenes.registry import scene
 from benchmarks.scenes.studio import Nodes, Socket, Surface, add_object, aim, light, lit_stage, material, quad, show
 
+#: Measured on one interface of roughness 0.6 at 60 degrees: a white emitter gets 1.08 by light sampling in Cycles,
+#: 0.966 by scattering and here.
+ROUGH_REFRACTION = "Cycles' light sampling adds light for impossible refractions"
 
-def closure_scene(name: str, samples: int = 64, note: str = "") -> registry.Callable[[Surface], Surface]:
+
+def closure_scene(
+    name: str, samples: int = 64, note: str = "", allowance: float = 0.0
+) -> registry.Callable[[Surface], Surface]:
     """Register `show(material(surface))` on the lit stage as the scene `name`."""
 
     def register(surface: Surface) -> Surface:
@@ -17,7 +23,7 @@ def closure_scene(name: str, samples: int = 64, note: str = "") -> registry.Call
             show(material(name, surface))
 
         builder.__doc__ = surface.__doc__
-        scene(name, samples, note, surface.__module__)(builder)
+        scene(name, samples, note, allowance, surface.__module__)(builder)
         return surface
 
     return register
@@ -59,7 +65,7 @@ def glossy_multi_ggx(nodes: Nodes) -> Socket:
     return nodes("BsdfAnisotropic", {"distribution": "MULTI_GGX"}, Color=(0.9, 0.8, 0.6), Roughness=0.8)
 
 
-@closure_scene("glossy-beckmann")
+@closure_scene("glossy-beckmann", note="Beckmann is shown as GGX", allowance=0.2)
 def glossy_beckmann(nodes: Nodes) -> Socket:
     """Beckmann glossy."""
     return nodes("BsdfAnisotropic", {"distribution": "BECKMANN"}, Color=(0.9, 0.8, 0.6), Roughness=0.5)
@@ -93,7 +99,7 @@ def refraction_smooth(nodes: Nodes) -> Socket:
     return nodes("BsdfRefraction", {"distribution": "GGX"}, Color=(0.9, 0.95, 1.0), Roughness=0.0, IOR=1.45)
 
 
-@closure_scene("refraction-rough", samples=128)
+@closure_scene("refraction-rough", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
 def refraction_rough(nodes: Nodes) -> Socket:
     """Refraction through a rough interface."""
     return nodes("BsdfRefraction", {"distribution": "GGX"}, Color=(0.9, 0.95, 1.0), Roughness=0.3, IOR=1.45)
@@ -105,13 +111,13 @@ def glass_smooth(nodes: Nodes) -> Socket:
     return nodes("BsdfGlass", {"distribution": "GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.0, IOR=1.5)
 
 
-@closure_scene("glass-rough", samples=128)
+@closure_scene("glass-rough", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
 def glass_rough(nodes: Nodes) -> Socket:
     """Rough glass."""
     return nodes("BsdfGlass", {"distribution": "GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.35, IOR=1.5)
 
 
-@closure_scene("glass-multi-ggx", samples=128)
+@closure_scene("glass-multi-ggx", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
 def glass_multi_ggx(nodes: Nodes) -> Socket:
     """Rough glass with energy compensation."""
     return nodes("BsdfGlass", {"distribution": "MULTI_GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.6, IOR=1.5)
@@ -208,7 +214,7 @@ def caustic_free_glass() -> None:
     bpy.context.scene.cycles.caustics_refractive = False
 
 
-@scene("clamped")
+@scene("clamped", note="clamping acts on samples, so it depends on how lights are chosen", allowance=0.05)
 def clamped() -> None:
     """Direct and indirect light clamped, over a mirror lit by a small lamp."""
     import bpy

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from benchmarks.scenes.closures import glass_rough
+from benchmarks.scenes.closures import ROUGH_REFRACTION, glass_rough
 from benchmarks.scenes.registry import scene
 from benchmarks.scenes.studio import (
     Nodes,
@@ -155,7 +155,7 @@ def low_poly() -> None:
     add_object("B", sphere("B", shiny, 0.8, 10, 6), (0.9, 0, 0.8))
 
 
-@scene("low-poly-glass", samples=128)
+@scene("low-poly-glass", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
 def low_poly_glass() -> None:
     """Smooth normals on coarse rough glass."""
     lit_stage()
@@ -203,7 +203,9 @@ def curves() -> None:
     add_object("Ball", ball, (-0.3, -1.2, 0.4))
 
 
-@scene("modifiers")
+@scene(
+    "modifiers", note="Cycles lifts shadow rays off smooth surfaces (shadow_terminator_geometry_offset)", allowance=0.06
+)
 def modifiers() -> None:
     """Subdivision, mirror and solidify, with several materials on one mesh."""
     lit_stage()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from benchmarks.scenes.closures import closure_scene
+from benchmarks.scenes.closures import ROUGH_REFRACTION, closure_scene
 from benchmarks.scenes.studio import Nodes, Socket
 
 BASE: dict[str, Any] = {"Base_Color": (0.7, 0.35, 0.2), "Roughness": 0.5}
@@ -59,7 +59,13 @@ def _register(name: str, inputs: dict[str, Any], description: str) -> None:
         return nodes("BsdfPrincipled", **{**BASE, **inputs})
 
     surface.__doc__ = f"Principled BSDF: {description}"
-    closure_scene(f"principled-{name}", samples=128 if "transmission" in name or name == "everything" else 64)(surface)
+    is_rough_glass = name in ("transmission-rough", "transmission-half", "everything")
+    closure_scene(
+        f"principled-{name}",
+        samples=128 if "transmission" in name or is_rough_glass else 64,
+        note=ROUGH_REFRACTION if is_rough_glass else "",
+        allowance=0.04 if is_rough_glass else 0.0,
+    )(surface)
 
 
 for _name, (_inputs, _description) in LAYERS.items():

@@ -24,12 +24,15 @@ class BuiltinScene:
         Samples per pixel with which two or more seeds compare well.
     note : str
         A documented difference from Cycles, shown beside the figures; '' if none.
+    allowance : float
+        How large that difference may be in a cell, relative.
     """
 
     name: str
     build: Builder
     samples: int = 64
     note: str = ""
+    allowance: float = 0.0
     module: str = ""
 
     @property
@@ -46,13 +49,15 @@ class BuiltinScene:
 SCENES: dict[str, BuiltinScene] = {}
 
 
-def scene(name: str, samples: int = 64, note: str = "", module: str = "") -> Callable[[Builder], Builder]:
+def scene(
+    name: str, samples: int = 64, note: str = "", allowance: float = 0.0, module: str = ""
+) -> Callable[[Builder], Builder]:
     """Register a builder under `name`; its module names the group it is shown in."""
 
     def register(builder: Builder) -> Builder:
         if name in SCENES:
             raise ValueError(f"two scenes are called {name!r}")
-        SCENES[name] = BuiltinScene(name, builder, samples, note, module or builder.__module__)
+        SCENES[name] = BuiltinScene(name, builder, samples, note, allowance, module or builder.__module__)
         return builder
 
     return register
