@@ -111,5 +111,5 @@ def gallery(
             print(f"  wrote {out / source.name}.png")
     for group, strips in groups.items():
         stack(strips, GROUP_COLUMNS).save(out / f"builtin_{group}.png", optimize=True)
-        print(f"  wrote {out / group}.png")
+        print(f"  wrote {out}/builtin_{group}.png")
     return failure_count
