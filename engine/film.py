@@ -101,7 +101,7 @@ class Film:
         """Memory of the sums."""
         return sum(array.nbytes for array in self.sums)
 
-    def passes(self, names: set[str] | frozenset[str], *, exposure: float, transparent: bool) -> dict[str, np.ndarray]:
+    def passes(self, names: set[str] | frozenset[str], *, exposure: float) -> dict[str, np.ndarray]:
         """Images by pass name.
 
         Parameters
@@ -110,8 +110,6 @@ class Film:
             From PASS_NAMES; `'Combined'` is always made.
         exposure : float
             Factor on radiance.
-        transparent : bool
-            Whether alpha was rendered; else it is one.
 
         Returns
         -------
@@ -126,7 +124,9 @@ class Film:
 
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (mean * exposure).reshape(*shape, 3)
-        combined[..., 3] = np.clip(self.sums.alpha * scale[:, 0], 0.0, 1.0).reshape(shape) if transparent else 1.0
+        # Without a transparent film only holdouts have an alpha below one. Dividing keeps a sum of ones exactly one.
+        alpha = np.where(count > 0, self.sums.alpha / np.maximum(count, 1.0), 0.0)
+        combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)

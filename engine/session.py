@@ -193,7 +193,7 @@ class Session:
         job = _Job(scene, integrator, film, settings, self.thread_count)
 
         def images() -> dict[str, np.ndarray]:
-            return film.passes(names, exposure=frame.exposure, transparent=settings.film_transparent)
+            return film.passes(names, exposure=frame.exposure)
 
         started = time.perf_counter()
         next_image = _FIRST_IMAGE_SECONDS

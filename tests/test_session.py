@@ -286,7 +286,14 @@ def test_film_statistics():
         tile.square[:] = (part**2).sum()
         tile.count[:] = len(part)
         film.merge(np.array([0, 1]), tile)
-    images = film.passes({"Combined", "Variance", "Sample Count"}, exposure=2.0, transparent=False)
+    images = film.passes({"Combined", "Variance", "Sample Count"}, exposure=2.0)
     assert np.allclose(images["Combined"][..., :3], 8.0)
     assert np.allclose(images["Variance"], 4.0 * values.var(ddof=1) / 4, rtol=1e-5)
     assert (images["Sample Count"] == 4.0).all()
+
+
+def test_a_holdout_leaves_a_hole_in_alpha():
+    description = floor_scene(world=World("w", "World", None, (1, 1, 1)))
+    description.instances.is_holdout[0] = True
+    image = render(description, film_transparent=True).passes["Combined"]
+    assert (image == 0.0).all()

@@ -8,7 +8,7 @@ import pytest
 
 from engine.kernels.bsdf import kinds
 from engine.kernels.shader import ops_closure
-from engine.scene.description import Link, NodeGraph
+from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders.arrays import (
     MODE_CLOSURES,
     MODE_EMISSION,
@@ -24,6 +24,7 @@ from engine.shaders.arrays import (
     PROGRAM_TRANSPARENCY_CONSTANT,
     ShaderArrays,
 )
+from engine.shaders.compiler import ProgramSource, compile_programs
 from engine.state import CLOSURE_WEIGHT
 from tests.shader_harness import Graph, compile_one, emitted, run, square_points
 
@@ -236,3 +237,11 @@ def test_attribute_slots_are_named() -> None:
     fac = graph.link("ShaderNodeVertexColor", "Alpha", layer_name="Col")
     _shaders, names, _notices = compile_one(graph.emit(color, fac))
     assert names == ["wear", "Col"]
+
+
+@pytest.mark.parametrize(("roughness", "is_reported"), [(0.5, True), (0.0, False)])
+def test_distributions_that_are_not_there_are_reported_where_they_matter(roughness, is_reported):
+    node = Node("ShaderNodeBsdfRefraction", "Water", {"Roughness": roughness}, {"distribution": "BECKMANN"})
+    _, _, notices = compile_programs([ProgramSource("sea", NodeGraph([node], Link(0, "BSDF")))], [])
+    assert bool(notices) == is_reported
+    assert all("Beckmann" in notice.problem for notice in notices)

@@ -33,8 +33,12 @@ _BLACK = Constant((0.0, 0.0, 0.0))
 _WHITE = Constant((1.0, 1.0, 1.0))
 
 
-def _distribution(node: Node, default: str) -> int:
-    return _DISTRIBUTIONS.get(str(node.properties.get("distribution", default)), GGX)
+def _distribution(node: Node, builder: Any, roughness: Value, default: str) -> int:
+    name = str(node.properties.get("distribution", default))
+    if name in ("BECKMANN", "ASHIKHMIN_SHIRLEY") and not is_zero(roughness):
+        title = name.replace("_", " and ").title()
+        builder.notice(f"the distribution of {title} is not supported", "GGX of the same roughness is used")
+    return _DISTRIBUTIONS.get(name, GGX)
 
 
 def _normal(builder: Any, identifier: str = "Normal") -> Value:
@@ -96,23 +100,29 @@ def glossy(node: Node, weight: Value, builder: Any) -> None:
     anisotropy = _float(builder, "Anisotropy", 0.0)
     rotation = _ZERO if is_zero(anisotropy) else _float(builder, "Rotation", 0.0)
     tangent = _BLACK if is_zero(anisotropy) else builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT))
-    operands = (_normal(builder), _color(builder), _roughness(node, builder, 0.5), anisotropy, rotation, tangent)
-    builder.closure(ops.OP_GLOSSY, weight, operands, (_distribution(node, "MULTI_GGX"),), modes=_LOBES)
+    roughness = _roughness(node, builder, 0.5)
+    operands = (_normal(builder), _color(builder), roughness, anisotropy, rotation, tangent)
+    distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    builder.closure(ops.OP_GLOSSY, weight, operands, (distribution,), modes=_LOBES)
 
 
 def refraction(node: Node, weight: Value, builder: Any) -> None:
     """Refraction BSDF."""
     color = _color(builder, default=1.0)
-    operands = (_normal(builder), color, _roughness(node, builder, 0.0), _float(builder, "IOR", 1.45))
-    builder.closure(ops.OP_REFRACTION, weight, operands, (_distribution(node, "BECKMANN"),), modes=_LOBES)
+    roughness = _roughness(node, builder, 0.0)
+    operands = (_normal(builder), color, roughness, _float(builder, "IOR", 1.45))
+    distribution = _distribution(node, builder, roughness, "BECKMANN")
+    builder.closure(ops.OP_REFRACTION, weight, operands, (distribution,), modes=_LOBES)
 
 
 def glass(node: Node, weight: Value, builder: Any) -> None:
     """Glass BSDF."""
     _thin_film(builder)
     color = _color(builder, default=1.0)
-    operands = (_normal(builder), color, _roughness(node, builder, 0.0), _float(builder, "IOR", 1.5))
-    builder.closure(ops.OP_GLASS, weight, operands, (_distribution(node, "MULTI_GGX"),), modes=_LOBES)
+    roughness = _roughness(node, builder, 0.0)
+    operands = (_normal(builder), color, roughness, _float(builder, "IOR", 1.5))
+    distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    builder.closure(ops.OP_GLASS, weight, operands, (distribution,), modes=_LOBES)
 
 
 def _thin_film(builder: Any) -> None:
@@ -186,7 +196,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
             "sheen_roughness": _float(builder, "Sheen Roughness", 0.5),
             "sheen_tint": _color(builder, "Sheen Tint", 1.0),
         }
-    distribution = _distribution(node, "MULTI_GGX")
+    distribution = _distribution(node, builder, _ZERO, "MULTI_GGX")
     if emits:
         if is_zero(coat) and is_zero(sheen):
             visible = builder.multiply(weight, builder.saturate(alpha))
@@ -238,7 +248,7 @@ def metallic(node: Node, weight: Value, builder: Any) -> None:
             "anisotropic_rotation": _float(builder, "Rotation", 0.0),
             "tangent": builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT)),
         }
-    _principled_lobes(builder, weight, _distribution(node, "MULTI_GGX"), _LOBES, **values)
+    _principled_lobes(builder, weight, _distribution(node, builder, _ZERO, "MULTI_GGX"), _LOBES, **values)
 
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
