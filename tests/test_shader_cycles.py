@@ -145,7 +145,9 @@ def sphere(blender: Any) -> Any:
     render.image_settings.color_depth = "32"
     scene.cycles.samples = scene.neuralguide.samples = 1
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
-    scene.cycles.pixel_filter_type = scene.neuralguide.pixel_filter = "BOX"
+    scene.cycles.pixel_filter_type = "BOX"
+    # Cycles puts its first sample into the centre of the pixel; a narrow filter puts ours there.
+    scene.neuralguide.pixel_filter = "BLACKMAN_HARRIS"
     scene.cycles.filter_width = 0.01
     if hasattr(scene.neuralguide, "filter_width"):
         scene.neuralguide.filter_width = 0.01
