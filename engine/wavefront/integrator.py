@@ -47,7 +47,7 @@ from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.write_features import write_features
 
 #: Paths in flight per thread. Their state has to stay near the core; fewer make the calls between stages show.
-LANE_COUNT = 4096
+LANE_COUNT = 2048
 
 
 @dataclass(frozen=True)
