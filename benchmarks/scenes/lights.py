@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+import bpy
 import numpy as np
 
 from benchmarks.scenes.registry import scene
@@ -30,8 +31,13 @@ from benchmarks.scenes.studio import (
 
 
 def dim_stage(glossy: bool = False) -> None:
-    """The stage with a diffuse or glossy sphere and box, and a faint world."""
+    """The stage with a diffuse or glossy sphere and box, and a faint world.
+
+    Glossy ones are there to show the lamp's reflection: direct light only, since their caustics are noise.
+    """
     stage()
+    if glossy:
+        bpy.context.scene.cycles.max_bounces = 0
     world((0.02, 0.02, 0.03))
     if glossy:
         show(material("glossy", lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.3)))
@@ -133,14 +139,14 @@ def area_ellipse() -> None:
     lamp.scale = (1.2, 1.5, 1.0)
 
 
-@scene("light-area-spread")
+@scene("light-area-spread", samples=128)
 def area_spread() -> None:
     """An area light that shines forward only."""
     dim_stage()
     light("AREA", 120.0, (-1.5, -1.5, 3.0), (0, 0, 0), size=1.0, spread=math.radians(50))
 
 
-@scene("light-area-spread-narrow")
+@scene("light-area-spread-narrow", samples=256)
 def area_spread_narrow() -> None:
     """A nearly collimated area light."""
     dim_stage()
