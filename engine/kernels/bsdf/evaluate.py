@@ -15,6 +15,7 @@ from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
     BUMP,
+    DELTA_ALPHA_SQUARED,
     DIFFUSE,
     ENERGY_SCALE,
     ETA,
@@ -49,6 +50,11 @@ from engine.state import (
 
 #: Mask that hides no lobe.
 EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
+
+# Which lobes `sample_lobes` chooses among.
+EVERY_LOBE = 0
+ROUGH_LOBES = 1
+DELTA_LOBES = 2
 
 
 @kernel
@@ -86,12 +92,14 @@ def is_visible(kind, visibility):
 
 
 @kernel
-def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled, out, row):
-    """Write f |cos| of a lane's non-delta lobes into out[row] and return the mixture's pdf.
+def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled, u, out, row):
+    """Write f |cos| of a lane's non-delta lobes into out[row]; return the mixture's pdf and a lobe picked by it.
 
     Takes the arrays of `Closures` it needs, since each further one costs every call.
-    `sampled` is the index of the lobe that proposed `wi`, -1 if none did.
+    `sampled` is the index of the lobe that proposed `wi`, -1 if none did. With `u` in [0, 1) the lobe is drawn with
+    the probability that it, of all, would have proposed `wi`; without (`u` < 0) it is -1.
     """
+    picked = -1
     for c in range(len(channels)):
         out[row, c] = 0.0
     pdf = 0.0
@@ -106,24 +114,57 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
             factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
         if not is_visible(kind, visibility):
             factor = 0.0
+        lobe_pdf = 0.0
         if kind <= LAST_DIFFUSE:
-            pdf += sample_weight * eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+            lobe_pdf = sample_weight * eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
         elif kind <= LAST_MICROFACET:
-            pdf += sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
-    return pdf / weight_sum if weight_sum > 0.0 else 0.0
+            lobe_pdf = sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+        pdf += lobe_pdf
+        if u >= 0.0 and lobe_pdf > 0.0:
+            # One number decides all picks: what is left of it after each is uniform again.
+            share = lobe_pdf / pdf
+            if u < share:
+                picked = i
+                u = u / share
+            else:
+                u = (u - share) / (1.0 - share)
+    return pdf / weight_sum if weight_sum > 0.0 else 0.0, picked
 
 
 @kernel
-def sample_lobes(kinds, param, count, channels, lane, wo, ng, u0, u1, u2, out, row):
-    """`sample_bsdf` from the arrays of `Closures` it needs."""
+def is_delta_lobe(kinds, param, lane, i):
+    """Whether lobe `i` is sampled only: transparent, or a microfacet lobe of next to no roughness."""
+    kind = kinds[lane, i]
+    if kind < FIRST_MICROFACET:
+        return False
+    return kind > LAST_MICROFACET or not param[lane, i, ALPHA_X] * param[lane, i, ALPHA_Y] > DELTA_ALPHA_SQUARED
+
+
+@kernel
+def sample_lobes(kinds, param, count, channels, lane, wo, ng, choice, u0, u1, u2, out, row):
+    """`sample_bsdf` from the arrays of `Closures` it needs, among the lobes of `choice` (EVERY_LOBE, ROUGH_LOBES,
+    DELTA_LOBES); the returned probabilities are those of a choice among all.
+    """
     weight_sum = 0.0
+    chosen_sum = 0.0
     for i in range(count):
-        weight_sum += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-    remaining = u0 * weight_sum
-    chosen = 0
-    while chosen < count - 1 and remaining >= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]:
-        remaining -= param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
-        chosen += 1
+        weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        weight_sum += weight
+        if choice == EVERY_LOBE or is_delta_lobe(kinds, param, lane, i) == (choice == DELTA_LOBES):
+            chosen_sum += weight
+    remaining = u0 * chosen_sum
+    chosen = -1
+    for i in range(count):
+        if choice == EVERY_LOBE or is_delta_lobe(kinds, param, lane, i) == (choice == DELTA_LOBES):
+            # Rounding may leave a little behind the last one: it takes it.
+            if chosen >= 0:
+                weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
+                if remaining < weight:
+                    break
+                remaining -= weight
+            chosen = i
+    if chosen < 0:
+        return 0.0, wo, 0, 1.0, 1.0
     sample_weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
     kind = kinds[lane, chosen]
     n = read3(param, lane, chosen, CLOSURE_N)
@@ -131,7 +172,7 @@ def sample_lobes(kinds, param, count, channels, lane, wo, ng, u0, u1, u2, out, r
     label = 0
     roughness = 1.0
     eta = 1.0
-    if count == 0 or not sample_weight > 0.0:
+    if not sample_weight > 0.0:
         return 0.0, wi, label, roughness, eta
     u0 = min(remaining / sample_weight, ONE_MINUS_EPSILON)
     pmf = sample_weight / weight_sum
@@ -169,7 +210,7 @@ def sample_lobes(kinds, param, count, channels, lane, wo, ng, u0, u1, u2, out, r
             color = lobe_color(param, lane, chosen, kind, blend, is_refracted, c)
             out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c] * param[lane, chosen, ENERGY_SCALE] * color
         return pmf, wi, label | RAY_SINGULAR, roughness, eta
-    pdf = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, chosen, out, row)
+    pdf, _ = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
     return pdf, wi, label, roughness, eta
 
 
@@ -200,7 +241,8 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
         for c in range(len(closures.channels)):
             out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * value
         return pdf
-    return eval_lobes(kinds, param, count, closures.channels, lane, wo, wi, visibility, -1, out, row)
+    pdf, _ = eval_lobes(kinds, param, count, closures.channels, lane, wo, wi, visibility, -1, -1.0, out, row)
+    return pdf
 
 
 @kernel(forceinline=True)
@@ -236,7 +278,7 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
         for c in range(len(closures.channels)):
             out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
         return pdf, wi, RAY_DIFFUSE | RAY_REFLECT, 1.0, 1.0
-    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, u0, u1, u2, out, row)
+    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, EVERY_LOBE, u0, u1, u2, out, row)
 
 
 @kernel

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The BSDF as resampling needs it: delta lobes apart, and directions that no lobe proposed.
+
+A direction proposed by a guide is credited to the lobe that would most likely have proposed it: one is drawn with the
+lobes' shares of the density. So the ray's kind, the depth limits it counts against and the check against the geometric
+normal are distributed as they are under BSDF sampling, given the direction, and the expected image is the same.
+"""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.bsdf.closures import read3
+from engine.kernels.bsdf.evaluate import (
+    DELTA_LOBES,
+    EVERY_KIND,
+    ROUGH_LOBES,
+    eval_lobes,
+    is_delta_lobe,
+    sample_lobes,
+)
+from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, LAST_DIFFUSE, REFRACTION, TRANSLUCENT
+from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
+from engine.kernels.vector import dot
+from engine.state import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT
+
+
+@kernel
+def rough_share(closures, lane, min_alpha):
+    """Probability that BSDF sampling picks a lobe that is not delta; 0 if the lane is not worth or fit for guiding.
+
+    Parameters
+    ----------
+    min_alpha : float32
+        Lanes whose lobes are all narrower are left to BSDF sampling.
+
+    Returns
+    -------
+    share : float32
+    is_diffuse : bool
+        Every rough lobe is a diffuse reflection, so that the cosine is part of the product.
+    """
+    rough = 0.0
+    total = 0.0
+    is_broad = False
+    is_diffuse = True
+    for i in range(closures.count[lane]):
+        kind = closures.kind[lane, i]
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        if is_delta_lobe(closures.kind, closures.param, lane, i):
+            continue
+        rough += weight
+        if kind > LAST_DIFFUSE:
+            is_diffuse = False
+            alpha_squared = closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]
+            is_broad = is_broad or alpha_squared >= min_alpha * min_alpha
+            # Refraction is a delta lobe here and reflection is not: one lobe cannot be in both sets.
+            if kind >= REFRACTION and abs(closures.param[lane, i, ETA] - 1.0) < 2.0 * MIN_ETA_STEP:
+                return 0.0, False
+        else:
+            is_broad = True
+            is_diffuse = is_diffuse and kind != TRANSLUCENT
+    if not is_broad or not rough > 0.0:
+        return 0.0, False
+    return rough / total, is_diffuse
+
+
+@kernel
+def eval_guided(closures, lane, wo, wi, ng, u, out, row):
+    """Value, density and kind of a direction that a guide proposed.
+
+    Parameters
+    ----------
+    u : float32 in [0, 1)
+        Picks the lobe that is credited.
+    out : float32 (R, C)
+        Row `row` receives f |cos| [sr^-1]; black where the credited lobe's own sample would have been rejected.
+
+    Returns
+    -------
+    pdf : float32 [sr^-1]
+        Of `sample_bsdf` choosing `wi`; delta lobes keep their share of the choice.
+    label : int
+        RAY_* bits; 0 if no lobe can send light that way.
+    roughness, eta : float32
+        As `sample_bsdf`.
+    """
+    kinds = closures.kind
+    param = closures.param
+    count = closures.count[lane]
+    channels = closures.channels
+    pdf, picked = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, -1, u, out, row)
+    if picked < 0:
+        for c in range(len(channels)):
+            out[row, c] = 0.0
+        return 0.0, 0, 1.0, 1.0
+    kind = kinds[lane, picked]
+    is_refracted = dot(read3(param, lane, picked, CLOSURE_N), wi) < 0.0
+    if (dot(ng, wi) < 0.0) != is_refracted:
+        for c in range(len(channels)):
+            out[row, c] = 0.0
+        return pdf, 0, 1.0, 1.0
+    label = RAY_TRANSMIT if is_refracted else RAY_REFLECT
+    if kind <= LAST_DIFFUSE:
+        return pdf, label | RAY_DIFFUSE, 1.0, 1.0
+    if param[lane, picked, BUMP] != 0.0:
+        # A specular lobe's own sample passes where other directions are rejected (`bump_shadowing`).
+        pdf, _ = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
+    roughness = math.sqrt(param[lane, picked, ALPHA_X] * param[lane, picked, ALPHA_Y])
+    return pdf, label | RAY_GLOSSY, roughness, param[lane, picked, ETA] if is_refracted else 1.0
+
+
+@kernel
+def sample_rough(closures, lane, wo, ng, u0, u1, u2, out, row):
+    """`sample_bsdf` among the lobes that are not delta; directions have density pdf / `rough_share`."""
+    return sample_lobes(
+        closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, ng, ROUGH_LOBES, u0, u1, u2,
+        out, row,
+    )
+
+
+@kernel
+def sample_delta(closures, lane, wo, ng, u0, u1, u2, out, row):
+    """`sample_bsdf` among delta and transparent lobes; the returned pmf is that of a choice among all lobes."""
+    return sample_lobes(
+        closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, ng, DELTA_LOBES, u0, u1, u2,
+        out, row,
+    )
