@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Looking up the field at a point, and sampling what is found there.
+
+References: Ruppert et al. 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding".
+"""
+
+import math
+
+import numpy as np
+
+from engine.guiding.vmm.field import (
+    COSINE_KAPPA,
+    COSINE_NORMAL,
+    COSINE_RADIANCE,
+    GUIDE_COEFFICIENT,
+    GUIDE_KAPPA,
+    GUIDE_WEIGHT,
+    GUIDE_X,
+    GUIDE_Y,
+    GUIDE_Z,
+    LEAF,
+    LOBE_COEFFICIENT,
+    LOBE_INVERSE_DISTANCE,
+    LOBE_KAPPA,
+    LOBE_X,
+    LOBE_Y,
+    LOBE_Z,
+    NEIGHBOR_COUNT,
+    NODE_AXIS,
+    NODE_CHILD,
+)
+from engine.guiding.vmm.numeric import UNIFORM_KAPPA, exp_nonpositive, spread
+from engine.jit import kernel
+from engine.kernels.constants import ONE_MINUS_EPSILON, TWO_PI
+from engine.kernels.vector import orthonormal_basis
+
+_FOUR_PI = np.float32(4.0 * np.pi)
+
+#: The lobe closest to max(cos, 0) / pi.
+_COSINE_LOBE_KAPPA = np.float32(2.18853)
+_COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.18853))))
+
+#: A look-up takes one of this many nearest neighbours.
+_NEAREST_COUNT = 4
+
+
+@kernel
+def find_leaf(field, p):
+    """Region whose cell holds point p: int, -1 = outside the field's bounds (or p is NaN)."""
+    inside = (
+        p[0] >= field.bounds[0, 0]
+        and p[1] >= field.bounds[0, 1]
+        and p[2] >= field.bounds[0, 2]
+        and p[0] <= field.bounds[1, 0]
+        and p[1] <= field.bounds[1, 1]
+        and p[2] <= field.bounds[1, 2]
+    )
+    if not inside:
+        return -1
+    node = 0
+    axis = field.node_link[0, NODE_AXIS]
+    while axis != LEAF:
+        coordinate = p[0] if axis == 0 else (p[1] if axis == 1 else p[2])
+        node = field.node_link[node, NODE_CHILD] + (1 if coordinate >= field.node_split[node] else 0)
+        axis = field.node_link[node, NODE_AXIS]
+    return np.int64(field.node_link[node, NODE_CHILD])
+
+
+@kernel
+def find_region(field, p, u):
+    """Region to guide with at point p: uniformly one of the four nearest of its leaf's cached neighbours.
+
+    Paths that meet at a border between cells then see both mixtures, and the border does not show.
+
+    Parameters
+    ----------
+    field : VmmField
+    p : float32 tuple, world
+    u : float32 in [0, 1)
+
+    Returns
+    -------
+    int, -1 = none: outside the bounds, or the leaf has never been fitted.
+    """
+    leaf = find_leaf(field, p)
+    if leaf < 0 or field.is_ready[leaf] == 0:
+        return -1
+    wanted = np.int64(u * np.float32(_NEAREST_COUNT))
+    # The wanted-th nearest: count for each neighbour how many are nearer (ties in the order of the list).
+    chosen = leaf
+    found = -1
+    for k in range(NEIGHBOR_COUNT):
+        if field.neighbors[leaf, k] < 0:
+            break
+        own = _neighbor_distance(field, leaf, k, p)
+        rank = 0
+        for j in range(NEIGHBOR_COUNT):
+            other = _neighbor_distance(field, leaf, j, p)
+            rank += 1 if other < own or (other == own and j < k) else 0
+        if rank <= wanted and rank > found:
+            found = rank
+            chosen = np.int64(field.neighbors[leaf, k])
+    return chosen
+
+
+@kernel
+def _neighbor_distance(field, leaf, k, p):
+    """Squared distance of p from the pivot of cached neighbour k [m^2]."""
+    x = field.neighbor_pivots[leaf, 0, k] - p[0]
+    y = field.neighbor_pivots[leaf, 1, k] - p[1]
+    z = field.neighbor_pivots[leaf, 2, k] - p[2]
+    return x * x + y * y + z * z
+
+
+@kernel
+def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
+    """Write the mixture to sample at a point into lane `row` of `guide`.
+
+    Lobes turn towards where their light comes from, as seen from p instead of the pivot, and are multiplied by the lobe
+    nearest to the clamped cosine, of which the product is again a mixture in closed form.
+
+    Parameters
+    ----------
+    field : VmmField
+    region : int, of `find_region`
+    p : float32 tuple, world
+    n : float32 tuple, unit, on the side that is lit
+    cosine_lobe : bool, multiply with the cosine about n
+    guide : GuideLobes
+    row : int
+
+    References
+    ----------
+    Ruppert et al. 2020, section 5 (parallax); the product of two lobes: Herholz et al. 2016.
+    """
+    count = (np.int64(field.lobe_count[region]) + 7) & ~7
+    offset_x = field.pivot[region, 0] - p[0]
+    offset_y = field.pivot[region, 1] - p[1]
+    offset_z = field.pivot[region, 2] - p[2]
+    kappa_b = _COSINE_LOBE_KAPPA if cosine_lobe else np.float32(0.0)
+    norm_b = _COSINE_LOBE_NORM if cosine_lobe else np.float32(1.0)
+    total = np.float32(0.0)
+    for k in range(count):
+        # mu' ~ mu d + (pivot - p), divided by d.
+        inverse_distance = field.lobes[region, LOBE_INVERSE_DISTANCE, k]
+        x = field.lobes[region, LOBE_X, k] + offset_x * inverse_distance
+        y = field.lobes[region, LOBE_Y, k] + offset_y * inverse_distance
+        z = field.lobes[region, LOBE_Z, k] + offset_z * inverse_distance
+        squared = x * x + y * y + z * z
+        # p is where the light comes from: no direction is better than another.
+        at_source = not (squared > 1e-6 and squared < 1e30)
+        inverse_length = 1.0 / math.sqrt(1.0 if at_source else squared)
+        x = field.lobes[region, LOBE_X, k] if at_source else x * inverse_length
+        y = field.lobes[region, LOBE_Y, k] if at_source else y * inverse_length
+        z = field.lobes[region, LOBE_Z, k] if at_source else z * inverse_length
+
+        kappa_a = field.lobes[region, LOBE_KAPPA, k]
+        chord_x = x - n[0]
+        chord_y = y - n[1]
+        chord_z = z - n[2]
+        deficit = kappa_a * kappa_b * (chord_x * chord_x + chord_y * chord_y + chord_z * chord_z)
+        kappa_sum = kappa_a + kappa_b
+        kappa = math.sqrt(max(kappa_sum * kappa_sum - deficit, 0.0))
+        x = kappa_a * x + kappa_b * n[0]
+        y = kappa_a * y + kappa_b * n[1]
+        z = kappa_a * z + kappa_b * n[2]
+        squared = x * x + y * y + z * z
+        is_uniform = kappa < UNIFORM_KAPPA or squared < 1e-7
+        inverse_length = 1.0 / math.sqrt(1.0 if is_uniform else squared)
+        kappa = 0.0 if is_uniform else kappa
+        # kappa' - kappa_a - kappa_b without its cancellation.
+        exponent = -deficit / max(kappa + kappa_sum, 1e-6)
+        coefficient = field.lobes[region, LOBE_COEFFICIENT, k] * norm_b * exp_nonpositive(exponent)
+        weight = coefficient * (_FOUR_PI * spread(kappa))
+        guide.lobes[row, GUIDE_X, k] = n[0] if is_uniform else x * inverse_length
+        guide.lobes[row, GUIDE_Y, k] = n[1] if is_uniform else y * inverse_length
+        guide.lobes[row, GUIDE_Z, k] = n[2] if is_uniform else z * inverse_length
+        guide.lobes[row, GUIDE_KAPPA, k] = kappa
+        guide.lobes[row, GUIDE_COEFFICIENT, k] = coefficient
+        guide.lobes[row, GUIDE_WEIGHT, k] = weight
+        total += weight
+    scale = 1.0 / total if total > 0.0 else np.float32(0.0)
+    for k in range(count):
+        guide.lobes[row, GUIDE_COEFFICIENT, k] *= scale
+        guide.lobes[row, GUIDE_WEIGHT, k] *= scale
+    guide.count[row] = count
+    guide.cosine[row, COSINE_NORMAL] = n[0]
+    guide.cosine[row, COSINE_NORMAL + 1] = n[1]
+    guide.cosine[row, COSINE_NORMAL + 2] = n[2]
+    guide.cosine[row, COSINE_KAPPA] = kappa_b
+    guide.cosine[row, COSINE_RADIANCE] = field.fluence[region] * total / norm_b
+
+
+@kernel
+def eval_guide(guide, row, wi):
+    """Density of `sample_guide` at unit direction wi: float32 [sr^-1]."""
+    pdf = np.float32(0.0)
+    for k in range(guide.count[row]):
+        x = wi[0] - guide.lobes[row, GUIDE_X, k]
+        y = wi[1] - guide.lobes[row, GUIDE_Y, k]
+        z = wi[2] - guide.lobes[row, GUIDE_Z, k]
+        exponent = -0.5 * guide.lobes[row, GUIDE_KAPPA, k] * (x * x + y * y + z * z)
+        pdf += guide.lobes[row, GUIDE_COEFFICIENT, k] * exp_nonpositive(exponent)
+    return pdf
+
+
+@kernel
+def sample_guide(guide, row, u0, u1, u2):
+    """Draw a unit direction from lane `row` of `guide`: float32 tuple.
+
+    Parameters
+    ----------
+    guide : GuideLobes
+    row : int
+    u0, u1, u2 : float32 in [0, 1): which lobe, how far from its centre, which way
+    """
+    chosen = 0
+    left = u0
+    for k in range(guide.count[row]):
+        weight = guide.lobes[row, GUIDE_WEIGHT, k]
+        if weight > 0.0:
+            chosen = k
+            if left < weight:
+                break
+        left -= weight
+    kappa = guide.lobes[row, GUIDE_KAPPA, chosen]
+    # 1 - cos, by inversion: log1p keeps what is small small.
+    below = 2.0 * (1.0 - u1)
+    if kappa > 0.0:
+        below = -math.log1p(-min(below * kappa * spread(kappa), ONE_MINUS_EPSILON)) / kappa
+    below = min(below, 2.0)
+    sine = math.sqrt(below * (2.0 - below))
+    mean = (
+        guide.lobes[row, GUIDE_X, chosen],
+        guide.lobes[row, GUIDE_Y, chosen],
+        guide.lobes[row, GUIDE_Z, chosen],
+    )
+    tangent, bitangent = orthonormal_basis(mean)
+    a = sine * math.cos(TWO_PI * u2)
+    b = sine * math.sin(TWO_PI * u2)
+    c = 1.0 - below
+    return (
+        a * tangent[0] + b * bitangent[0] + c * mean[0],
+        a * tangent[1] + b * bitangent[1] + c * mean[1],
+        a * tangent[2] + b * bitangent[2] + c * mean[2],
+    )
+
+
+@kernel
+def predict_vmm(guide, row, wi, guide_pdf):
+    """Incident radiance (mean over channels) along unit direction wi, given `guide_pdf` = `eval_guide` there.
+
+    The cosine lobe is divided out again: fluence times the density of incident radiance alone. Estimates, not bounds.
+    """
+    x = wi[0] - guide.cosine[row, COSINE_NORMAL]
+    y = wi[1] - guide.cosine[row, COSINE_NORMAL + 1]
+    z = wi[2] - guide.cosine[row, COSINE_NORMAL + 2]
+    exponent = -0.5 * guide.cosine[row, COSINE_KAPPA] * (x * x + y * y + z * z)
+    return guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
