@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How the radiance network sees positions and directions: one definition for training and for inference.
+
+A position is contracted into the unit cube (the bounds take the middle 90% of each axis, the rest of space the ends)
+and read from a hash grid by trilinear interpolation. Each coordinate of a direction spreads over three bins in a row by
+a smooth kernel; the others are zero, so the first layer needs nine of its rows for a direction, not all of them.
+
+References
+----------
+Müller et al. 2022, "Instant Neural Graphics Primitives", Eqs. 2-4 (resolutions and hash).
+Müller et al. 2019, "Neural Importance Sampling", section 4.3 (one-blob encoding). The kernel is a triangle of one bin's
+half width rather than a Gaussian: its integral over a bin is a quadratic, and zero in all bins but three.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.bundle import Bundle
+from engine.guiding.network import INNER_EXTENT, NetworkShape
+from engine.jit import kernel
+from engine.scene.arrays import Float32Array, Int64Array
+
+_HASH_Y = np.int64(2654435761)
+_HASH_Z = np.int64(805459861)
+_INNER = np.float32(INNER_EXTENT)
+_OUTER = np.float32(1.0 - INNER_EXTENT)
+
+
+class Encoding(Bundle):
+    """What the kernels below read.
+
+    level : int64 (levels, 4), cells along an axis, first entry in the table, whether entries are hashed, index mask
+    center, inverse_extent : float32 (3,), of the bounds: middle [m] and 2 / extent [m^-1]
+    table : float32 (entries, features), the hash grid
+    position_weights : float32 (levels * features, width), the first layer's rows for the position
+    direction_weights : float32 (3 * bins, width), its rows for the direction
+    """
+
+    level: Int64Array
+    center: Float32Array
+    inverse_extent: Float32Array
+    table: Float32Array
+    position_weights: Float32Array
+    direction_weights: Float32Array
+
+
+def make_encoding(shape: NetworkShape, bounds: Float32Array, parameters: Float32Array) -> Encoding:
+    """`Encoding` over views of `parameters`: what training writes there, the kernels see.
+
+    Parameters
+    ----------
+    bounds : float32 (2, 3) [m]
+    parameters : float32 (parameter_count,)
+    """
+    offsets = shape.level_offsets
+    level = np.zeros((shape.level_count, 4), np.int64)
+    for index, resolution in enumerate(shape.resolutions):
+        is_hashed = (resolution + 1) ** 3 > shape.table_size
+        level[index] = resolution, offsets[index], is_hashed, shape.table_size - 1
+    lower, upper = bounds.astype(np.float64)
+    arrays = shape.split(parameters)
+    return Encoding(
+        level,
+        (0.5 * (lower + upper)).astype(np.float32),
+        (2.0 / (upper - lower)).astype(np.float32),
+        arrays["table"],
+        arrays["position_weights"],
+        arrays["direction_weights"],
+    )
+
+
+@kernel
+def contract(x, center, inverse_extent):
+    """Coordinate in [0, 1] of a world coordinate; strictly monotonic, never NaN.
+
+    The bounds map linearly to the middle `INNER_EXTENT`, x -> ±infinity to the ends.
+    """
+    u = (x - center) * inverse_extent
+    if u > 1.0:
+        u = 1.0 - _OUTER / u
+    elif u < -1.0:
+        u = -1.0 - _OUTER / u
+    else:
+        u = _INNER * u
+    u = 0.5 + 0.5 * u
+    # The comparison is false for NaN.
+    return u if (u >= 0.0 and u <= 1.0) else np.float32(0.5)
+
+
+@kernel
+def blob(coordinate, bin_count):
+    """One-blob encoding of one coordinate of a unit direction.
+
+    Parameters
+    ----------
+    coordinate : float32 in [-1, 1]
+    bin_count : int, at least 3
+
+    Returns
+    -------
+    first : int, first of three bins in a row; all others are zero
+    a, b, c : float32, share of the kernel in each; they sum to one
+    """
+    # The two outermost bins lie half outside, so that no kernel loses a part: bin_count - 2 steps across.
+    x = (0.5 + 0.5 * coordinate) * np.float32(bin_count - 2)
+    first = min(max(np.int64(x), 0), bin_count - 3)
+    t = x - np.float32(first)
+    return first, 0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t
+
+
+@kernel
+def cell_of(u, resolution):
+    """Cell along an axis of `u` in [0, 1], and the fraction within it."""
+    x = u * np.float32(resolution)
+    cell = min(np.int64(x), resolution - 1)
+    return cell, x - np.float32(cell)
+
+
+@kernel
+def corner_entry(level, index, x, y, z):
+    """Row of the table for grid point (x, y, z) of a level."""
+    if level[index, 2] != 0:
+        # Only the low bits of the products count, so that 64-bit ones hash as the paper's 32-bit ones do.
+        entry = (x ^ (y * _HASH_Y) ^ (z * _HASH_Z)) & level[index, 3]
+    else:
+        points = level[index, 0] + 1
+        entry = (z * points + y) * points + x
+    return level[index, 1] + entry
+
+
+@kernel
+def cell_corners(level, index, ux, uy, uz):
+    """Rows of the table for the eight corners of a cell, x fastest, and their trilinear shares.
+
+    All in scalars: whatever lies between two loads and might alias the table would stop LLVM from pairing them.
+    """
+    x, fx = cell_of(ux, level[index, 0])
+    y, fy = cell_of(uy, level[index, 0])
+    z, fz = cell_of(uz, level[index, 0])
+    gx = 1.0 - fx
+    gy = 1.0 - fy
+    gz = 1.0 - fz
+    gg = gy * gz
+    fg = fy * gz
+    gf = gy * fz
+    ff = fy * fz
+    return (
+        corner_entry(level, index, x, y, z),
+        corner_entry(level, index, x + 1, y, z),
+        corner_entry(level, index, x, y + 1, z),
+        corner_entry(level, index, x + 1, y + 1, z),
+        corner_entry(level, index, x, y, z + 1),
+        corner_entry(level, index, x + 1, y, z + 1),
+        corner_entry(level, index, x, y + 1, z + 1),
+        corner_entry(level, index, x + 1, y + 1, z + 1),
+    ), (gx * gg, fx * gg, gx * fg, fx * fg, gx * gf, fx * gf, gx * ff, fx * ff)
+
+
+@kernel
+def interpolate(table, entries, shares, f):
+    """Feature `f` between the eight corners."""
+    return (
+        (shares[0] * table[entries[0], f] + shares[1] * table[entries[1], f])
+        + (shares[2] * table[entries[2], f] + shares[3] * table[entries[3], f])
+        + (shares[4] * table[entries[4], f] + shares[5] * table[entries[5], f])
+        + (shares[6] * table[entries[6], f] + shares[7] * table[entries[7], f])
+    )
+
+
+@kernel
+def _accumulate_latent(encoding, px, py, pz, latent):
+    """Sum of the first layer's rows for a position, into `latent` (width,)."""
+    ux = contract(px, encoding.center[0], encoding.inverse_extent[0])
+    uy = contract(py, encoding.center[1], encoding.inverse_extent[1])
+    uz = contract(pz, encoding.center[2], encoding.inverse_extent[2])
+    level = encoding.level
+    table = encoding.table
+    weights = encoding.position_weights
+    feature_count = table.shape[1]
+    width = weights.shape[1]
+    for j in range(width):
+        latent[j] = 0.0
+    for index in range(level.shape[0]):
+        entries, shares = cell_corners(level, index, ux, uy, uz)
+        for f in range(0, feature_count, 2):
+            a = interpolate(table, entries, shares, f)
+            b = interpolate(table, entries, shares, f + 1)
+            row = index * feature_count + f
+            for j in range(width):
+                latent[j] += a * weights[row, j] + b * weights[row + 1, j]
+
+
+@kernel
+def first_layer(encoding, positions, directions, candidate_vertex, start, stop, latent, hidden):
+    """Activations of the first layer, the position's part computed once for candidates of one vertex in a row.
+
+    Parameters
+    ----------
+    encoding : Encoding
+    positions : float32 (V, 3) [m]
+    directions : float32 (N, 3), unit
+    candidate_vertex : int (N,), row of `positions`
+    start, stop : int, candidates to do
+    latent : float32 (width,), scratch
+    hidden : float32 (at least stop - start, width), written
+    """
+    weights = encoding.direction_weights
+    width = weights.shape[1]
+    bin_count = weights.shape[0] // 3
+    vertex = np.int64(-1)
+    for k in range(start, stop):
+        if candidate_vertex[k] != vertex:
+            vertex = np.int64(candidate_vertex[k])
+            _accumulate_latent(encoding, positions[vertex, 0], positions[vertex, 1], positions[vertex, 2], latent)
+        bx, x0, x1, x2 = blob(directions[k, 0], bin_count)
+        by, y0, y1, y2 = blob(directions[k, 1], bin_count)
+        bz, z0, z1, z2 = blob(directions[k, 2], bin_count)
+        by += bin_count
+        bz += 2 * bin_count
+        row = k - start
+        for j in range(width):
+            x = x0 * weights[bx, j] + x1 * weights[bx + 1, j] + x2 * weights[bx + 2, j]
+            y = y0 * weights[by, j] + y1 * weights[by + 1, j] + y2 * weights[by + 2, j]
+            z = z0 * weights[bz, j] + z1 * weights[bz + 1, j] + z2 * weights[bz + 2, j]
+            hidden[row, j] = max(latent[j] + x + y + z, 0.0)
+
+
+@kernel
+def encode_positions(encoding, positions, start, stop, out):
+    """Features of positions, for training.
+
+    Parameters
+    ----------
+    positions : float32 (N, 3) [m]
+    start, stop : int, rows to do
+    out : float32 (N, levels * features), written
+    """
+    level = encoding.level
+    table = encoding.table
+    feature_count = table.shape[1]
+    # Level by level: one level of the table may fit into a cache that all of them do not.
+    for index in range(level.shape[0]):
+        column = index * feature_count
+        for k in range(start, stop):
+            ux = contract(positions[k, 0], encoding.center[0], encoding.inverse_extent[0])
+            uy = contract(positions[k, 1], encoding.center[1], encoding.inverse_extent[1])
+            uz = contract(positions[k, 2], encoding.center[2], encoding.inverse_extent[2])
+            entries, shares = cell_corners(level, index, ux, uy, uz)
+            for f in range(0, feature_count, 2):
+                a = interpolate(table, entries, shares, f)
+                b = interpolate(table, entries, shares, f + 1)
+                out[k, column + f] = a
+                out[k, column + f + 1] = b
+
+
+@kernel
+def encode_directions(directions, bin_count, start, stop, out):
+    """One-blob features of unit directions float32 (N, 3), for training; `out` is float32 (N, 3 * bin_count)."""
+    for k in range(start, stop):
+        for j in range(3 * bin_count):
+            out[k, j] = 0.0
+        for axis in range(3):
+            first, a, b, c = blob(directions[k, axis], bin_count)
+            column = axis * bin_count + first
+            out[k, column] = a
+            out[k, column + 1] = b
+            out[k, column + 2] = c
+
+
+@kernel
+def backpropagate_positions(encoding, positions, row_count, out_gradient, first_level, last_level, table_gradient):
+    """Add the gradient of `encode_positions` to `table_gradient`.
+
+    Rows are taken in order, and levels share no entries: the result is the same however levels are dealt to threads.
+
+    Parameters
+    ----------
+    out_gradient : float32 (N, levels * features)
+    first_level, last_level : int, levels to do, the last one excluded
+    table_gradient : float32 (entries, features), added to
+    """
+    level = encoding.level
+    feature_count = table_gradient.shape[1]
+    for index in range(first_level, last_level):
+        column = index * feature_count
+        for k in range(row_count):
+            ux = contract(positions[k, 0], encoding.center[0], encoding.inverse_extent[0])
+            uy = contract(positions[k, 1], encoding.center[1], encoding.inverse_extent[1])
+            uz = contract(positions[k, 2], encoding.center[2], encoding.inverse_extent[2])
+            entries, shares = cell_corners(level, index, ux, uy, uz)
+            for corner in range(8):
+                for f in range(feature_count):
+                    table_gradient[entries[corner], f] += shares[corner] * out_gradient[k, column + f]
+
+
+@kernel
+def step_table(table, gradient, first_moment, second_moment, rate, beta1, beta2, epsilon):
+    """One step of Adam for the grid's entries that have a gradient, which is set back to zero.
+
+    Entries without one are left alone, moments included: most of the table belongs to no record of a batch.
+
+    Parameters
+    ----------
+    table, gradient, first_moment, second_moment : float32 (entries, features)
+    rate : float32, learning rate times the bias corrections sqrt(1 - beta2^t) / (1 - beta1^t)
+    beta1, beta2, epsilon : float32, Adam's
+
+    References
+    ----------
+    Kingma and Ba 2014, Algorithm 1. Müller et al. 2022, section 4 (skipping entries without gradient).
+    """
+    for entry in range(table.shape[0]):
+        size = np.float32(0.0)
+        for f in range(table.shape[1]):
+            size += abs(gradient[entry, f])
+        if size > 0.0:
+            for f in range(table.shape[1]):
+                g = gradient[entry, f]
+                gradient[entry, f] = 0.0
+                m = beta1 * first_moment[entry, f] + (1.0 - beta1) * g
+                v = beta2 * second_moment[entry, f] + (1.0 - beta2) * g * g
+                first_moment[entry, f] = m
+                second_moment[entry, f] = v
+                table[entry, f] -= rate * m / (np.sqrt(v) + epsilon)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The records that training draws from: those of the last samples per pixel, oldest out first."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from engine.scene.arrays import Float32Array, Int64Array
+
+#: Every so manyth record is kept for validation.
+VALIDATION_STRIDE = 32
+
+
+class SampleWindow:
+    """A ring of rows.
+
+    Parameters
+    ----------
+    capacity : int
+        Rows at most.
+    row_width : int
+    window_samples : float
+        Samples a pixel that the rows kept may stem from; the last submission stays whatever its length.
+    """
+
+    def __init__(self, capacity: int, row_width: int, window_samples: float) -> None:
+        self.rows = np.zeros((capacity, row_width), np.float32)
+        self.window_samples = window_samples
+        self.count = 0
+        self._start = 0
+        self._segments: deque[tuple[int, float]] = deque()
+
+    def add(self, rows: Float32Array, samples: float) -> None:
+        """Append rows from `samples` samples a pixel; make room for them."""
+        capacity = self.rows.shape[0]
+        rows = rows[-capacity:]
+        self._segments.append((rows.shape[0], samples))
+        while len(self._segments) > 1 and sum(s for _, s in self._segments) > self.window_samples:
+            self._drop(self._segments.popleft()[0])
+        self._drop(max(0, self.count + rows.shape[0] - capacity))
+        end = (self._start + self.count) % capacity
+        head = min(rows.shape[0], capacity - end)
+        self.rows[end : end + head] = rows[:head]
+        self.rows[: rows.shape[0] - head] = rows[head:]
+        self.count += rows.shape[0]
+
+    def _drop(self, row_count: int) -> None:
+        row_count = min(row_count, self.count)
+        self._start = (self._start + row_count) % self.rows.shape[0]
+        self.count -= row_count
+
+    def take(self, picks: Int64Array) -> Float32Array:
+        """Rows by age: 0 is the oldest."""
+        return np.take(self.rows, (self._start + picks) % self.rows.shape[0], axis=0)

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The worker's loop: takes records, trains within its share of time, publishes snapshots, answers.
+
+Messages in (one JSON object a line): `rows` (slot, count, samples), `train` (until: a step; deterministic only).
+Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot` (slot, version), `trained` (step),
+`failed` (reason). When the input ends, the process does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import sys
+import threading
+import time
+from collections import deque
+from typing import Any, BinaryIO, TextIO
+
+import numpy as np
+
+from engine.guiding.channel import SLOT_COUNT, Channel
+from engine.guiding.network import NetworkShape, TrainingSettings
+
+#: Steps between two looks at the held-out records.
+_CHECK_STEPS = 64
+#: Training rests when the held-out error fell by less than this in so many checks running.
+_LEAST_IMPROVEMENT = 0.002
+_PATIENCE = 3
+_HEARTBEAT = 1.0  # [s]
+
+
+class Service:
+    """One training, served.
+
+    Parameters
+    ----------
+    config : dict
+        As `RadianceTrainer` writes it.
+    answers : text stream
+    """
+
+    def __init__(self, config: dict[str, Any], answers: TextIO) -> None:
+        self.shape = NetworkShape(**config["shape"])
+        self.settings = TrainingSettings(**config["settings"])
+        self.config = config
+        self.channel = Channel.attach(self.shape, config["channel"])
+        self._answers = answers
+        self._answer_lock = threading.Lock()
+        self._pending: deque[tuple[np.ndarray, float]] = deque()
+        self._commands: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+
+    def answer(self, kind: str, **fields: Any) -> None:
+        """Send a message; a renderer that is gone is the end of this process too."""
+        try:
+            with self._answer_lock:
+                self._answers.write(json.dumps({"kind": kind, **fields}) + "\n")
+                self._answers.flush()
+        except OSError:
+            os._exit(0)
+
+    def listen(self, stream: BinaryIO) -> None:
+        """Read messages until there are no more (thread)."""
+        for line in stream:
+            message = json.loads(line)
+            if message["kind"] == "rows":
+                rows = self.channel.rows(message["slot"])[: message["count"]].copy()
+                self.answer("free", slot=message["slot"])
+                self._pending.append((rows, message["samples"]))
+                # Records that training did not come to are no reason to fill the memory.
+                while sum(rows.shape[0] for rows, _ in list(self._pending)) > self.settings.buffer_rows:
+                    self._pending.popleft()
+            self._commands.put(message)
+        os._exit(0)
+
+    def watch_parent(self, parent: int) -> None:
+        """Leave when the renderer is gone, even if somebody else holds its end of the pipe (thread)."""
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(0)
+
+    def run(self) -> None:
+        """Train until the input ends."""
+        import torch
+
+        from engine.guiding.worker.training import RadianceTraining
+
+        config = self.config
+        use_cuda = not config["deterministic"] and torch.cuda.is_available()
+        thread_count = 1 if config["deterministic"] else max(1, config["thread_count"])
+        bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
+        self.training = RadianceTraining(
+            self.shape, self.settings, config["seed"], bounds, thread_count, "cuda" if use_cuda else "cpu"
+        )
+        self.answer("ready", device="cuda" if use_cuda else "cpu", threads=thread_count)
+        if config["deterministic"]:
+            self.train_on_command()
+        else:
+            self.train_freely(config["training_share"])
+
+    def take_pending(self) -> bool:
+        """Hand arrived records to training."""
+        arrived = False
+        while self._pending:
+            self.training.add(*self._pending.popleft())
+            arrived = True
+        return arrived
+
+    def publish(self) -> None:
+        """Write a snapshot and say so."""
+        snapshot = self.training.snapshot()
+        slot = snapshot.version % SLOT_COUNT
+        self.channel.write_snapshot(slot, snapshot)
+        self.answer("snapshot", slot=slot, version=snapshot.version)
+
+    def report(self, state: str) -> None:
+        """Say how far training is, and that this process is alive."""
+        training = self.training
+        self.answer(
+            "progress", state=state, step=training.step_count, loss=training.loss, seconds=time.process_time()
+        )
+
+    def train_on_command(self) -> None:
+        """Train exactly as far as told, on exactly the records that came before."""
+        while True:
+            message = self._commands.get()
+            if message["kind"] != "train":
+                continue
+            self.take_pending()
+            told = time.monotonic()
+            while self.training.can_train and self.training.step_count < message["until"]:
+                self.training.step()
+                if time.monotonic() - told > _HEARTBEAT:
+                    told = time.monotonic()
+                    self.report("TRAINING")
+            if self.training.can_train:
+                self.training.improvement()
+                self.publish()
+            self.report("IDLE")
+            self.answer("trained", step=self.training.step_count)
+
+    def train_freely(self, share: float) -> None:
+        """Train while records are fresh and the network improves, within `share` of the machine's processor time."""
+        training = self.training
+        allowance = share * (os.cpu_count() or 1)  # [s of processor time per s]
+        rests = 0
+        published = told = time.monotonic()
+        last_step = -1
+        while True:
+            if self.take_pending():
+                rests = 0
+            budget = self.settings.epochs * training.rows_received
+            has_work = (
+                training.can_train
+                and rests < _PATIENCE
+                and training.step_count * self.settings.batch_size < budget
+            )
+            now = time.monotonic()
+            if not has_work:
+                if training.step_count != last_step:
+                    training.improvement()
+                    self.publish()
+                    last_step = training.step_count
+                self.report("IDLE" if training.can_train else "WAITING")
+                told = published = now
+                self.wait(_HEARTBEAT)
+                continue
+            busy = time.process_time()
+            training.step()
+            if training.step_count % _CHECK_STEPS == 0:
+                rests = rests + 1 if training.improvement() < _LEAST_IMPROVEMENT else 0
+            if now - published > self.settings.snapshot_seconds:
+                self.publish()
+                last_step = training.step_count
+                published = now
+            if now - told > _HEARTBEAT:
+                self.report("TRAINING")
+                told = now
+            busy = time.process_time() - busy
+            excess = busy / max(allowance, 1e-3) - (time.monotonic() - now)
+            if excess > 0.0:
+                time.sleep(min(excess, _HEARTBEAT))
+
+    def wait(self, seconds: float) -> None:
+        """Sleep until a message comes."""
+        try:
+            self._commands.get(timeout=seconds)
+            while True:
+                self._commands.get_nowait()
+        except queue.Empty:
+            pass
+
+
+def serve(config: dict[str, Any], stream: BinaryIO, answers: TextIO) -> None:
+    """Run the service in this process; returns only if it failed, after saying why."""
+    service = None
+    try:
+        service = Service(config, answers)
+        threading.Thread(target=service.listen, args=(stream,), daemon=True).start()
+        if os.name == "posix":
+            threading.Thread(target=service.watch_parent, args=(config["parent"],), daemon=True).start()
+        service.run()
+    except ModuleNotFoundError as error:
+        reason = f"the package {error.name} is not installed for {sys.executable}"
+    except MemoryError:
+        reason = "out of memory"
+    except Exception as error:
+        # torch reports a failed allocation as a RuntimeError.
+        reason = "out of memory" if "alloc" in str(error).lower() else f"{type(error).__name__}: {error}"
+    else:
+        return
+    if service is None:
+        answers.write(json.dumps({"kind": "failed", "reason": reason}) + "\n")
+        answers.flush()
+    else:
+        service.answer("failed", reason=reason)
+    os._exit(1)

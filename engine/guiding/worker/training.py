@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Training the radiance network: relative squared error, Adam.
+
+On the CPU the hash grid's encoding, its gradient and its optimiser are the engine's kernels and torch does the
+perceptron; on a GPU torch does everything. Both act on one parameter vector with the layout of `NetworkShape`.
+
+References
+----------
+Rath et al. 2025, section 5. Lehtinen et al. 2018, "Noise2Noise", section 4 (relative squared error by the prediction,
+its gradient stopped: the minimum stays the mean of noisy targets).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+
+from engine.guiding.channel import row_width
+from engine.guiding.encoding import (
+    backpropagate_positions,
+    encode_directions,
+    encode_positions,
+    make_encoding,
+    step_table,
+)
+from engine.guiding.network import (
+    INNER_EXTENT,
+    LOG_RADIANCE_LIMIT,
+    NetworkShape,
+    Snapshot,
+    TrainingSettings,
+    initial_parameters,
+    robust_bounds,
+)
+from engine.guiding.worker.samples import VALIDATION_STRIDE, SampleWindow
+from engine.scene.arrays import Float32Array
+
+_BETAS = (0.9, 0.99)
+_ADAM_EPSILON = 1e-15
+#: Radiance above so many times the prediction (and the mean) is cut in training: a firefly must not bend the field,
+#: while a lamp still grows a hundredfold at a time.
+_OUTLIER_FACTOR = 100.0
+_VALIDATION_ROWS = 1 << 14
+
+
+def encode_positions_torch(
+    encoding_level: torch.Tensor,
+    center: torch.Tensor,
+    inverse_extent: torch.Tensor,
+    table: torch.Tensor,
+    positions: torch.Tensor,
+) -> torch.Tensor:
+    """`encode_positions` of encoding.py in torch's operations, for the GPU; differentiable in `table`."""
+    u = (positions - center) * inverse_extent
+    outer = torch.sign(u) * (1.0 - (1.0 - INNER_EXTENT) / u.abs().clamp(min=1.0))
+    u = torch.where(u.abs() > 1.0, outer, INNER_EXTENT * u)
+    u = (0.5 + 0.5 * u).clamp(0.0, 1.0)
+    features = []
+    for resolution, offset, is_hashed, mask in encoding_level.tolist():
+        x = u * resolution
+        cell = x.long().clamp(max=resolution - 1)
+        fraction = x - cell
+        value = torch.zeros((positions.shape[0], table.shape[1]), device=table.device)
+        for corner in range(8):
+            step = torch.tensor([corner & 1, (corner >> 1) & 1, corner >> 2], device=cell.device)
+            share = torch.where(step > 0, fraction, 1.0 - fraction).prod(dim=1, keepdim=True)
+            point = cell + step
+            if is_hashed:
+                entry = (point[:, 0] ^ (point[:, 1] * 2654435761) ^ (point[:, 2] * 805459861)) & mask
+            else:
+                entry = (point[:, 2] * (resolution + 1) + point[:, 1]) * (resolution + 1) + point[:, 0]
+            value = value + share * table[offset + entry]
+        features.append(value)
+    return torch.cat(features, dim=1)
+
+
+class RadianceTraining:
+    """The network in training.
+
+    Parameters
+    ----------
+    shape : NetworkShape
+    settings : TrainingSettings
+    seed : int
+    bounds : float32 (2, 3) [m] or None
+        What the grid resolves; None: found from the first records.
+    thread_count : int
+        Threads to use on the CPU. The result is the same bits for one only.
+    device : str
+        'cpu' or a device of torch.
+    """
+
+    def __init__(
+        self,
+        shape: NetworkShape,
+        settings: TrainingSettings,
+        seed: int,
+        bounds: Float32Array | None = None,
+        thread_count: int = 1,
+        device: str = "cpu",
+    ) -> None:
+        torch.set_num_threads(thread_count)
+        self.shape = shape
+        self.settings = settings
+        self.step_count = 0
+        self.rows_received = 0
+        self.loss = math.nan
+        self.scale = 0.0
+        self.bounds = bounds
+        self._version = 0
+        self._random = np.random.Generator(np.random.Philox(seed))
+        self._device = torch.device(device)
+        self._pool = ThreadPoolExecutor(thread_count) if thread_count > 1 else None
+        self._thread_count = thread_count
+        self._window = SampleWindow(settings.buffer_rows, row_width(shape), settings.window_samples)
+        self._validation = SampleWindow(_VALIDATION_ROWS, row_width(shape), settings.window_samples)
+        self._reference: torch.Tensor | None = None
+
+        self._parameters = torch.from_numpy(initial_parameters(shape, seed)).to(self._device)
+        arrays, start = {}, 0
+        for name, sizes in shape.layout.items():
+            stop = start + math.prod(sizes)
+            arrays[name] = self._parameters[start:stop].view(sizes)
+            start = stop
+        self._table = arrays.pop("table")
+        self._arrays = {name: array.requires_grad_() for name, array in arrays.items()}
+        groups = [
+            {"params": list(self._arrays.values()), "lr": settings.learning_rate, "weight_decay": settings.weight_decay}
+        ]
+        if self._device.type == "cpu":
+            host_table = self._table.numpy()
+            self._gradient = np.zeros_like(host_table)
+            self._moments = np.zeros_like(host_table), np.zeros_like(host_table)
+        else:
+            groups.append({"params": [self._table.requires_grad_()], "lr": settings.table_learning_rate})
+        self._optimizer = torch.optim.Adam(groups, betas=_BETAS, eps=_ADAM_EPSILON)
+        self._base_rates = [group["lr"] for group in self._optimizer.param_groups]
+
+    # Records
+
+    @property
+    def can_train(self) -> bool:
+        """There are records, and not all of them are black."""
+        return self._window.count > 0 and self.scale > 0.0
+
+    @property
+    def row_count(self) -> int:
+        """Records that training draws from."""
+        return self._window.count
+
+    def add(self, rows: Float32Array, samples: float) -> None:
+        """Take records of `samples` samples a pixel: float32 (N, 6 + channels), position, direction, radiance."""
+        if rows.shape[0] == 0:
+            return
+        is_validation = (self.rows_received + np.arange(rows.shape[0])) % VALIDATION_STRIDE == 0
+        self.rows_received += rows.shape[0]
+        self._validation.add(rows[is_validation], samples)
+        self._window.add(rows[~is_validation], samples)
+        self._reference = None
+        if self.bounds is None:
+            self.bounds = robust_bounds(rows[:, :3])
+        if self.scale == 0.0:
+            mean = rows[:, 6:].mean(axis=1, dtype=np.float64)
+            # Without the brightest thousandth, unless nothing else is bright.
+            self.scale = float(np.minimum(mean, np.quantile(mean, 0.999)).mean()) or float(mean.mean())
+        self._encoding = make_encoding(self.shape, self.bounds, np.zeros(self.shape.parameter_count, np.float32))
+        if self._device.type == "cpu":
+            self._encoding = self._encoding._replace(table=self._table.numpy())
+        else:
+            self._tensors = tuple(
+                torch.from_numpy(array).to(self._device)
+                for array in (self._encoding.level, self._encoding.center, self._encoding.inverse_extent)
+            )
+
+    # Network
+
+    def _over_rows(self, work: Callable[[int, int], None], count: int) -> None:
+        """Call work(start, stop) over ranges of `count`, on all threads."""
+        if self._pool is None:
+            work(0, count)
+            return
+        edges = [count * k // self._thread_count for k in range(self._thread_count + 1)]
+        list(self._pool.map(work, edges[:-1], edges[1:]))
+
+    def _encode(self, rows: Float32Array) -> tuple[torch.Tensor, torch.Tensor, Float32Array]:
+        """Features of positions and of directions, and the positions themselves."""
+        positions = np.ascontiguousarray(rows[:, :3])
+        directions = np.ascontiguousarray(rows[:, 3:6])
+        encoded_directions = np.empty((rows.shape[0], self.shape.direction_width), np.float32)
+        bins = self.shape.direction_bins
+        self._over_rows(
+            lambda start, stop: encode_directions(directions, bins, start, stop, encoded_directions), rows.shape[0]
+        )
+        if self._device.type != "cpu":
+            level, center, inverse_extent = self._tensors
+            encoded = encode_positions_torch(
+                level, center, inverse_extent, self._table, torch.from_numpy(positions).to(self._device)
+            )
+            return encoded, torch.from_numpy(encoded_directions).to(self._device), positions
+        encoded_positions = np.empty((rows.shape[0], self.shape.encoding_width), np.float32)
+        self._over_rows(
+            lambda start, stop: encode_positions(self._encoding, positions, start, stop, encoded_positions),
+            rows.shape[0],
+        )
+        return torch.from_numpy(encoded_positions), torch.from_numpy(encoded_directions), positions
+
+    def _perceptron(self, positions: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+        """Radiance in units of `scale` from features: (N, channels)."""
+        arrays = self._arrays
+        value = torch.relu(
+            torch.addmm(positions @ arrays["position_weights"], directions, arrays["direction_weights"])
+        )
+        for weights in arrays["hidden_weights"]:
+            value = torch.relu(value @ weights)
+        value = value @ arrays["output_weights"]
+        return torch.exp(torch.clamp(value, -LOG_RADIANCE_LIMIT, LOG_RADIANCE_LIMIT))
+
+    def predict(self, rows: Float32Array) -> Float32Array:
+        """Radiance at the positions and directions of rows, float32 (N, channels): what `inference` must give too."""
+        with torch.no_grad():
+            positions, directions, _ = self._encode(rows)
+            return (self._perceptron(positions, directions) * self.scale).cpu().numpy()
+
+    def _targets(self, rows: Float32Array) -> torch.Tensor:
+        return torch.from_numpy(rows[:, 6:] * np.float32(1.0 / self.scale)).to(self._device)
+
+    def step(self) -> None:
+        """One step of training on a random batch."""
+        settings = self.settings
+        rows = self._window.take(self._random.integers(0, self._window.count, settings.batch_size))
+        encoded, directions, positions = self._encode(rows)
+        on_cpu = self._device.type == "cpu"
+        if on_cpu:
+            encoded.requires_grad_()
+        prediction = self._perceptron(encoded, directions)
+        level = prediction.detach().mean(dim=1, keepdim=True)
+        targets = torch.minimum(self._targets(rows), _OUTLIER_FACTOR * level.clamp(min=1.0))
+        loss = ((prediction - targets).square() / (level.square() + settings.epsilon)).mean()
+        self._optimizer.zero_grad()
+        loss.backward()
+        self._optimizer.step()
+        self.step_count += 1
+        if on_cpu and encoded.grad is not None:
+            self._step_table(positions, encoded.grad.numpy())
+
+    def _step_table(self, positions: Float32Array, gradient: Float32Array) -> None:
+        """Carry the gradient of the encoded positions on to the grid, and step it."""
+        self._over_rows(
+            lambda first, last: backpropagate_positions(
+                self._encoding, positions, positions.shape[0], gradient, first, last, self._gradient
+            ),
+            self.shape.level_count,
+        )
+        correction = math.sqrt(1.0 - _BETAS[1] ** self.step_count) / (1.0 - _BETAS[0] ** self.step_count)
+        rate = np.float32(self.settings.table_learning_rate * correction)
+        step_table(
+            self._table.numpy(), self._gradient, *self._moments, rate, np.float32(_BETAS[0]), np.float32(_BETAS[1]),
+            np.float32(_ADAM_EPSILON),
+        )
+
+    # Progress
+
+    def improvement(self) -> float:
+        """How far the loss on held-out records fell since the last call, as a fraction of it.
+
+        Both predictions are weighted by the earlier one, so the noise of the targets cancels in the difference. After
+        new records it is infinite: there is nothing to compare with.
+        """
+        rows = self._validation.take(np.arange(self._validation.count))
+        if rows.shape[0] == 0:
+            return math.inf
+        with torch.no_grad():
+            encoded, directions, _ = self._encode(rows)
+            prediction = self._perceptron(encoded, directions)
+            previous, self._reference = self._reference, prediction
+            level = (prediction if previous is None else previous).mean(dim=1, keepdim=True)
+            targets = torch.minimum(self._targets(rows), _OUTLIER_FACTOR * level.clamp(min=1.0))
+            weights = 1.0 / (level.square() + self.settings.epsilon)
+            error = ((prediction - targets).square() * weights).mean().item()
+            self.loss = error
+            if previous is None:
+                return math.inf
+            earlier = ((previous - targets).square() * weights).mean().item()
+        return (earlier - error) / max(earlier, 1e-12)
+
+    def snapshot(self) -> Snapshot:
+        """The network as it is; its parameters are a view that the next step changes."""
+        if self.bounds is None or self.scale <= 0.0:
+            raise ValueError("no snapshot before the first records with light")
+        self._version += 1
+        parameters = self._parameters.detach().cpu().numpy()
+        return Snapshot(self._version, self.step_count, self.loss, self.scale, self.bounds, parameters)
