@@ -8,7 +8,7 @@ JOBS ?= auto
 BENCH_SCENES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench gallery extension clean
+.PHONY: help demo test slow lint bench gallery extension clean
 
 help: ## Show what there is
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -21,8 +21,11 @@ help: ## Show what there is
 demo: .venv/installed ## Render the demo scene into out/
 	$(PYTHON) -m demo
 
-test: .venv/installed ## Run the tests
-	$(PYTHON) -m pytest -n $(JOBS)
+test: .venv/installed ## Run the tests, but for the slow ones
+	$(PYTHON) -m pytest -n $(JOBS) -m "not slow"
+
+slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
+	$(PYTHON) -m pytest -n $(JOBS) -m slow
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

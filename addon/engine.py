@@ -141,7 +141,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._show([Notice(f"View layer {layer.name}", f"no passes {', '.join(missing)}", "they are left out")])
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
-        from engine.session import Session
+        from engine.session import LoadCancelled, Session
 
         if self._session is None:
             self._session = Session(self._settings)
@@ -151,7 +151,11 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         for view, description in self._pending:
             if view:
                 self.active_view_set(view)
-            self._render_view(depsgraph, view, description)
+            try:
+                self._render_view(depsgraph, view, description)
+            except LoadCancelled:
+                self._note(depsgraph, "CANCELLED")
+                return
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, description: SceneDescription) -> None:
         layer_name = depsgraph.view_layer_eval.name
@@ -182,8 +186,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 self.update_result(target)
 
             try:
-                self._status("Building the scene", layer_name)
-                self._show(self._session.load(description))
+                notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
+                self._show(notices)
                 result = self._session.render(
                     on_progress=on_progress,
                     on_image=on_image,
@@ -270,7 +274,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("samples", f"{report.sample_count:.6g}"),
             ("render_time", f"{report.render_seconds:.3f}"),
             ("build_time", f"{report.build_seconds:.3f}"),
-            ("kernel_time", f"{report.prepare_seconds:.3f}"),
+            ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
             ("rays", str(ray_count)),
             ("rejects", str(report.reject_count)),
             ("peak_memory_mib", f"{megabytes:.0f}"),

@@ -34,8 +34,8 @@ def status_line(progress: Any) -> str:
     Parameters
     ----------
     progress : object
-        What `Session.render` hands to `on_progress`: `message`, `sample`, `samples`,
-        `remaining` [s], `rays_per_second`.
+        What `Session` hands to `on_progress`: `message`, `sample`, `samples`, `elapsed` and `remaining` [s],
+        `rays_per_second`.
     """
     parts = []
     if progress.message:
@@ -44,6 +44,8 @@ def status_line(progress: Any) -> str:
         parts.append(f"Sample {progress.sample}/{progress.samples}")
         parts.append(f"Remaining {format_duration(progress.remaining)}")
         parts.append(f"{format_count(progress.rays_per_second)}rays/s")
+    elif progress.elapsed >= 1.0:
+        parts.append(format_duration(progress.elapsed))
     return " | ".join(parts)
 
 

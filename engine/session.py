@@ -9,12 +9,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from engine.film import FEATURE_PASSES, Film
+from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
@@ -29,12 +30,20 @@ except ImportError:  # Windows
 TILE_SIZE = 32
 #: Samples of a tile's successive units grow to this: small first for an early image, large later to keep lanes full.
 LARGEST_UNIT_SAMPLES = 64
+#: Said while there is nothing to show yet.
+_COMPILING = "Compiling kernels (once, takes about a minute)"
+_BUILDING = "Building the scene"
+_PREPARING = "Preparing kernels"
 #: How often the main thread looks for a cancel [s].
 _POLL_SECONDS = 0.05
 #: Time until the first image and the growth of the interval after it.
 _FIRST_IMAGE_SECONDS = 0.3
 _IMAGE_INTERVAL_GROWTH = 1.6
 _LONGEST_IMAGE_INTERVAL = 20.0
+
+
+class LoadCancelled(Exception):
+    """`Session.load` was cancelled; no scene is loaded."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,8 @@ class RenderReport:
 
     notices: list[Notice] = field(default_factory=list)
     build_seconds: float = 0.0
-    prepare_seconds: float = 0.0  # kernels: loading from the cache, or compiling
+    compile_seconds: float = 0.0  # kernels, the first time ever
+    prepare_seconds: float = 0.0  # kernels: loading from the cache
     render_seconds: float = 0.0
     sample_count: float = 0.0  # mean per pixel
     path_count: int = 0
@@ -120,6 +130,7 @@ class Session:
         self.scene: Scene | None = None
         self._cache = SceneCache()
         self._build_seconds = 0.0
+        self._compile_seconds = 0.0
 
     @property
     def thread_count(self) -> int:
@@ -131,8 +142,19 @@ class Session:
         except AttributeError:
             return os.cpu_count() or 1
 
-    def load(self, description: SceneDescription) -> list[Notice]:
-        """Build or update the scene.
+    def load(
+        self,
+        description: SceneDescription,
+        *,
+        on_progress: Callable[[Progress], None] | None = None,
+        should_cancel: Callable[[], bool] | None = None,
+    ) -> list[Notice]:
+        """Build or update the scene; compile the kernels before, where they never were.
+
+        Parameters
+        ----------
+        on_progress, should_cancel : callable, optional
+            Called in this thread only, often.
 
         Returns
         -------
@@ -143,11 +165,53 @@ class Session:
         ------
         ValueError
             Naming what in the description cannot be rendered.
+        LoadCancelled
+            Soon after `should_cancel()` was true.
         """
+        self.scene = None
+        samples = self.settings.samples
+
+        def poll(message: str, seconds: float) -> None:
+            if should_cancel is not None and should_cancel():
+                raise LoadCancelled
+            if on_progress is not None:
+                on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
+
         start = time.perf_counter()
-        self.scene = build_scene(description, self.settings, self._cache, threads=self.thread_count)
+        compile_ahead(lambda seconds: poll(_COMPILING, seconds))
+        self._compile_seconds = time.perf_counter() - start
+        start = time.perf_counter()
+        self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
         self._build_seconds = time.perf_counter() - start
         return self.scene.notices
+
+    def _build(self, description: SceneDescription, poll: Callable[[], None]) -> Scene:
+        """Build in a thread, so that steps of seconds do not keep a cancel waiting; `poll` raises to cancel."""
+        is_abandoned = threading.Event()
+
+        def check_cancel() -> None:
+            if is_abandoned.is_set():
+                raise LoadCancelled
+
+        pool = ThreadPoolExecutor(1, thread_name_prefix="build")
+        future = pool.submit(
+            build_scene,
+            description,
+            self.settings,
+            self._cache,
+            threads=self.thread_count,
+            check_cancel=check_cancel,
+        )
+        pool.shutdown(wait=False)
+        try:
+            while not wait((future,), _POLL_SECONDS).done:
+                poll()
+        except BaseException:
+            # The thread ends at its next check. Until then the cache is its own.
+            is_abandoned.set()
+            self._cache = SceneCache()
+            raise
+        return future.result()
 
     def close(self) -> None:
         """Free the scene and its acceleration structure."""
@@ -205,6 +269,8 @@ class Session:
                 if should_cancel is not None and should_cancel():
                     job.cancelled = True
                     job.stop()
+                    if job.is_preparing:
+                        break
                     continue
                 if on_progress is not None:
                     on_progress(job.progress())
@@ -225,6 +291,7 @@ class Session:
         report = RenderReport(
             notices=list(scene.notices),
             build_seconds=self._build_seconds,
+            compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
             render_seconds=job.render_seconds,
             sample_count=float(film.sums.count.mean()) if film.sums.count.size else 0.0,
@@ -299,9 +366,14 @@ class _Job:
             except TimeoutError:
                 return False
 
+    @property
+    def is_preparing(self) -> bool:
+        """Whether kernels are still being loaded, which cannot be interrupted where one must be compiled."""
+        return self._render_start is None
+
     def join(self) -> None:
-        """Wait for the threads to end."""
-        self._pool.shutdown(wait=True)
+        """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""
+        self._pool.shutdown(wait=not (self._stop and self.is_preparing))
         if self._render_start is not None:
             self.render_seconds = time.perf_counter() - self._render_start
 
@@ -320,7 +392,7 @@ class _Job:
         limit = self.settings.time_limit
         remaining = None
         if self._render_start is None:
-            return Progress(0.0, 0, self.settings.samples, elapsed, None, 0.0, "Preparing kernels (compiled once)")
+            return Progress(0.0, 0, self.settings.samples, elapsed, None, 0.0, _PREPARING)
         if fraction > 0.0:
             remaining = elapsed * (1.0 - fraction) / fraction
         if limit:
@@ -334,13 +406,13 @@ class _Job:
     def _prepare(self) -> None:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         use_features = self.integrator.use_features
-        self._batches = [
-            Batch(self.scene, largest, use_features=use_features) for _ in range(self.thread_count)
-        ]
+        self._batches = [Batch(self.scene, largest, use_features=use_features) for _ in range(self.thread_count)]
         if self._tiles:
             pixels, film_index = self._tiles[len(self._tiles) // 2]
             self.integrator.warm_up(self._batches[0], Unit(pixels[:1], film_index[:1], 0, 1), self.should_stop)
         self.prepare_seconds = time.perf_counter() - self._created
+        if self._stop:
+            return
         self._render_start = time.perf_counter()
         self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
 

@@ -17,6 +17,10 @@ class ExportCancelled(Exception):
     """As addon.export's."""
 
 
+class LoadCancelled(Exception):
+    """As engine.session's."""
+
+
 class FakeEngine:
     """Installs itself in place of `engine.session` and `addon.export`; tests set its attributes."""
 
@@ -32,6 +36,7 @@ class FakeEngine:
         self.exported: list[tuple[str, int]] = []
         session = ModuleType("engine.session")
         session.Session = self._session  # type: ignore[attr-defined]
+        session.LoadCancelled = LoadCancelled  # type: ignore[attr-defined]
         export = ModuleType("addon.export")
         export.ExportCache = SimpleNamespace  # type: ignore[attr-defined]
         export.ExportCancelled = ExportCancelled  # type: ignore[attr-defined]
@@ -72,7 +77,9 @@ class FakeSession:
         self.settings = settings
         self.region = (0, 0, 0, 0)
 
-    def load(self, description: Any) -> list[Any]:
+    def load(self, description: Any, *, on_progress: Any, should_cancel: Any) -> list[Any]:
+        if should_cancel():
+            raise LoadCancelled
         self.region = description.frame.region
         return self.fake.notices
 
@@ -97,6 +104,7 @@ class FakeSession:
             raise self.fake.render_error
         report = SimpleNamespace(
             build_seconds=0.1,
+            compile_seconds=0.0,
             prepare_seconds=0.1,
             render_seconds=1.0,
             rays={"camera": 600, "shadow": 400},

@@ -113,6 +113,7 @@ def run(command: list[str], folder: Path, environment: dict[str, str]) -> subpro
     )
 
 
+@pytest.mark.slow
 def test_the_literal_command_renders_what_bpy_renders(profile: dict[str, str], tmp_path: Path) -> None:
     """Means over 8 x 8 pixel cells differ by no more than their noise allows: |z| < 5 in all of 144, so that chance
     fails the test once in 10,000 runs; and the root mean square of z is near 1."""

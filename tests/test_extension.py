@@ -50,6 +50,7 @@ facts["centre"] = float(pixels[12, 12, 0])
 facts["corner"] = float(pixels[1, 1, 0])
 facts["kernel_cache"] = os.environ["NEURALGUIDE_KERNEL_CACHE"]
 facts["kernels"] = sum(name.endswith(".nbc") for _, _, files in os.walk(facts["kernel_cache"]) for name in files)
+facts["stamps"] = len([name for name in os.listdir(facts["kernel_cache"]) if name.endswith(".complete")])
 facts["numba"] = sys.modules["numba"].__file__
 import addon_utils
 facts["policy"] = {key: value for key, value in addon_utils._extensions_warnings_get().items() if value}
@@ -98,6 +99,7 @@ def test_the_zip_holds_what_it_should(extension_zip: Path) -> None:
         ast.parse(text)
 
 
+@pytest.mark.slow
 def test_a_user_can_install_render_and_remove(extension_zip: Path, tmp_path: Path) -> None:
     site = tmp_path / "site"
     site.mkdir()
@@ -128,6 +130,7 @@ def test_a_user_can_install_render_and_remove(extension_zip: Path, tmp_path: Pat
     assert facts["corner"] > 0.01, "the world is black"
     assert facts["numba"].startswith(str(profile)), "numba did not come from the extension's wheel"
     assert facts["kernel_cache"].startswith(str(profile)) and facts["kernels"] > 0
+    assert facts["stamps"] == 2, "no helper process compiled kernels"
     assert facts["policy"] == {}, "Blender lists violations of its rules for extensions"
     assert "Traceback" not in output
     assert ROOT.as_posix() not in facts["numba"]

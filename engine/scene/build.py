@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,7 +116,12 @@ def _slot_counts(geometry: GeometryArrays) -> np.ndarray:
 
 
 def build_scene(
-    description: SceneDescription, settings: RenderSettings, cache: SceneCache, *, threads: int = 0
+    description: SceneDescription,
+    settings: RenderSettings,
+    cache: SceneCache,
+    *,
+    threads: int = 0,
+    check_cancel: Callable[[], None] = lambda: None,
 ) -> Scene:
     """Flatten a description and build what tracing needs.
 
@@ -128,6 +134,8 @@ def build_scene(
         Updated: geometry and its acceleration structure are kept while nothing in them changed.
     threads : int
         For Embree's build, 0 = all.
+    check_cancel : callable
+        Called between steps; what it raises ends the build.
 
     Raises
     ------
@@ -142,6 +150,7 @@ def build_scene(
     defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
     attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
 
+    check_cancel()
     key = _geometry_key(description, attribute_names)
     if cache.geometry is None or cache.geometry_key != key:
         cache.accelerator = None
@@ -156,13 +165,16 @@ def build_scene(
     geometry = geometry._replace(instance_materials=np.ascontiguousarray(materials, np.int32))
     notices += cache.geometry_notices
 
+    check_cancel()
     shaders = programs.arrays
     masks = _shadow_masks(geometry, shaders, description)
     if cache.accelerator is None or cache.shadow_masks is None or not np.array_equal(cache.shadow_masks, masks):
         cache.accelerator = build_accelerator(geometry, masks, threads)
         cache.shadow_masks = masks
+    check_cancel()
     tables = load_tables()
     background = programs.background_grid(geometry, tables)
+    check_cancel()
     lights = build_lights(description, geometry, programs.program_info(), background, notices)
     return Scene(
         description=description,

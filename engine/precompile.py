@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compiling kernels before they are needed, in helper processes.
+
+Numba compiles one kernel at a time and cannot be interrupted while it does. Where the cache is cold, Python processes
+of our own therefore compile a part each into the cache, while this one only waits: it can tell the user and be
+cancelled. Where there is no Python to start, or a helper fails, kernels are compiled by their first call as ever.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+
+from engine.jit import cache_root, source_hash
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+#: What helpers compile, about the same work each: the shader interpreter, and all other stages.
+PARTS = ("shaders", "tracing")
+
+_PACKAGE = __package__ or "engine"
+_POLL_SECONDS = 0.05
+
+# Inside Blender the engine is a package within packages that are Blender's to make: stand-ins are enough.
+_BOOTSTRAP = """
+import importlib, json, sys, types
+path, package, folder, part = json.loads(sys.argv[1])
+sys.path[:] = path
+parents = package.split(".")[:-1]
+for depth in range(1, len(parents) + 1):
+    module = types.ModuleType(".".join(parents[:depth]))
+    module.__path__ = [folder] if depth == len(parents) else []
+    sys.modules[module.__name__] = module
+importlib.import_module(package + ".precompile_worker").compile_part(part)
+"""
+
+
+def stamp_file(part: str) -> Path:
+    """File that says that `part` is in the cache, for these sources and this processor."""
+    sources = source_hash(f"{_PACKAGE}.precompile_worker", Path(__file__).with_name("precompile_worker.py"))
+    processor = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()  # type: ignore[no-untyped-call]
+    digest = hashlib.sha256((sources + processor).encode()).hexdigest()[:16]
+    return cache_root() / f"{part}-{digest}.complete"
+
+
+def is_cold() -> bool:
+    """Whether kernels are to be compiled before the first render."""
+    return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in PARTS)
+
+
+def compile_ahead(poll: Callable[[float], None]) -> None:
+    """Fill the cache, if it is cold; does nothing where that is impossible.
+
+    Parameters
+    ----------
+    poll : callable
+        Called often with the seconds so far. What it raises ends the helpers and is raised again.
+    """
+    if not is_cold():
+        return
+    python = _interpreter()
+    root = cache_root()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    if python is None or not os.access(root, os.W_OK):
+        return
+    started = time.monotonic()
+    helpers: list[subprocess.Popen] = []
+    try:
+        with contextlib.suppress(OSError):
+            for part in PARTS:
+                if not stamp_file(part).is_file():
+                    helpers.append(_start(python, part))
+        while any(helper.poll() is None for helper in helpers):
+            poll(time.monotonic() - started)
+            time.sleep(_POLL_SECONDS)
+    finally:
+        for helper in helpers:
+            if helper.poll() is None:
+                helper.kill()
+            helper.wait()
+
+
+@contextlib.contextmanager
+def exclusive(part: str) -> Iterator[None]:
+    """Let only one process at a time compile `part`: others wait, then find it done."""
+    with open(cache_root() / f"{part}.lock", "w", encoding="ascii") as file:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield  # closing the file frees the lock, as the end of the process does
+
+
+def _interpreter() -> str | None:
+    """A Python to start: this process's own unless that is a program with Python inside, None if there is none."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    prefix = Path(sys.prefix)
+    for candidate in (Path(sys.executable or ""), prefix / "bin" / version, prefix / "bin" / "python.exe"):
+        if candidate.stem.lower().startswith("python") and candidate.is_file():
+            return str(candidate)
+    return None
+
+
+def _start(python: str, part: str) -> subprocess.Popen:
+    folder = Path(__file__).resolve().parent.parent
+    arguments = json.dumps([sys.path, _PACKAGE, str(folder), part])
+    return subprocess.Popen(
+        [python, "-I", "-S", "-c", _BOOTSTRAP, arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "NEURALGUIDE_KERNEL_CACHE": str(cache_root())},
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+    )

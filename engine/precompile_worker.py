@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a helper process of `engine.precompile` does: call every kernel of its part once, on a small scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from engine import precompile
+from engine.scene.description import (
+    VISIBLE_ALL,
+    Camera,
+    Frame,
+    Instances,
+    Light,
+    Link,
+    Material,
+    Mesh,
+    Node,
+    NodeGraph,
+    SceneDescription,
+    World,
+)
+
+
+def compile_part(part: str) -> None:
+    """Put a part of the kernels into the cache, unless another process has or does.
+
+    Parameters
+    ----------
+    part : str
+        One of `precompile.PARTS`.
+    """
+    with precompile.exclusive(part):
+        stamp = precompile.stamp_file(part)
+        if not stamp.is_file():
+            {"shaders": _compile_shaders, "tracing": _compile_tracing}[part]()
+            stamp.touch()
+
+
+def _compile_shaders() -> None:
+    from engine.scene.programs import compile_scene
+
+    # The compiler runs programs on a stand-in surface.
+    compile_scene(small_scene())
+
+
+def _compile_tracing() -> None:
+    from engine.kernels.shader import interpreter
+
+    # The other helper has this kernel. It must go before any module imports it by name.
+    interpreter.evaluate_shaders = _evaluate_nothing
+
+    from engine.scene.build import SceneCache, build_scene
+    from engine.session import Session
+    from engine.settings import RenderSettings
+
+    settings = RenderSettings(samples=1, threads=1)
+    session = Session(settings)
+    session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
+    session.render(passes=("Combined", "Normal"))
+
+
+def _evaluate_nothing(*_arguments: Any) -> None:
+    return None
+
+
+def small_scene() -> SceneDescription:
+    """A scene in which every stage has something to do: all kinds of lights, see-through shadows, a textured world."""
+    up = np.eye(4, dtype=np.float32)
+    up[2, 3] = 2.0
+    down = np.eye(4, dtype=np.float32)
+    down[2, 3] = -1.0
+    gradient = NodeGraph(
+        [
+            Node("ShaderNodeTexGradient", "Gradient", {}, {"gradient_type": "LINEAR"}),
+            Node("ShaderNodeBackground", "Background", {"Color": Link(0, "Color"), "Strength": 1.0}),
+        ],
+        Link(1, "Background"),
+    )
+    see_through = NodeGraph(
+        [Node("ShaderNodeBsdfTransparent", "Clear", {"Color": (1.0, 1.0, 1.0, 1.0)})], Link(0, "BSDF")
+    )
+    glowing = NodeGraph([Node("ShaderNodeEmission", "Glow", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": 5.0})])
+    glowing.surface = Link(0, "Emission")
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
+    mesh = Mesh("square", "Square", corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), None, np.zeros(2, np.int32))
+    count = 3
+    instances = Instances(
+        mesh=np.zeros(count, np.int32),
+        transform=np.stack([np.eye(4), down, 2.0 * down]).astype(np.float32),
+        material_offset=np.arange(count, dtype=np.int32),
+        materials=np.arange(count, dtype=np.int32),
+        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        pass_index=np.zeros(count, np.int32),
+        random=np.zeros(count, np.float32),
+        color=np.ones((count, 4), np.float32),
+        is_holdout=np.zeros(count, np.bool_),
+        name=["Square"] * count,
+        dupli_generated=np.zeros((count, 3), np.float32),
+        dupli_uv=np.zeros((count, 2), np.float32),
+        is_shadow_catcher=np.zeros(count, np.bool_),
+    )
+    white = (1.0, 1.0, 1.0)
+    return SceneDescription(
+        camera=Camera(transform=up),
+        frame=Frame(4, 4, (0, 0, 4, 4)),
+        meshes=[mesh],
+        instances=instances,
+        materials=[Material(name, name, graph) for name, graph in (("a", None), ("b", see_through), ("c", glowing))],
+        images=[],
+        lights=[
+            Light("point", "Point", "POINT", up, white, 10.0, radius=0.1),
+            Light("spot", "Spot", "SPOT", up, white, 10.0, radius=0.1),
+            Light("area", "Area", "AREA", up, white, 10.0),
+            Light("sun", "Sun", "SUN", up, white, 1.0, angle=0.1),
+        ],
+        world=World("world", "World", gradient, sampling="MANUAL", map_resolution=8),
+    )
