@@ -100,7 +100,7 @@ def write_layer(
             write_pass(target, images[name])
 
 
-#: Switches of Blender for passes that the engine does not have, and their names in the user interface.
+#: Blender's switches for passes that the engine does not have, and their names in the user interface.
 _UNSUPPORTED = {
     "use_pass_mist": "Mist",
     "use_pass_vector": "Vector",
@@ -119,10 +119,28 @@ _UNSUPPORTED = {
     "use_pass_cryptomatte_object": "Cryptomatte Object",
     "use_pass_cryptomatte_material": "Cryptomatte Material",
     "use_pass_cryptomatte_asset": "Cryptomatte Asset",
+    "use_pass_subsurface_direct": "Subsurface Direct",
+    "use_pass_subsurface_indirect": "Subsurface Indirect",
+    "use_pass_subsurface_color": "Subsurface Color",
+    "use_pass_grease_pencil": "Grease Pencil",
+}
+#: The same among Cycles' own settings of a view layer.
+_UNSUPPORTED_CYCLES = {
+    "use_pass_volume_direct": "Volume Direct",
+    "use_pass_volume_indirect": "Volume Indirect",
+    "use_pass_volume_scatter": "Volume Scatter",
+    "use_pass_volume_transmit": "Volume Transmit",
+    "use_pass_volume_majorant": "Volume Majorant",
+    "use_pass_shadow_catcher": "Shadow Catcher",
+    "denoising_store_passes": "Denoising Data",
+    "pass_render_time": "Render Time",
 }
 
 
 def unsupported_passes(view_layer: bpy.types.ViewLayer) -> list[str]:
     """Names of passes that `view_layer` asks for and will not get."""
     found = [name for switch, name in _UNSUPPORTED.items() if getattr(view_layer, switch, False)]
+    cycles = getattr(view_layer, "cycles", None)
+    found += [name for switch, name in _UNSUPPORTED_CYCLES.items() if getattr(cycles, switch, False)]
+    found += [f"Light Group {group.name}" for group in getattr(view_layer, "lightgroups", ())]
     return found + [f"AOV {aov.name}" for aov in view_layer.aovs]

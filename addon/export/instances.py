@@ -26,6 +26,7 @@ from engine.scene.description import (
 from .context import ExportContext
 from .materials import MaterialExporter
 from .object_properties import Value, find_property
+from .unsupported import notice_object
 
 _RAY_VISIBILITY = (
     ("visible_camera", VISIBLE_CAMERA),
@@ -177,6 +178,7 @@ def _classify(
             visibility &= ~VISIBLE_CAMERA
         if visibility == 0:
             return -1
+    notice_object(context, shown)
     slots = _slots(context, materials, shown) if is_mesh else ()
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
     kinds.append(

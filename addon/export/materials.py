@@ -14,6 +14,7 @@ from engine.scene.description import Link, Material, Node, NodeGraph
 
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
+from .unsupported import notice_material
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class MaterialExporter:
             graph = self.graphs.export(material.node_tree, f"{user} / {material.name}")
         else:
             graph = _plain_graph(material)
+        notice_material(context, material, graph, f"{user} / {material.name}")
         exported = Material(
             key=None,
             name=material.name,
@@ -84,6 +86,7 @@ class MaterialExporter:
             use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
             use_transparent_shadow=_use_transparent_shadow(material),
             emission_sampling=_emission_sampling(material),
+            user=user,
         )
         exported.key = (material.name_full, fingerprint(exported))
         kept = context.cache.materials.get(material.name_full)
@@ -94,7 +97,7 @@ class MaterialExporter:
 
 
 def fingerprint(material: Material) -> str:
-    """A digest of everything a material says."""
+    """A digest of everything a material says; who has it does not count."""
     digest = hashlib.blake2b(digest_size=16)
 
     def add(value: Any) -> None:
@@ -116,7 +119,7 @@ def fingerprint(material: Material) -> str:
             digest.update(repr(value).encode())
             digest.update(b";")
 
-    add({name: value for name, value in vars(material).items() if name != "key"})
+    add({name: value for name, value in vars(material).items() if name not in ("key", "user")})
     return digest.hexdigest()
 
 

@@ -20,6 +20,7 @@ from .instances import Appearance, Appearances, gather_appearances
 from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .nodes import GraphExporter
+from .unsupported import notice_scene
 from .world import export_world
 
 
@@ -72,8 +73,7 @@ def export_scene(
     appearances = gather_appearances(context, materials)
     meshes, instances = _export_instances(context, materials, appearances)
     lights = _export_lights(context, graphs, appearances)
-    if context.scene.render.use_motion_blur:
-        context.notice(context.scene.name, "motion blur is not supported", "everything as at the frame's own time")
+    notice_scene(context)
     cache.finish(depsgraph.as_pointer())
     return SceneDescription(
         camera=camera,

@@ -98,7 +98,10 @@ class NodeGraph:
 
 @dataclass
 class Material:
-    """A surface material. `key` is stable between frames; `graph` None means Blender's default grey diffuse."""
+    """A surface material. `key` is stable between frames; `graph` None means Blender's default grey diffuse.
+
+    `user` names an object that has it, for messages.
+    """
 
     key: Hashable
     name: str
@@ -109,6 +112,7 @@ class Material:
     use_transparent_shadow: bool = True
     #: 'AUTO', 'NONE', 'FRONT', 'BACK', 'FRONT_BACK': whether emission is sampled as a light.
     emission_sampling: str = "AUTO"
+    user: str = ""
 
 
 @dataclass

@@ -133,7 +133,7 @@ def compile_scene(description: SceneDescription) -> Programs:
     """Compile every node graph of a description."""
     sources = [
         ProgramSource(
-            f"material {material.name}",
+            f"{material.user} / {material.name}" if material.user else f"material {material.name}",
             material.graph,
             pass_index=material.pass_index,
             use_bump_map_correction=material.use_bump_map_correction,
