@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +16,7 @@ import bpy
 from . import engine, register
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .log import log_failure
+from .output_files import is_whole
 
 #: Names that Blender's -F knows and RNA spells otherwise.
 _FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
@@ -172,7 +175,10 @@ class CommandLineRenderer:
             _set_range(scene, frames[0], frames[-1])
             status = bpy.ops.render.render(animation=True, scene=scene.name)
         except RuntimeError as error:
-            raise RenderFailed(_operator_message(error)) from None
+            message = _operator_message(error)
+            # What the engine has finished is not lost because Blender could not save it.
+            finished = any(item.status == "FINISHED" for item in engine.outcomes_since(outcome_count))
+            raise RenderFailed(message + (_keep(path) if finished else "")) from None
         finally:
             _set_range(scene, *range_before)
         if status != {"FINISHED"} and not self.is_interrupted:
@@ -180,7 +186,7 @@ class CommandLineRenderer:
         if render.engine == engine.NeuralGuideRenderEngine.bl_idname:
             self._check_outcomes(engine.outcomes_since(outcome_count))
         if not render.is_movie_format and not _was_written(path, started):
-            raise RenderFailed(f"{path} was not written: is the folder writable, is the disk full?")
+            raise RenderFailed(f"{path} was not written: is the folder writable, is the disk full?{_keep(path)}")
 
     @staticmethod
     def _check_outcomes(outcomes: list[engine.Outcome]) -> None:
@@ -199,12 +205,25 @@ def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
 
 
 def _was_written(path: Path, started: float) -> bool:
-    """Whether the file is there, not empty, and from this render (clocks of file systems are coarse)."""
+    """Whether the file is there, whole, and from this render (clocks of file systems are coarse)."""
     try:
-        status = path.stat()
+        return path.stat().st_mtime >= started - 2.0 and is_whole(path)
     except OSError:
         return False
-    return status.st_size > 0 and status.st_mtime >= started - 2.0
+
+
+def _keep(path: Path) -> str:
+    """Save the picture in the folder for temporary files instead; returns a sentence that says so, '' if in vain."""
+    rescue = Path(tempfile.gettempdir()) / f"neuralguide_{os.getpid()}_{path.name}"
+    started = time.time()
+    try:
+        bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
+    except (KeyError, RuntimeError):
+        return ""
+    if _was_written(rescue, started):
+        return f" The picture is kept in {rescue}"
+    rescue.unlink(missing_ok=True)
+    return ""
 
 
 def _operator_message(error: RuntimeError) -> str:

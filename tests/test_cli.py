@@ -134,6 +134,87 @@ def test_a_file_of_an_earlier_run_does_not_count(
     assert not cli._was_written(old, 0.0)
 
 
+FORMATS = {
+    "PNG": ".png",
+    "JPEG": ".jpg",
+    "OPEN_EXR": ".exr",
+    "OPEN_EXR_MULTILAYER": ".exr",
+}
+
+#: Runs the command line with a fake session, where no file may grow beyond a size and the rescue folder is given.
+FULL_DISK = """
+import resource, signal, sys, tempfile
+import numpy
+sys.path[:0] = [{root!r}, {tests!r}]
+from pytest import MonkeyPatch
+from fake_engine import FakeEngine, FakeSession
+noise = numpy.random.default_rng(1)
+images = FakeSession._images
+def noisy(self, passes):
+    return {{name: image + noise.random(image.shape, "f4") for name, image in images(self, passes).items()}}
+FakeSession._images = noisy
+FakeEngine(MonkeyPatch())
+from addon.__main__ import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+tempfile.tempdir = {rescue!r}
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def render_on_full_disk(blend_file: Path, output: Path, rescue: Path, form: str, limit: int) -> Any:
+    code = FULL_DISK.format(root=str(ROOT), tests=str(ROOT / "tests"), limit=limit, rescue=str(rescue))
+    line = ["-b", str(blend_file), "-F", form, "-o", str(output) + "/x_", "-f", "1,2"]
+    return subprocess.run([sys.executable, "-c", code, *line], capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_disk_that_fills_fails_every_frame_with_a_sentence(blend_file: Path, tmp_path: Path, form: str) -> None:
+    """Blender calls half a PNG or EXR file saved."""
+    output = tmp_path / "out"
+    done = render_on_full_disk(blend_file, output, output, form, 700)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "2 frame(s) failed" in done.stderr
+    for frame in (1, 2):
+        assert f"frame {frame}: " in done.stderr and f"x_000{frame}{FORMATS[form]}" in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+def test_with_room_enough_the_same_command_succeeds(blend_file: Path, tmp_path: Path) -> None:
+    for form in FORMATS:
+        done = render_on_full_disk(blend_file, tmp_path / form, tmp_path, form, 1 << 24)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_picture_that_cannot_be_saved_is_kept_elsewhere(
+    blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    import tempfile
+
+    FakeEngine(monkeypatch)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "file").write_text("no folder")
+    assert run_here(monkeypatch, str(blend_file), "-F", "OPEN_EXR", "-o", str(tmp_path / "file" / "x_"), "-f", "1") == 1
+    (kept,) = tmp_path.glob("neuralguide_*_x_0001.exr")
+    assert str(kept) in capsys.readouterr().err
+    with OpenEXR.File(str(kept)) as file:
+        assert file.channels()["RGBA"].pixels[0, 7, 0] == 7
+
+
+def test_a_read_only_folder_is_named(blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    import os
+
+    if os.geteuid() == 0:
+        pytest.skip("nothing is read-only for root; the unwritable folder above stands for it")
+    FakeEngine(monkeypatch)
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o555)
+    assert run_here(monkeypatch, str(blend_file), "-o", str(folder / "x_"), "-f", "1") == 1
+    assert str(folder) in capsys.readouterr().err
+
+
 def test_interrupt_keeps_the_frame_and_stops(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> None:
     import os
     import signal
