@@ -30,6 +30,9 @@ FAR = 1e30
 #: Family-wise significance of the chi-square tests.
 SIGNIFICANCE = 0.01
 
+#: One region, and lobes merged as soon as Open PGL would: no more lobes than the truth has.
+PARSIMONIOUS = VmmSettings(10**9, merge_threshold=0.025)
+
 MIXTURE = [
     (0.5, 3.0, (0.3, 0.1, 0.9), FAR),
     (0.3, 40.0, (-0.8, 0.2, 0.1), 2.0),
@@ -135,7 +138,7 @@ def learn(rng, radiance, count, updates=1, settings=None, **box):
 
 def test_known_mixtures_are_recovered():
     truth = [(0.5, 40.0, (1.0, 0.2, 0.3)), (0.3, 300.0, (-1.0, 1.0, 0.0)), (0.2, 4.0, (0.0, 0.0, -1.0))]
-    model = learn(np.random.default_rng(3), lambda d: mixture_density(d, truth), 40_000, 2, VmmSettings(10**9))
+    model = learn(np.random.default_rng(3), lambda d: mixture_density(d, truth), 40_000, 2, PARSIMONIOUS)
     field = model.field
     assert model.region_count == 1
     assert field.fluence[0] == pytest.approx(1.0, rel=0.05)

@@ -28,6 +28,7 @@ from engine.guiding.vmm.field import (
 )
 from engine.guiding.vmm.numeric import UNIFORM_KAPPA, exp_nonpositive, spread
 from engine.jit import kernel
+from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import orthonormal_basis
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
 
@@ -97,7 +98,7 @@ PARAMETER_MIN_SAMPLES = 13
 #: Older statistics are multiplied by this at every update, and never stand for more samples than the limit.
 PARAMETER_DECAY = 14
 PARAMETER_STATISTICS_LIMIT = 15
-#: No sample may hold a larger share of a batch's weight.
+#: A sample brighter than all but three others may hold this share of a batch's weight, no more.
 PARAMETER_WEIGHT_SHARE = 16
 PARAMETER_MIN_PDF = 17
 PARAMETER_WIDTH = 18
@@ -233,11 +234,17 @@ def _kappa_of_cosine(r, max_kappa):
 def gather_samples(batch, start, stop, store, region, parameters, scratch):
     """Copy a region's samples that are not black to the scratch, reprojected to its pivot, with robust weights.
 
-    A weight above the share that a sample may hold is cut to it: a single firefly would otherwise outweigh all others.
+    A weight far above all others is cut: a single firefly would otherwise outweigh them. Several that are as bright
+    stay, they may be the first glimpses of a lamp.
     Returns how many there are and the sum of their weights.
     """
     count = 0
-    total = 0.0
+    total = np.float64(0.0)
+    lowest = np.float64(FLOAT_MAX)
+    top_a = np.float64(0.0)
+    top_b = np.float64(0.0)
+    top_c = np.float64(0.0)
+    top_d = np.float64(0.0)
     for row in range(start, stop):
         weight = batch[row, SAMPLE_WEIGHT]
         if weight <= 0.0:
@@ -265,16 +272,20 @@ def gather_samples(batch, start, stop, store, region, parameters, scratch):
         scratch.samples[count, _FIT_PDF] = batch[row, SAMPLE_PDF]
         count += 1
         total += np.float64(weight)
+        lowest = min(lowest, np.float64(weight))
+        # Keep the four largest: the new one pushes out the least of them.
+        kept = np.float64(weight)
+        if kept > min(top_a, top_b, top_c, top_d):
+            kept, top_a = min(kept, top_a), max(kept, top_a)
+            kept, top_b = min(kept, top_b), max(kept, top_b)
+            kept, top_c = min(kept, top_c), max(kept, top_c)
+            top_d = max(kept, top_d)
     if count == 0:
         return count, total
-    share = max(parameters[PARAMETER_WEIGHT_SHARE], 2.0 / count)
-    # Cutting lowers the sum, and with it the limit: three rounds bring it close to where it stays.
-    limit = share * total
-    for _round in range(3):
-        total = 0.0
-        for k in range(count):
-            total += min(np.float64(scratch.samples[k, _FIT_WEIGHT]), limit)
-        limit = share * total
+    # The three brightest are cut to the fourth, unless that is darker than their share of the rest.
+    fourth = min(top_a, top_b, top_c, top_d) if count > 3 else lowest
+    total -= max(top_a - fourth, 0.0) + max(top_b - fourth, 0.0) + max(top_c - fourth, 0.0) + max(top_d - fourth, 0.0)
+    limit = max(fourth, parameters[PARAMETER_WEIGHT_SHARE] * total)
     total = 0.0
     for k in range(count):
         scratch.samples[k, _FIT_WEIGHT] = min(np.float64(scratch.samples[k, _FIT_WEIGHT]), limit)

@@ -40,6 +40,9 @@ _FOUR_PI = np.float32(4.0 * np.pi)
 _COSINE_LOBE_KAPPA = np.float32(2.18853)
 _COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.18853))))
 
+#: Squared distance [m^2] beyond which a cached neighbour is none.
+_NO_NEIGHBOR = np.float32(1e35)
+
 #: A look-up takes one of this many nearest neighbours.
 _NEAREST_COUNT = 4
 
@@ -85,31 +88,22 @@ def find_region(field, p, u):
     leaf = find_leaf(field, p)
     if leaf < 0 or field.is_ready[leaf] == 0:
         return -1
+    # Nearest, next nearest and so on, up to the wanted one or the last there is.
     wanted = np.int64(u * np.float32(_NEAREST_COUNT))
-    # The wanted-th nearest: count for each neighbour how many are nearer (ties in the order of the list).
     chosen = leaf
-    found = -1
-    for k in range(NEIGHBOR_COUNT):
-        if field.neighbors[leaf, k] < 0:
-            break
-        own = _neighbor_distance(field, leaf, k, p)
-        rank = 0
-        for j in range(NEIGHBOR_COUNT):
-            other = _neighbor_distance(field, leaf, j, p)
-            rank += 1 if other < own or (other == own and j < k) else 0
-        if rank <= wanted and rank > found:
-            found = rank
-            chosen = np.int64(field.neighbors[leaf, k])
+    passed = np.float32(-1.0)
+    for _rank in range(wanted + 1):
+        nearest = _NO_NEIGHBOR
+        for k in range(NEIGHBOR_COUNT):
+            x = field.neighbor_pivots[leaf, 0, k] - p[0]
+            y = field.neighbor_pivots[leaf, 1, k] - p[1]
+            z = field.neighbor_pivots[leaf, 2, k] - p[2]
+            squared = x * x + y * y + z * z
+            if squared > passed and squared < nearest:
+                nearest = squared
+                chosen = np.int64(field.neighbors[leaf, k])
+        passed = nearest
     return chosen
-
-
-@kernel
-def _neighbor_distance(field, leaf, k, p):
-    """Squared distance of p from the pivot of cached neighbour k [m^2]."""
-    x = field.neighbor_pivots[leaf, 0, k] - p[0]
-    y = field.neighbor_pivots[leaf, 1, k] - p[1]
-    z = field.neighbor_pivots[leaf, 2, k] - p[2]
-    return x * x + y * y + z * z
 
 
 @kernel
