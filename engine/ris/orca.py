@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Optimised resampling candidate allocation: how many candidates a vertex is worth.
+
+References: Rath, Manzi et al. 2025, "Neural Resampling with Optimized Candidate Allocation", section 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.bundle import Bundle
+from engine.jit import kernel
+from engine.ris.candidates import MAX_CANDIDATES
+from engine.scene.arrays import Float32Array
+
+#: Candidates a vertex without a reason for more gets on average: enough resampling to keep the estimates coming.
+FLOOR = np.float32(1.125)
+#: Added to the squared pixel value (over the image's mean) in the relative error.
+RELATIVE_EPSILON = np.float32(0.01)
+#: Estimates a region needs before they are believed.
+MIN_ESTIMATES = 32
+#: Largest share of a region's sum that a single estimate may have.
+OUTLIER_SHARE = 0.1
+#: Iterations whose estimates are kept: the fields they judge change.
+KEPT_ITERATIONS = 3
+
+
+class Allocation(Bundle):
+    """What `candidate_count` reads.
+
+    variance_delta : float32 (R,), mean over a region's vertices of the variance of the reflected radiance under source
+        sampling less that under target sampling, Eq. (19); NaN where there are no estimates
+    constants : float32 (2,): cost of the image over its variance and over the cost of a candidate,
+        C_I / (V_I K0) of Eq. (13), and the least count worth resampling for, Eq. (22)
+    """
+
+    variance_delta: Float32Array
+    constants: Float32Array
+
+
+@kernel
+def candidate_count(allocation, leaf, throughput_squared, u):
+    """Candidates of a vertex: the fixed point of Eq. (13), the switch of Eq. (22), stochastic rounding.
+
+    Parameters
+    ----------
+    leaf : int, region the vertex lies in; -1 = none
+    throughput_squared : float32
+        Squared throughput of the path before the vertex, mean over channels, over the squared pixel value for the
+        relative error.
+    u : float32 in [0, 1)
+    """
+    count = FLOOR
+    if leaf >= 0:
+        squared = throughput_squared * allocation.variance_delta[leaf] * allocation.constants[0]
+        # NaN (no estimates) and a target worse than the source fail here.
+        if squared > 0.0:
+            wanted = math.sqrt(squared)
+            if wanted > allocation.constants[1]:
+                count = min(max(wanted, FLOOR), np.float32(MAX_CANDIDATES))
+    whole = int(count)
+    if u < count - whole:
+        whole += 1
+    return min(whole, MAX_CANDIDATES)
+
+
+@dataclass
+class CandidateCosts:
+    """Costs in rays: the time of each divided by that of tracing and shading per ray.
+
+    The defaults are what a render of a room measured on two cores; they stand in for clocks where an image must not
+    depend on any.
+    """
+
+    per_candidate: float = 0.35
+    per_vertex: float = 0.35
+
+
+@dataclass
+class VarianceDeltas:
+    """Estimates of Eq. (19) by position, binned anew into the regions of each field."""
+
+    positions: list[np.ndarray] = field(default_factory=list)
+    estimates: list[np.ndarray] = field(default_factory=list)
+
+    def add(self, position: np.ndarray, estimate: np.ndarray) -> None:
+        """Take an iteration's records; rows whose estimate is not finite are skipped.
+
+        Parameters
+        ----------
+        position : float32 (R, 3); estimate : float32 (R,)
+        """
+        known = np.isfinite(estimate)
+        self.positions = [*self.positions, position[known].copy()][-KEPT_ITERATIONS:]
+        self.estimates = [*self.estimates, estimate[known].copy()][-KEPT_ITERATIONS:]
+
+    def gathered(self) -> tuple[np.ndarray, np.ndarray]:
+        """All kept positions (R, 3) and estimates (R,)."""
+        if not self.positions:
+            return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+        return np.ascontiguousarray(np.concatenate(self.positions)), np.concatenate(self.estimates)
+
+
+def mean_by_region(leaf: np.ndarray, estimate: np.ndarray, region_count: int) -> np.ndarray:
+    """Mean estimate of each region, no estimate weighing more than OUTLIER_SHARE of its region's absolute sum.
+
+    Parameters
+    ----------
+    leaf : int32 (R,), region of each estimate, -1 = none
+
+    Returns
+    -------
+    float32 (region_count,), NaN where there are fewer than MIN_ESTIMATES
+    """
+    inside = leaf >= 0
+    leaf, estimate = leaf[inside], estimate[inside].astype(np.float64)
+    count = np.bincount(leaf, minlength=region_count)
+    total = np.bincount(leaf, weights=np.abs(estimate), minlength=region_count)
+    limit = OUTLIER_SHARE * total[leaf]
+    clipped = np.clip(estimate, -limit, limit)
+    mean = np.bincount(leaf, weights=clipped, minlength=region_count) / np.maximum(count, 1)
+    mean[count < MIN_ESTIMATES] = np.nan
+    return mean.astype(np.float32)
+
+
+def pixel_weights(mean: np.ndarray, *, is_relative: bool) -> np.ndarray:
+    """Weight of each pixel's variance: 1 / (filtered value^2 + 0.01), values over the image's mean.
+
+    Parameters
+    ----------
+    mean : float32 (height, width, C), the image so far
+
+    Returns
+    -------
+    float32 (height * width,); ones times 1 / mean^2 without `is_relative`, so that both are free of units
+    """
+    value = mean.mean(axis=2, dtype=np.float64)
+    scale = max(float(value.mean()), 1e-20)
+    value = value / scale
+    if not is_relative:
+        return np.full(value.size, 1.0 / scale**2, np.float32)
+    padded = np.pad(value, 2, mode="edge")
+    height, width = value.shape
+    smooth = np.zeros_like(value)
+    for row in range(5):
+        for column in range(5):
+            smooth += padded[row : row + height, column : column + width] / 25.0
+    return (1.0 / (smooth**2 + RELATIVE_EPSILON) / scale**2).astype(np.float32).ravel()
+
+
+def image_variance(mean: np.ndarray, square: np.ndarray, weights: np.ndarray) -> float:
+    """Weighted variance of one sample of a pixel, averaged over the image with its worst 0.1% cut off.
+
+    Parameters
+    ----------
+    mean, square : float32 (P, C), first and second moment of a sample
+    weights : float32 (P,), of `pixel_weights`
+    """
+    variance = np.maximum(square.astype(np.float64) - mean.astype(np.float64) ** 2, 0.0).mean(axis=1) * weights
+    return float(np.minimum(variance, np.quantile(variance, 0.999)).mean())
+
+
+def make_allocation(
+    variance_delta: np.ndarray, *, ray_count: float, variance: float, costs: CandidateCosts
+) -> Allocation:
+    """Allocation for the next iteration.
+
+    Parameters
+    ----------
+    variance_delta : float32 (R,)
+    ray_count : float
+        Cost of a path in rays, C_I over the number of paths of one sample.
+    variance : float
+        `image_variance`, V_I over the number of pixels.
+    """
+    scale = ray_count / (variance * costs.per_candidate) if variance > 0.0 else 0.0
+    # Eq. (22); fewer than two candidates are no resampling.
+    least = max(math.sqrt(costs.per_vertex / costs.per_candidate), 1.0)
+    delta = variance_delta if len(variance_delta) else np.full(1, np.nan, np.float32)
+    return Allocation(np.ascontiguousarray(delta, np.float32), np.array([scale, least], np.float32))
