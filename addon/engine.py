@@ -265,6 +265,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
             f"peak memory {megabytes:.0f} MiB"
         )
+        for line in report.guiding.lines:
+            logger.info(line)
         if report.reject_count:
             text = f"{report.reject_count} samples were NaN or infinite and were left out"
             logger.warning(text)
@@ -277,6 +279,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
             ("rays", str(ray_count)),
             ("rejects", str(report.reject_count)),
+            ("guiding", "; ".join(report.guiding.lines)),
             ("peak_memory_mib", f"{megabytes:.0f}"),
             ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in report.notices)[:4000]),
         ):

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from engine.settings import MAX_SAMPLES, RenderSettings
+from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, RenderSettings
 
 _DEFAULTS = RenderSettings()
 _INT32_MAX = 2**31 - 1
@@ -87,8 +87,80 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     guiding_method: EnumProperty(  # type: ignore[valid-type]
         name="Guiding",
         description="How directions are chosen where light is hard to find",
-        items=(("OFF", "Off", "Sample materials and lights only"),),
-        default="OFF",
+        items=(
+            ("OFF", "Off", "Sample materials and lights only"),
+            ("VMM", "Mixtures", "Learn lobes of incident light, and draw from them or from the material"),
+            ("VMM_RIS", "Mixtures, Resampled", "Weigh several directions by the learned lobes times the material"),
+            ("TABLE_RIS", "Tables, Resampled", "Weigh several directions by learned tables times the material"),
+            ("NEURAL_RIS", "Neural, Resampled", "Weigh several directions by a neural network times the material"),
+        ),
+        default=_DEFAULTS.guiding_method,
+    )
+    guiding_probability: FloatProperty(  # type: ignore[valid-type]
+        name="Guiding Probability",
+        description="Share of directions that the learned lobes propose; the material proposes the others",
+        min=0.0,
+        max=0.95,
+        default=_DEFAULTS.guiding_probability,
+    )
+    candidate_allocation: EnumProperty(  # type: ignore[valid-type]
+        name="Candidates",
+        description="How many directions are weighed at each surface",
+        items=(
+            ("ORCA", "Optimized", "As many as pay for themselves there"),
+            ("FIXED", "Fixed", "The same number everywhere"),
+        ),
+        default=_DEFAULTS.candidate_allocation,
+    )
+    candidate_count: IntProperty(  # type: ignore[valid-type]
+        name="Candidate Count",
+        description="Directions weighed at each surface; resampled mixtures always use it",
+        min=1,
+        max=MAX_CANDIDATES,
+        default=_DEFAULTS.candidate_count,
+    )
+    defensive_alpha: FloatProperty(  # type: ignore[valid-type]
+        name="Trust",
+        description="Share of the choice that goes by what was learned; the rest keeps mistakes of it bounded",
+        min=0.0,
+        max=0.99,
+        default=_DEFAULTS.defensive_alpha,
+    )
+    ris_target: EnumProperty(  # type: ignore[valid-type]
+        name="Target",
+        description="Whether directions are weighed by colour",
+        items=(("COLOR", "Color", "By colour channel"), ("SCALAR", "Gray", "By mean values, for comparisons")),
+        default=_DEFAULTS.ris_target,
+    )
+    orca_error: EnumProperty(  # type: ignore[valid-type]
+        name="Error",
+        description="Which error the number of candidates is chosen to reduce",
+        items=(
+            ("RELATIVE", "Relative", "Relative to the pixel's brightness"),
+            ("ABSOLUTE", "Absolute", "The plain error, for comparisons"),
+        ),
+        default=_DEFAULTS.orca_error,
+    )
+    sample_weighting: EnumProperty(  # type: ignore[valid-type]
+        name="Sample Weighting",
+        description="How samples from before much was learned count",
+        items=(
+            ("ITERATION", "Later More", "Early samples count less"),
+            ("UNIFORM", "Equal", "All samples count the same"),
+        ),
+        default=_DEFAULTS.sample_weighting,
+    )
+    training_share: FloatProperty(  # type: ignore[valid-type]
+        name="Training Share",
+        description="Share of the processors' time that training the network may take",
+        min=0.01,
+        max=1.0,
+        default=_DEFAULTS.training_share,
+    )
+    deterministic: BoolProperty(  # type: ignore[valid-type]
+        name="Deterministic",
+        description="The same image every time: rendering waits for the training of the network",
+        default=_DEFAULTS.deterministic,
     )
     use_nee: BoolProperty(  # type: ignore[valid-type]
         name="Sample Lights",

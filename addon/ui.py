@@ -88,6 +88,32 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         column.prop(settings, "guiding_method")
 
 
+class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How what was learned is used."""
+
+    bl_label = "Guiding"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.neuralguide
+        column = self._column()
+        column.active = settings.guiding_method != "OFF"
+        for name in (
+            "guiding_probability",
+            "candidate_allocation",
+            "candidate_count",
+            "defensive_alpha",
+            "ris_target",
+            "orca_error",
+            "sample_weighting",
+            "training_share",
+            "deterministic",
+        ):
+            column.prop(settings, name)
+
+
 class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """What is better left alone."""
 
@@ -221,6 +247,7 @@ _borrowed: list[type[bpy.types.Panel]] = []
 
 _classes = (
     NEURALGUIDE_PT_sampling,
+    NEURALGUIDE_PT_guiding,
     NEURALGUIDE_PT_sampling_advanced,
     NEURALGUIDE_PT_light_paths,
     NEURALGUIDE_PT_film,

@@ -51,6 +51,8 @@ class FilmTile(Bundle):
 
     radiance, square : float32 (P, C), sum of samples and of their squares
     alpha : float32 (P,)
+    weight, weight_squared : float32 (P,), sums of the samples' weights and of their squares (of the film; a unit's
+        samples weigh the same)
     count : int32 (P,)
     features : float32 (P or 0, FEATURE_WIDTH)
     points : float32 (P or 0, POINT_WIDTH), first sample only
@@ -59,6 +61,8 @@ class FilmTile(Bundle):
     radiance: np.ndarray
     square: np.ndarray
     alpha: np.ndarray
+    weight: np.ndarray
+    weight_squared: np.ndarray
     count: np.ndarray
     features: np.ndarray
     points: np.ndarray
@@ -70,6 +74,8 @@ def allocate_tile(pixel_count: int, channel_count: int, use_features: bool) -> F
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
         np.zeros((pixel_count, channel_count), np.float32),
+        np.zeros(pixel_count, np.float32),
+        np.zeros(pixel_count, np.float32),
         np.zeros(pixel_count, np.float32),
         np.zeros(pixel_count, np.int32),
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
@@ -85,16 +91,23 @@ class Film:
         self.use_features = use_features
         self.sums = allocate_tile(width * height, channel_count, use_features)
 
-    def merge(self, pixels: np.ndarray, tile: FilmTile) -> None:
-        """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order."""
+    def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
+        """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
+
+        `weight` of each of its samples must not depend on any sample.
+        """
         first = self.sums.count[pixels] == 0
-        self.sums.radiance[pixels] += tile.radiance[: len(pixels)]
-        self.sums.square[pixels] += tile.square[: len(pixels)]
-        self.sums.alpha[pixels] += tile.alpha[: len(pixels)]
+        factor = np.float32(weight)
+        self.sums.radiance[pixels] += tile.radiance[: len(pixels)] * factor
+        self.sums.square[pixels] += tile.square[: len(pixels)] * factor
+        self.sums.alpha[pixels] += tile.alpha[: len(pixels)] * factor
         if self.use_features:
-            self.sums.features[pixels] += tile.features[: len(pixels)]
+            self.sums.features[pixels] += tile.features[: len(pixels)] * factor
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
-        self.sums.count[pixels] += tile.count[: len(pixels)]
+        count = tile.count[: len(pixels)]
+        self.sums.weight[pixels] += count * factor
+        self.sums.weight_squared[pixels] += count * (factor * factor)
+        self.sums.count[pixels] += count
 
     @property
     def nbytes(self) -> int:
@@ -118,21 +131,26 @@ class Film:
         """
         shape = (self.height, self.width)
         count = self.sums.count.astype(np.float32)
-        scale = np.where(count > 0, 1.0 / np.maximum(count, 1.0), 0.0).astype(np.float32)[:, None]
+        # At least one sample's weight, where there is a sample: dividing sums of ones keeps a one exact.
+        weight = np.where(count > 0, self.sums.weight, 1.0).astype(np.float32)
+        scale = np.where(count > 0, 1.0 / weight, 0.0).astype(np.float32)[:, None]
         mean = self.sums.radiance[:, :3] * scale
         images: dict[str, np.ndarray] = {}
 
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (mean * exposure).reshape(*shape, 3)
-        # Without a transparent film only holdouts have an alpha below one. Dividing keeps a sum of ones exactly one.
-        alpha = np.where(count > 0, self.sums.alpha / np.maximum(count, 1.0), 0.0)
+        # Without a transparent film only holdouts have an alpha below one.
+        alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:
             square = self.sums.square[:, :3] * scale
-            spread = np.maximum(square - mean * mean, 0.0) / np.maximum(count - 1.0, 1.0)[:, None]
+            # Variance of a weighted mean: that of a sample (n / (n - 1) for the mean taken from them) times sum w^2 /
+            # (sum w)^2, which is 1 / n for equal weights.
+            of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
+            spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
         if self.use_features:
             features = self.sums.features * scale

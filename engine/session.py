@@ -15,6 +15,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from engine.film import FEATURE_PASSES, Film
+from engine.guiding.vertices import VertexRecords
+from engine.learning import GuidingReport, IterationCosts, Learner, iteration_lengths, iteration_weight
 from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
@@ -76,6 +78,7 @@ class RenderReport:
     peak_memory: int = 0
     thread_count: int = 1
     cancelled: bool = False
+    guiding: GuidingReport = field(default_factory=GuidingReport)
 
 
 @dataclass
@@ -285,11 +288,18 @@ class Session:
             raise
         finally:
             job.join()
+            if job.learner is not None:
+                job.learner.close()
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
         total = job.statistics()
+        guiding = GuidingReport()
+        if job.learner is not None:
+            guiding = job.learner.report
+            guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
+            guiding.describe(dict(total.stage_seconds))
         report = RenderReport(
-            notices=list(scene.notices),
+            notices=[*scene.notices, *(job.learner.notices if job.learner is not None else [])],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
@@ -302,12 +312,16 @@ class Session:
             peak_memory=peak_memory(),
             thread_count=self.thread_count,
             cancelled=job.cancelled,
+            guiding=guiding,
         )
         return RenderResult(images(), report)
 
 
 class _Job:
-    """One render's threads and queue. Units of one tile run one after the other, different tiles at the same time."""
+    """One render's threads and queue. Units of one tile run one after the other, different tiles at the same time.
+
+    A guided render goes in iterations: all tiles' units of a step, then learning, then the next step.
+    """
 
     def __init__(
         self, scene: Scene, integrator: Integrator, film: Film, settings: RenderSettings, thread_count: int
@@ -319,7 +333,19 @@ class _Job:
         self.has_image = False
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self._ranges = _sample_ranges(settings.samples)
+        self.learner: Learner | None = None
+        if settings.guiding_method != "OFF":
+            frame = scene.description.frame
+            x0, y0, x1, y1 = frame.region
+            self.learner = Learner(settings, thread_count, (x1 - x0) * (y1 - y0))
+            lengths = iteration_lengths(settings.samples)
+            ends = np.cumsum(lengths)
+            self._ranges = [(int(end) - length, length) for end, length in zip(ends, lengths, strict=True)]
+        else:
+            self._ranges = _sample_ranges(settings.samples)
+        self._step = 0
+        self._units: dict[int, VertexRecords] = {}
+        self._before = Statistics()
         self._tiles = _tiles(scene.description.frame)
         self._queue = deque((tile, 0) for tile in range(len(self._tiles)))
         self._queue_changed = threading.Condition()
@@ -406,23 +432,33 @@ class _Job:
     def _prepare(self) -> None:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         use_features = self.integrator.use_features
-        self._batches = [Batch(self.scene, largest, use_features=use_features) for _ in range(self.thread_count)]
+        self._batches = [
+            Batch(self.scene, largest, use_features=use_features, is_guided=self.learner is not None)
+            for _ in range(self.thread_count)
+        ]
         if self._tiles:
             pixels, film_index = self._tiles[len(self._tiles) // 2]
-            self.integrator.warm_up(self._batches[0], Unit(pixels[:1], film_index[:1], 0, 1), self.should_stop)
+            rehearsal = self.learner.rehearse() if self.learner is not None else None
+            unit = Unit(pixels[:1], film_index[:1], 0, 1)
+            self.integrator.warm_up(self._batches[0], unit, self.should_stop, rehearsal)
+        if self.learner is not None:
+            self.integrator.guidance = self.learner.first()
         self.prepare_seconds = time.perf_counter() - self._created
         if self._stop:
             return
         self._render_start = time.perf_counter()
         self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
 
+    def _time_is_up(self) -> bool:
+        limit = self.settings.time_limit
+        assert self._render_start is not None
+        return bool(limit and self.has_image and time.perf_counter() - self._render_start >= limit)
+
     def _next_unit(self) -> tuple[int, int] | None:
         with self._queue_changed:
             while not self._queue and self._busy and not self._stop:
                 self._queue_changed.wait(0.5)
-            limit = self.settings.time_limit
-            assert self._render_start is not None
-            if limit and self.has_image and time.perf_counter() - self._render_start >= limit:
+            if self._time_is_up():
                 self._queue.clear()
             if self._stop or not self._queue:
                 return None
@@ -437,12 +473,19 @@ class _Job:
                 first, count = self._ranges[step]
                 finished = self.integrator.trace_unit(batch, Unit(pixels, film_index, first, count), self.should_stop)
                 if finished:
+                    weight = 1.0
+                    if self.learner is not None:
+                        weight = iteration_weight(first, self.settings.sample_weighting)
+                        rows = [column[: batch.record_count].copy() for column in batch.records]
+                        self._units[tile] = VertexRecords(*rows)
                     with self.film_lock:
-                        self.film.merge(film_index, batch.film)
+                        self.film.merge(film_index, batch.film, weight)
                         self._finished_paths += len(pixels) * count
+                if self.learner is not None and finished:
+                    self._finish_iteration()
                 with self._queue_changed:
                     self._busy -= 1
-                    if finished and step + 1 < len(self._ranges):
+                    if self.learner is None and finished and step + 1 < len(self._ranges):
                         self._queue.append((tile, step + 1))
                     if step > 0 or not any(queued_step == 0 for _, queued_step in self._queue):
                         self.has_image = True
@@ -450,3 +493,30 @@ class _Job:
         except BaseException:
             self.stop()
             raise
+
+    def _finish_iteration(self) -> None:
+        """After the last unit of an iteration: learn, and queue the next. The other threads wait meanwhile."""
+        with self._queue_changed:
+            step = self._step + 1
+            if len(self._units) < len(self._tiles) or self._stop or step == len(self._ranges) or self._time_is_up():
+                return
+            # One thread only: the others see no units.
+            units = [self._units[tile] for tile in range(len(self._tiles))]
+            self._units = {}
+        assert self.learner is not None and self.integrator.guidance is not None
+        total, before = self.statistics(), self._before
+        self._before = total
+        costs = IterationCosts(
+            total.stage_seconds - before.stage_seconds,
+            sum(total.rays.values()) - sum(before.rays.values()),
+            total.path_count - before.path_count,
+            total.several_count - before.several_count,
+            total.several_candidate_count - before.several_candidate_count,
+        )
+        self.integrator.guidance = self.learner.learn(
+            units, self.integrator.guidance.record_threshold / 2**32, self.film, costs,
+            next_samples=self._ranges[step][1], samples=self._ranges[step - 1][1],
+        )
+        with self._queue_changed:
+            self._step = step
+            self._queue.extend((tile, step) for tile in range(len(self._tiles)))

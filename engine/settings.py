@@ -5,7 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-GUIDING_METHODS = ("OFF",)
+GUIDING_METHODS = ("OFF", "VMM", "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
+CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
+#: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
+RIS_TARGETS = ("COLOR", "SCALAR")
+#: Whether ORCA minimises the error relative to the pixel's value, or the plain one.
+ORCA_ERRORS = ("RELATIVE", "ABSOLUTE")
+SAMPLE_WEIGHTINGS = ("ITERATION", "UNIFORM")
+#: Most candidates of a vertex.
+MAX_CANDIDATES = 32
 PIXEL_FILTERS = ("BOX", "GAUSSIAN", "BLACKMAN_HARRIS")
 
 #: More samples than this overflow the sampler's index.
@@ -33,6 +41,15 @@ class RenderSettings:
     min_light_bounces: int = 0
     min_transparent_bounces: int = 0
     guiding_method: str = "OFF"
+    guiding_probability: float = 0.5  # share of candidates that the guide proposes, the BSDF the others
+    candidate_allocation: str = "ORCA"
+    candidate_count: int = 8  # with the allocation FIXED
+    defensive_alpha: float = 0.9  # share of resampling by the learned target, against the source density
+    ris_target: str = "COLOR"
+    orca_error: str = "RELATIVE"
+    sample_weighting: str = "ITERATION"
+    training_share: float = 0.25  # of the processors' time
+    deterministic: bool = False
     use_nee: bool = True
     use_russian_roulette: bool = True
     use_caustics_reflective: bool = True
@@ -53,8 +70,24 @@ class RenderSettings:
             raise ValueError(f"time_limit is {self.time_limit} s: choose 0 (none) or more")
         if self.guiding_method not in GUIDING_METHODS:
             raise ValueError(f"guiding_method {self.guiding_method!r}: choose one of {', '.join(GUIDING_METHODS)}")
-        if self.pixel_filter not in PIXEL_FILTERS:
-            raise ValueError(f"pixel_filter {self.pixel_filter!r}: choose one of {', '.join(PIXEL_FILTERS)}")
+        for name, choices in (
+            ("pixel_filter", PIXEL_FILTERS),
+            ("candidate_allocation", CANDIDATE_ALLOCATIONS),
+            ("ris_target", RIS_TARGETS),
+            ("orca_error", ORCA_ERRORS),
+            ("sample_weighting", SAMPLE_WEIGHTINGS),
+        ):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} {getattr(self, name)!r}: choose one of {', '.join(choices)}")
+        if not 1 <= self.candidate_count <= MAX_CANDIDATES:
+            raise ValueError(f"candidate_count is {self.candidate_count}: choose 1 to {MAX_CANDIDATES}")
+        if not 0.0 <= self.guiding_probability <= 0.95:
+            # Below one, so that the BSDF covers what the guide has not seen.
+            raise ValueError(f"guiding_probability is {self.guiding_probability}: choose 0 to 0.95")
+        if not 0.0 <= self.defensive_alpha <= 0.99:
+            raise ValueError(f"defensive_alpha is {self.defensive_alpha}: choose 0 to 0.99")
+        if not 0.0 < self.training_share <= 1.0:
+            raise ValueError(f"training_share is {self.training_share}: choose more than 0, at most 1")
         if self.threads < 0:
             raise ValueError(f"threads is {self.threads}: choose 0 (all) or more")
         for name in ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"):

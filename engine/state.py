@@ -157,6 +157,7 @@ class PathState(Bundle):
     rng : uint32, hash of (seed, pixel); dimension : int32, next unused set of random numbers
     origin, direction : float32 (L, 3), world; time : float32
     throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
+    unguided : float32, factor that makes of the throughput what BSDF sampling would have, for roulette
     mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
@@ -180,6 +181,7 @@ class PathState(Bundle):
     time: Float32Array
     throughput: Float32Array
     radiance: Float32Array
+    unguided: Float32Array
     mis_pdf: Float32Array
     mis_origin: Float32Array
     mis_normal: Float32Array
@@ -225,6 +227,29 @@ class ShadowRays(Bundle):
     channels: tuple[int, ...]
 
 
+class GuidedLanes(Bundle):
+    """What is decided for a lane before its light sample is weighed.
+
+    rough_share : float32, probability of scattering off a lobe that is not delta, and resampling it; 0 = not guided,
+        the BSDF samples all lobes
+    region : int32, of the guiding field; leaf : int32, region that the point itself lies in
+    candidate_count : int32
+    """
+
+    rough_share: Float32Array
+    region: Int32Array
+    leaf: Int32Array
+    candidate_count: Int32Array
+
+
+def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
+    """`GuidedLanes` of which none is guided."""
+    return GuidedLanes(
+        np.zeros(lane_count, np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.int32),
+        np.zeros(lane_count, np.int32),
+    )
+
+
 class LightSamples(Bundle):
     """One light sample a lane, between choosing it and connecting to it.
 
@@ -235,6 +260,8 @@ class LightSamples(Bundle):
     offset : float32 [m], rounding error of the point on the light along the ray
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
+    guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
+        BSDF's density in it (0 and 1 where the lane is not guided)
     """
 
     direction: Float32Array
@@ -245,6 +272,8 @@ class LightSamples(Bundle):
     offset: Float32Array
     flags: Int32Array
     visibility: Int32Array
+    guide_pdf: Float32Array
+    bsdf_share: Float32Array
     channels: tuple[int, ...]
 
 
@@ -266,6 +295,8 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
         np.zeros(lane_count, real),
         np.zeros(lane_count, integer),
         np.zeros(lane_count, integer),
+        np.zeros(lane_count, real),
+        np.ones(lane_count, real),
         tuple(range(channel_count)),
     )
 
@@ -294,6 +325,7 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
         time=scalars(),
         throughput=spectra(),
         radiance=spectra(),
+        unguided=scalars(),
         mis_pdf=scalars(),
         mis_origin=vectors(),
         mis_normal=vectors(),

@@ -10,6 +10,7 @@ INV_PI = np.float32(1.0 / np.pi)
 INV_TWO_PI = np.float32(0.5 / np.pi)
 INV_FOUR_PI = np.float32(0.25 / np.pi)
 INFINITY = np.float32(np.inf)
+NAN = np.float32(np.nan)
 FLOAT_MAX = np.float32(3.4e38)
 ONE_MINUS_EPSILON = np.float32(1.0 - 2.0**-24)
 

@@ -5,15 +5,15 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.camera import generate_ray, sample_filter
-from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, pixel_hash, sample_4d
+from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
 from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND
 
 
 @kernel
 def init_from_camera(
-    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, active, active_count,
-    free, free_count,
+    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, log, record_threshold,
+    active, active_count, free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 
@@ -26,6 +26,9 @@ def init_from_camera(
     full_width : int
     sample_first, path_count, next_path : int
         First sample, number of paths of the unit (pixels x samples) and how many were started.
+    log : VertexLog
+    record_threshold : int
+        Paths whose hash is below are recorded: 0 none, 2**32 all.
     active, active_count, free, free_count
         Lists of lanes: `free` is a stack, `active` grows.
 
@@ -59,6 +62,7 @@ def init_from_camera(
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 1.0
             paths.radiance[lane, c] = 0.0
+        paths.unguided[lane] = 1.0
         paths.mis_pdf[lane] = 0.0
         store(paths.mis_origin, lane, origin)
         store(paths.mis_normal, lane, direction)
@@ -74,6 +78,8 @@ def init_from_camera(
         paths.transmission_depth[lane] = 0
         paths.transparent_depth[lane] = 0
         paths.alive[lane] = 1
+        log.count[lane] = 0
+        log.is_recording[lane] = 1 if np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold else 0
         active[active_count] = lane
         active_count += 1
     return next_path, active_count, free_count

@@ -12,6 +12,14 @@ import numpy as np
 
 from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
+from engine.guidance import Guidance, Predictor
+from engine.guiding.vertices import (
+    allocate_log,
+    allocate_vertex_records,
+    collect_records,
+)
+from engine.guiding.vmm.field import allocate_guide
+from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.scene.build import Scene
 from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
 from engine.settings import RenderSettings
@@ -27,17 +35,23 @@ from engine.shaders.arrays import (
 )
 from engine.state import (
     allocate_closures,
+    allocate_guided_lanes,
     allocate_light_samples,
     allocate_paths,
     allocate_points,
     allocate_shadow_rays,
 )
 from engine.wavefront.accumulate import accumulate
+from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.wavefront.guide_lights import guide_lights
+from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
-from engine.wavefront.options import make_options
+from engine.wavefront.options import make_guiding_options, make_options
+from engine.wavefront.predict_radiance import predict_by_mixture, predict_by_table
+from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
 from engine.wavefront.scatter import scatter
@@ -46,8 +60,12 @@ from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.write_features import write_features
 
+#: Distances of light from outside the scene [m].
+_FAR = np.float32(1e30)
 #: Paths in flight per thread. Their state has to stay near the core; fewer make the calls between stages show.
 LANE_COUNT = 2048
+#: Records that a unit of work may make.
+RECORD_ROWS = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -72,6 +90,11 @@ class Statistics:
     rays: Counter[str] = field(default_factory=Counter)
     path_count: int = 0
     reject_count: int = 0
+    #: Vertices that were guided, those of them with several candidates, and all candidates, and theirs.
+    guided_count: int = 0
+    several_count: int = 0
+    candidate_count: int = 0
+    several_candidate_count: int = 0
 
     def add(self, other: Statistics) -> None:
         """Add another thread's."""
@@ -79,12 +102,18 @@ class Statistics:
         self.rays.update(other.rays)
         self.path_count += other.path_count
         self.reject_count += other.reject_count
+        self.guided_count += other.guided_count
+        self.several_count += other.several_count
+        self.candidate_count += other.candidate_count
+        self.several_candidate_count += other.several_candidate_count
 
 
 class Batch:
     """One thread's memory: everything a unit needs, allocated once."""
 
-    def __init__(self, scene: Scene, pixel_count: int, *, use_features: bool, channel_count: int = 3) -> None:
+    def __init__(
+        self, scene: Scene, pixel_count: int, *, use_features: bool, is_guided: bool = False, channel_count: int = 3
+    ) -> None:
         lanes = LANE_COUNT
         self.paths = allocate_paths(lanes, channel_count)
         self.points = allocate_points(lanes)
@@ -98,11 +127,32 @@ class Batch:
         self.active, self.free, self.surface, self.missed, self.lit, self.programs, self.pending = (
             np.zeros(lanes, np.int32) for _ in range(7)
         )
+        #: Guided lanes with one candidate, and with several.
+        self.single, self.several = (np.zeros(lanes, np.int32) for _ in range(2))
+        self.guided = allocate_guided_lanes(lanes)
+        self.log = allocate_log(lanes, use_vertices=is_guided)
+        if is_guided:
+            self.guide = allocate_guide(lanes)
+            self.candidates = allocate_candidates(CANDIDATE_ROWS, channel_count)
+            self.records = allocate_vertex_records(RECORD_ROWS, channel_count)
+        #: Records of the unit in work.
+        self.record_count = 0
+        self._guidance: Guidance | None = None
+        self.predictor: Predictor | None = None
         self.scratch = RayScratch()
         self.memory = allocate_memory(scene.shaders)
         self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
         self.statistics = Statistics()
         self._mark = 0.0
+
+    def follow(self, guidance: Guidance | None) -> None:
+        """Use what an iteration has learned."""
+        if guidance is not self._guidance:
+            self._guidance = guidance
+            if guidance is not None:
+                self.guiding = make_guiding_options(guidance.settings, candidate_count=guidance.candidate_count)
+            make = guidance.new_predictor if guidance is not None else None
+            self.predictor = make() if make is not None else None
 
     def begin(self) -> None:
         """Start the stage clock."""
@@ -116,12 +166,16 @@ class Batch:
 
 
 class Integrator:
-    """Unguided path tracing of one scene with one set of settings; shared by all threads, changed by none."""
+    """Path tracing of one scene with one set of settings; shared by all threads, changed by none while they trace.
+
+    Between iterations `guidance` is replaced by what has been learned; None: nothing yet, or nothing asked for.
+    """
 
     def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
         self.scene = scene
         self.options = make_options(settings, scene.description.frame.exposure)
         self.seed = settings.seed
+        self.guidance: Guidance | None = None
         self.use_features = use_features
         header = scene.lights.header
         self.has_emitters = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
@@ -140,8 +194,13 @@ class Integrator:
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
 
-    def warm_up(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> None:
-        """Load (or compile) every kernel this scene can need, by one path and by calls on nothing."""
+    def warm_up(
+        self, batch: Batch, unit: Unit, should_stop: Callable[[], bool], rehearsal: Guidance | None = None
+    ) -> None:
+        """Load (or compile) every kernel this scene can need, by one path and by calls on nothing.
+
+        `rehearsal` is any guidance with a field, if the render is guided.
+        """
         observer, self.ray_observer = self.ray_observer, None
         scene, b = self.scene, batch
         embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
@@ -159,8 +218,30 @@ class Integrator:
                 *embree, self.options, scene.geometry, scene.shaders.programs, scene.shaders.program_values, b.paths,
                 b.shadows, b.light_points, b.light_closures, b.pending, 0, False,
             )
+        if rehearsal is not None:
+            self._rehearse(b, rehearsal)
         b.statistics = Statistics()
         self.ray_observer = observer
+
+    def _rehearse(self, b: Batch, guidance: Guidance) -> None:
+        """Call every guided stage on no lanes."""
+        b.follow(guidance)
+        prepare_guides(
+            b.guiding, guidance.field, guidance.allocation, b.paths, b.points, b.closures, b.guided, b.guide,
+            guidance.pixel_weight, b.surface, 0,
+        )
+        guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, 0)
+        draw_candidates(
+            b.guiding, b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0
+        )
+        if guidance.table is not None:
+            predict_by_table(guidance.table, b.guided, b.candidates, 0)
+        else:
+            predict_by_mixture(b.guide, b.candidates, 0)
+        guide_resample(
+            b.guiding, self.options, b.paths, b.points, b.closures, b.log, b.candidates, 0, 0, b.f_cos
+        )
+        collect_records(b.log, b.paths, b.active, 0, _FAR, b.records, 0)
 
     def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
         """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
@@ -172,13 +253,20 @@ class Integrator:
         for array in film:
             array.fill(0)
         b.free[:] = np.arange(LANE_COUNT - 1, -1, -1)
+        guidance = self.guidance
+        b.follow(guidance)
+        is_guided = guidance is not None and guidance.field is not None
+        record_threshold = guidance.record_threshold if guidance is not None else 0
+        pixel_weight = guidance.pixel_weight[unit.film_index] if is_guided else None
+        b.record_count = 0
         path_count = len(unit.pixels) * unit.sample_count
         next_path, active_count, free_count = 0, 0, LANE_COUNT
         b.begin()
         while not should_stop():
             next_path, active_count, free_count = init_from_camera(
                 scene.camera.real, scene.camera.filter, self.seed, unit.pixels, scene.description.frame.width,
-                unit.sample_first, path_count, next_path, paths, b.active, active_count, b.free, free_count,
+                unit.sample_first, path_count, next_path, paths, b.log, record_threshold, b.active, active_count,
+                b.free, free_count,
             )
             b.end("init_from_camera")
             if active_count == 0:
@@ -227,12 +315,31 @@ class Integrator:
                 )
                 b.end("write_features")
 
+            if is_guided:
+                prepare_guides(
+                    b.guiding, guidance.field, guidance.allocation, paths, points, closures, b.guided, b.guide,
+                    pixel_weight, b.surface, surface_count,
+                )
+                b.end("prepare_guides")
+
             if self.has_emitters:
                 self._sample_lights(b, surface_count, embree)
 
-            scatter(options, tables, paths, points, closures, b.f_cos, b.surface, surface_count)
+            single_count, several_count = scatter(
+                options, paths, points, closures, b.guided, b.log, b.f_cos, b.surface, surface_count, b.single,
+                b.several,
+            )
             b.end("scatter")
+            if single_count:
+                self._resample(b, b.single, single_count, is_single=True)
+            if several_count:
+                self._resample(b, b.several, several_count, is_single=False)
 
+            if record_threshold:
+                b.record_count, _ = collect_records(
+                    b.log, paths, b.active, active_count, _FAR, b.records, b.record_count
+                )
+                b.end("collect_records")
             active_count, free_count, reject_count = accumulate(
                 paths, b.active, active_count, b.free, free_count, film
             )
@@ -255,6 +362,9 @@ class Integrator:
                 MODE_EMISSION,
             )
             b.end("evaluate_light_shaders")
+        if self.guidance is not None and self.guidance.field is not None:
+            guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, lit_count)
+            b.end("guide_lights")
         shadow_count = connect_lights(
             options, tables, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit, lit_count,
             b.shadows,
@@ -280,3 +390,33 @@ class Integrator:
                 )
             is_evaluated = True
         b.end("intersect_shadow")
+
+    def _resample(self, b: Batch, lanes: np.ndarray, lane_count: int, *, is_single: bool) -> None:
+        """Draw candidates for the lanes, predict what arrives along them if there are several, and pick one each."""
+        guidance = self.guidance
+        assert guidance is not None
+        paths, candidates, options, statistics = b.paths, b.candidates, b.guiding, b.statistics
+        first = 0
+        while first < lane_count:
+            first, vertex_count, row_count = draw_candidates(
+                options, paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
+            )
+            b.end("sample_source" if is_single else "draw_candidates")
+            statistics.guided_count += vertex_count
+            statistics.candidate_count += row_count
+            if not is_single:
+                statistics.several_count += vertex_count
+                statistics.several_candidate_count += row_count
+                if b.predictor is not None:
+                    b.predictor.predict(
+                        candidates.position, candidates.vertex, candidates.direction, row_count, candidates.radiance
+                    )
+                elif guidance.table is not None:
+                    predict_by_table(guidance.table, b.guided, candidates, row_count)
+                else:
+                    predict_by_mixture(b.guide, candidates, row_count)
+                b.end("predict_radiance")
+            guide_resample(
+                options, self.options, paths, b.points, b.closures, b.log, candidates, vertex_count, row_count, b.f_cos
+            )
+            b.end("sample_source" if is_single else "guide_resample")

@@ -49,3 +49,32 @@ def make_options(settings: RenderSettings, exposure: float) -> IntegratorOptions
         inverse_light_threshold=np.float32(exposure / threshold if threshold > 0.0 else 0.0),
         filter_glossy=np.float32(settings.filter_glossy),
     )
+
+
+class GuidingOptions(NamedTuple):
+    """How guided lanes are sampled; fixed during an iteration.
+
+    `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
+    guided.
+    """
+
+    guiding_probability: np.float32
+    defensive_alpha: np.float32
+    candidate_count: int
+    use_scalar_target: int
+    min_alpha: np.float32
+
+
+#: A roughness of 0.05, below which the BSDF is the better guess (Cycles' threshold).
+_MIN_GUIDED_ALPHA = 0.05**2
+
+
+def make_guiding_options(settings: RenderSettings, *, candidate_count: int) -> GuidingOptions:
+    """Guiding options from a user's settings and the iteration's rule for the number of candidates."""
+    return GuidingOptions(
+        guiding_probability=np.float32(settings.guiding_probability),
+        defensive_alpha=np.float32(settings.defensive_alpha),
+        candidate_count=candidate_count,
+        use_scalar_target=int(settings.ris_target == "SCALAR"),
+        min_alpha=np.float32(_MIN_GUIDED_ALPHA),
+    )

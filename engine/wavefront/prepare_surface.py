@@ -2,8 +2,8 @@
 """Stage: sort paths by what they hit, play Russian roulette, and set up the point to shade.
 
 Roulette comes before shading, so that paths that end never run a shader unless the surface emits. Its survival
-probability is the square root of the throughput's largest channel, as in Cycles; the throughput is divided by it in
-`shade_emission`, behind the emission that was found either way.
+probability is the square root of the largest channel of the throughput that BSDF sampling would have given the path, as
+in Cycles; the throughput is divided by it in `shade_emission`, behind the emission that was found either way.
 """
 
 import math
@@ -76,7 +76,7 @@ def prepare_surface(geometry, programs, options, paths, points, active, active_c
                 largest = 0.0
                 for c in range(len(paths.channels)):
                     largest = max(largest, abs(paths.throughput[lane, c]))
-                survival = min(math.sqrt(largest), 1.0)
+                survival = min(math.sqrt(largest * paths.unguided[lane]), 1.0)
                 if u3 >= survival:
                     flags |= RAY_TERMINATE_ON_NEXT_SURFACE
                     paths.flags[lane] = flags

@@ -168,7 +168,8 @@ def connect_lights(
         flags = samples.flags[lane]
         weight = 1.0 / pdf
         if flags & LIGHT_USES_MIS:
-            weight *= power_heuristic(pdf, bsdf_pdf)
+            source_pdf = samples.guide_pdf[lane] + samples.bsdf_share[lane] * bsdf_pdf
+            weight *= power_heuristic(pdf, source_pdf)
         largest = 0.0
         for c in range(len(paths.channels)):
             value = f_cos[lane, c] * samples.radiance[lane, c] * weight

@@ -1,140 +1,86 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: sample the BSDF and send the path on."""
 
-import numpy as np
-
+from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
-from engine.kernels.bsdf import HAS_TRANSMISSION, sample_bsdf, summarize
+from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
+from engine.kernels.constants import NAN
+from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.rng import SETS_PER_VERTEX
-from engine.kernels.surface import offset_origin
-from engine.kernels.vector import normalize, store
-from engine.state import (
-    POINT_NG,
-    POINT_NS,
-    POINT_P,
-    POINT_RADIUS,
-    POINT_WO,
-    RAY_DIFFUSE,
-    RAY_DIFFUSE_ANCESTOR,
-    RAY_GLOSSY,
-    RAY_MIS_HAD_TRANSMISSION,
-    RAY_MIS_SKIP,
-    RAY_REFLECT,
-    RAY_SINGULAR,
-    RAY_TERMINATE_AFTER_TRANSPARENT,
-    RAY_TERMINATE_ON_NEXT_SURFACE,
-    RAY_TRANSMIT,
-    RAY_TRANSPARENT,
-    RAY_TRANSPARENT_BACKGROUND,
-    RAY_VISIBILITY,
-)
-
-#: Everything a scattering clears before it sets its own.
-_RESET = ~(
-    RAY_VISIBILITY
-    | RAY_REFLECT
-    | RAY_SINGULAR
-    | RAY_TRANSPARENT
-    | RAY_MIS_SKIP
-    | RAY_MIS_HAD_TRANSMISSION
-)
-_INFINITE = np.float32(np.inf)
+from engine.kernels.vector import normalize
+from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT
 
 
 @kernel
-def real_3(points, lane, column):
-    """Three consecutive floats of a point."""
-    return points.real[lane, column], points.real[lane, column + 1], points.real[lane, column + 2]
-
-
-@kernel
-def scatter(options, tables, paths, points, closures, f_cos, lanes, lane_count):
+def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_count, single, several):
     """Choose the next direction by the BSDF, update throughput, depths and flags.
+
+    Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling.
 
     Parameters
     ----------
+    guided : GuidedLanes
+    log : VertexLog
     f_cos : float32 (L, C)
         Scratch for the BSDF's value.
+    single, several : int32 (L,)
+        Filled with the lanes left: those with one candidate, for which nothing needs to be predicted, and the others.
+
+    Returns
+    -------
+    single_count, several_count : int
     """
+    single_count = 0
+    several_count = 0
     for k in range(lane_count):
         lane = lanes[k]
         if paths.alive[lane] == 0:
             continue
+        u0 = paths.random[lane, 0]
+        is_guided = guided.rough_share[lane] > 0.0
+        if is_guided:
+            delta_share = 1.0 - guided.rough_share[lane]
+            if u0 >= delta_share:
+                if guided.candidate_count[lane] > 1:
+                    several[several_count] = lane
+                    several_count += 1
+                else:
+                    single[single_count] = lane
+                    single_count += 1
+                continue
+            u0 = u0 / delta_share
         wo = real_3(points, lane, POINT_WO)
         ng = real_3(points, lane, POINT_NG)
-        pdf, wi, label, roughness, _eta = sample_bsdf(
-            closures, tables, lane, wo, ng, paths.random[lane, 0], paths.random[lane, 1], paths.random[lane, 2], f_cos,
-            lane,
-        )
+        u1 = paths.random[lane, 1]
+        u2 = paths.random[lane, 2]
+        choice = DELTA_LOBES if is_guided else EVERY_LOBE
+        pdf, wi, label, roughness, eta = sample_among(closures, lane, wo, ng, choice, u0, u1, u2, f_cos, lane)
         if not pdf > 0.0:
             paths.alive[lane] = 0
             continue
         inverse = 1.0 / pdf
         largest = 0.0
         for c in range(len(paths.channels)):
-            value = paths.throughput[lane, c] * f_cos[lane, c] * inverse
+            before = paths.throughput[lane, c]
+            value = before * f_cos[lane, c] * inverse
+            f_cos[lane, c] = before
             paths.throughput[lane, c] = value
             largest = max(largest, abs(value))
         if not largest > 0.0:
             paths.alive[lane] = 0
             continue
-        flags = paths.flags[lane]
-        p = real_3(points, lane, POINT_P)
         paths.dimension[lane] += SETS_PER_VERTEX
-        distance = paths.hit_distance[lane]
-        paths.hit_distance[lane] = _INFINITE
         if label & RAY_TRANSPARENT:
-            # The ray goes on as the same ray: its kind, MIS density and origin are those of the last scattering.
-            paths.transparent_depth[lane] += 1
-            flags |= RAY_TRANSPARENT
-            if paths.transparent_depth[lane] >= options.max_transparent_depth:
-                flags |= RAY_TERMINATE_ON_NEXT_SURFACE
-            paths.flags[lane] = flags
-            paths.mis_distance[lane] += distance
-            paths.radius[lane] += distance * paths.spread[lane]
-            direction = (paths.direction[lane, 0], paths.direction[lane, 1], paths.direction[lane, 2])
-            store(paths.origin, lane, offset_origin(p, ng, direction, paths.offset[lane]))
+            pass_through(options, paths, points, lane)
             continue
-
         wi = normalize(wi)
-        origin = offset_origin(p, ng, wi, paths.offset[lane])
-        store(paths.origin, lane, origin)
-        store(paths.direction, lane, wi)
-        paths.radius[lane] = points.real[lane, POINT_RADIUS]
-        paths.mis_pdf[lane] = pdf
-        store(paths.mis_origin, lane, p)
-        store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
-        paths.mis_distance[lane] = 0.0
-        # A delta lobe's density is infinite: it blurs nothing behind it.
-        if not label & RAY_SINGULAR:
-            paths.min_pdf[lane] = min(paths.min_pdf[lane], pdf)
-
-        depth = paths.depth[lane] + 1
-        paths.depth[lane] = depth
-        ends = depth >= options.max_depth
-        flags &= _RESET
-        if label & RAY_REFLECT:
-            flags |= RAY_REFLECT
-            flags &= ~RAY_TRANSPARENT_BACKGROUND
-            if label & RAY_DIFFUSE:
-                paths.diffuse_depth[lane] += 1
-                ends |= paths.diffuse_depth[lane] >= options.max_diffuse_depth
-            else:
-                paths.glossy_depth[lane] += 1
-                ends |= paths.glossy_depth[lane] >= options.max_glossy_depth
-        else:
-            flags |= RAY_TRANSMIT
-            flags &= ~RAY_TRANSPARENT_BACKGROUND
-            paths.transmission_depth[lane] += 1
-            ends |= paths.transmission_depth[lane] >= options.max_transmission_depth
-        if label & RAY_DIFFUSE:
-            flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
-        elif label & RAY_SINGULAR:
-            flags |= RAY_GLOSSY | RAY_SINGULAR | RAY_MIS_SKIP
-        else:
-            flags |= RAY_GLOSSY
-        if summarize(closures, lane) & HAS_TRANSMISSION:
-            flags |= RAY_MIS_HAD_TRANSMISSION
-        if ends:
-            flags |= RAY_TERMINATE_AFTER_TRANSPARENT
-        paths.flags[lane] = flags
+        if log.is_recording[lane] != 0:
+            if label & RAY_SINGULAR:
+                roughness = 0.0
+            log_vertex(
+                log, paths, lane, real_3(points, lane, POINT_P), wi, real_3(points, lane, POINT_NS), pdf, roughness,
+                distance_scale(real_3(points, lane, POINT_NS), wo, wi, eta),
+                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, f_cos,
+            )
+        scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
+    return single_count, several_count

@@ -246,6 +246,24 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
 
 
 @kernel(forceinline=True)
+def sample_among(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
+    """`sample_bsdf` among the lobes of `choice`: EVERY_LOBE, ROUGH_LOBES or DELTA_LOBES.
+
+    The returned pdf (of a delta lobe the probability) is that of a choice among all lobes.
+    """
+    kinds = closures.kind
+    param = closures.param
+    count = closures.count[lane]
+    if choice != DELTA_LOBES and count == 1 and kinds[lane, 0] == DIFFUSE and param[lane, 0, BUMP] == 0.0:
+        wi, cos_i = sample_cosine_hemisphere(read3(param, lane, 0, CLOSURE_N), u1, u2)
+        pdf = cos_i * INV_PI if dot(ng, wi) > 0.0 else 0.0
+        for c in range(len(closures.channels)):
+            out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
+        return pdf, wi, RAY_DIFFUSE | RAY_REFLECT, 1.0, 1.0
+    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, choice, u0, u1, u2, out, row)
+
+
+@kernel(forceinline=True)
 def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     """Sample a direction.
 
@@ -269,16 +287,7 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     eta : float32
         Relative refractive index of the interface crossed, 1 if none.
     """
-    kinds = closures.kind
-    param = closures.param
-    count = closures.count[lane]
-    if count == 1 and kinds[lane, 0] == DIFFUSE and param[lane, 0, BUMP] == 0.0:
-        wi, cos_i = sample_cosine_hemisphere(read3(param, lane, 0, CLOSURE_N), u1, u2)
-        pdf = cos_i * INV_PI if dot(ng, wi) > 0.0 else 0.0
-        for c in range(len(closures.channels)):
-            out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
-        return pdf, wi, RAY_DIFFUSE | RAY_REFLECT, 1.0, 1.0
-    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, EVERY_LOBE, u0, u1, u2, out, row)
+    return sample_among(closures, lane, wo, ng, EVERY_LOBE, u0, u1, u2, out, row)
 
 
 @kernel

@@ -10,14 +10,7 @@ import math
 
 from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
-from engine.kernels.bsdf.evaluate import (
-    DELTA_LOBES,
-    EVERY_KIND,
-    ROUGH_LOBES,
-    eval_lobes,
-    is_delta_lobe,
-    sample_lobes,
-)
+from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_lobes, is_delta_lobe
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, LAST_DIFFUSE, REFRACTION, TRANSLUCENT
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
@@ -108,21 +101,3 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
         pdf, _ = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
     roughness = math.sqrt(param[lane, picked, ALPHA_X] * param[lane, picked, ALPHA_Y])
     return pdf, label | RAY_GLOSSY, roughness, param[lane, picked, ETA] if is_refracted else 1.0
-
-
-@kernel
-def sample_rough(closures, lane, wo, ng, u0, u1, u2, out, row):
-    """`sample_bsdf` among the lobes that are not delta; directions have density pdf / `rough_share`."""
-    return sample_lobes(
-        closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, ng, ROUGH_LOBES, u0, u1, u2,
-        out, row,
-    )
-
-
-@kernel
-def sample_delta(closures, lane, wo, ng, u0, u1, u2, out, row):
-    """`sample_bsdf` among delta and transparent lobes; the returned pmf is that of a choice among all lobes."""
-    return sample_lobes(
-        closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, ng, DELTA_LOBES, u0, u1, u2,
-        out, row,
-    )

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a path in flight remembers of its vertices, and how that becomes records when it ends.
+
+A path gathers its radiance in one sum. The light that came in along a vertex's direction is therefore what the sum
+gained after the vertex, divided by the throughput behind it: two spectra kept per vertex, no walk back at every light.
+Light found by the scattering itself is in the sum with its MIS weight, light sampling at the vertex came before it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.bundle import Bundle
+from engine.guiding.records import Records
+from engine.jit import kernel
+from engine.kernels.vector import dot
+from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
+
+#: Vertices remembered of a path; scatterings after these are not learned from.
+MAX_VERTICES = 24
+#: Scatterings narrower than this pass the distance on: what is seen through them is where light is.
+SMOOTH_ROUGHNESS = np.float32(0.3)
+#: Scatterings up to this roughness are not learned from.
+MIN_ROUGHNESS = np.float32(0.01)
+
+# Columns of VertexLog.real.
+VERTEX_P = 0
+VERTEX_WI = 3
+VERTEX_NS = 6
+VERTEX_PDF = 9
+VERTEX_ROUGHNESS = 10
+VERTEX_TRAVEL = 11  # distance from the vertex before, through transparent surfaces [m]
+VERTEX_SCALE = 12  # what refraction does to distances seen through this vertex
+VERTEX_BENEFIT = 13  # factor of Eq. (19) that turns the squared reflected radiance into the variance delta; NaN: none
+VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
+VERTEX_THROUGHPUT = 20  # and after
+VERTEX_RADIANCE = 24  # the path's sum at the scattering
+VERTEX_WIDTH = 28
+
+
+class VertexLog(Bundle):
+    """Vertices of the batch's paths.
+
+    real : float32 (L * V, VERTEX_WIDTH), row lane * V + vertex
+    count : int32 (L,), vertices so far
+    is_recording : uint8 (L,), whether the lane's path is remembered
+    """
+
+    real: Float32Array
+    count: Int32Array
+    is_recording: Uint8Array
+
+
+class VertexRecords(Bundle):
+    """Records of finished paths with what else is learned from them, R rows in use of each.
+
+    benefit : float32 (R,), estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none
+    """
+
+    position: Float32Array
+    direction: Float32Array
+    radiance: Float32Array
+    pdf: Float32Array
+    distance: Float32Array
+    normal: Float32Array
+    roughness: Float32Array
+    time: Float32Array
+    benefit: Float32Array
+
+
+def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
+    """Empty log of `lane_count` lanes; without `use_vertices` it can only tell that nothing is recorded."""
+    rows = lane_count * MAX_VERTICES if use_vertices else 1
+    return VertexLog(
+        np.zeros((rows, VERTEX_WIDTH), np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.uint8)
+    )
+
+
+@kernel
+def distance_scale(n, wo, wi, eta):
+    """Apparent over true distance of what is seen through a refracting surface; 1 where `eta` is.
+
+    Geometric mean of the two focal distances of a flat interface: |cos_o| / (|cos_i| eta).
+    """
+    if eta == 1.0:
+        return 1.0
+    return min(abs(dot(n, wo)) / (max(abs(dot(n, wi)), 0.01) * eta), 100.0)
+
+
+@kernel
+def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, before):
+    """Append the scattering that has just updated `paths.throughput`.
+
+    Parameters
+    ----------
+    pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
+    before : float32 (L, C), throughput before the scattering
+    """
+    vertex = log.count[lane]
+    if vertex >= MAX_VERTICES:
+        return
+    log.count[lane] = vertex + 1
+    row = lane * MAX_VERTICES + vertex
+    real = log.real
+    for c in range(3):
+        real[row, VERTEX_P + c] = p[c]
+        real[row, VERTEX_WI + c] = wi[c]
+        real[row, VERTEX_NS + c] = ns[c]
+    real[row, VERTEX_PDF] = pdf
+    real[row, VERTEX_ROUGHNESS] = roughness
+    real[row, VERTEX_SCALE] = scale
+    real[row, VERTEX_TRAVEL] = travel
+    real[row, VERTEX_BENEFIT] = benefit
+    for c in range(len(paths.channels)):
+        real[row, VERTEX_BEFORE + c] = before[lane, c]
+        real[row, VERTEX_THROUGHPUT + c] = paths.throughput[lane, c]
+        real[row, VERTEX_RADIANCE + c] = paths.radiance[lane, c]
+
+
+@kernel
+def collect_records(log, paths, lanes, lane_count, max_distance, records, record_count):
+    """Turn the vertices of ended paths among `lanes` into records; call before their lanes are freed.
+
+    A channel that the scattering swallowed tells nothing of the light that came in: it gets the mean of the others.
+
+    Parameters
+    ----------
+    max_distance : float32 [m]
+        Distances are cut off here; light from outside the scene has this one.
+    records : VertexRecords; record_count : int
+        Filled from row `record_count` on; what does not fit is dropped.
+
+    Returns
+    -------
+    record_count : int
+    reject_count : int
+        Estimates that were not finite.
+    """
+    capacity = records.pdf.shape[0]
+    channel_count = len(paths.channels)
+    real = log.real
+    reject_count = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] != 0 or log.is_recording[lane] == 0:
+            continue
+        distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
+        vertex = log.count[lane] - 1
+        log.count[lane] = 0
+        while vertex >= 0:
+            row = lane * MAX_VERTICES + vertex
+            vertex -= 1
+            roughness = real[row, VERTEX_ROUGHNESS]
+            if roughness > MIN_ROUGHNESS and record_count < capacity:
+                total = 0.0
+                known_count = 0
+                squared = 0.0
+                for c in range(channel_count):
+                    # Rounding of the long sum may leave a little less than before.
+                    gain = max(paths.radiance[lane, c] - real[row, VERTEX_RADIANCE + c], 0.0)
+                    throughput = real[row, VERTEX_THROUGHPUT + c]
+                    before = real[row, VERTEX_BEFORE + c]
+                    value = -1.0
+                    if throughput > 0.0:
+                        value = gain / throughput
+                        total += value
+                        known_count += 1
+                        reflected = gain / before
+                        squared += reflected * reflected
+                    records.radiance[record_count, c] = value
+                if known_count > 0 and total < 1e30:
+                    for c in range(channel_count):
+                        if records.radiance[record_count, c] < 0.0:
+                            records.radiance[record_count, c] = total / known_count
+                    for c in range(3):
+                        records.position[record_count, c] = real[row, VERTEX_P + c]
+                        records.direction[record_count, c] = real[row, VERTEX_WI + c]
+                        records.normal[record_count, c] = real[row, VERTEX_NS + c]
+                    records.pdf[record_count] = real[row, VERTEX_PDF]
+                    records.distance[record_count] = distance
+                    records.roughness[record_count] = roughness
+                    records.time[record_count] = paths.time[lane]
+                    records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared / channel_count
+                    record_count += 1
+                else:
+                    reject_count += 1
+            travel = real[row, VERTEX_TRAVEL]
+            if roughness < SMOOTH_ROUGHNESS:
+                distance = min(travel + distance * real[row, VERTEX_SCALE], max_distance)
+            else:
+                distance = min(travel, max_distance)
+    return record_count, reject_count
+
+
+def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRecords:
+    """Zeroed `VertexRecords` of `row_count` rows."""
+
+    def scalars() -> np.ndarray:
+        return np.zeros(row_count, np.float32)
+
+    def vectors() -> np.ndarray:
+        return np.zeros((row_count, 3), np.float32)
+
+    return VertexRecords(
+        vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
+        scalars(), scalars(), scalars(),
+    )
+
+
+def as_records(rows: VertexRecords) -> Records:
+    """The same arrays as the fields take them."""
+    return Records(
+        rows.position, rows.direction, rows.radiance, rows.pdf, rows.distance, rows.normal, rows.roughness, rows.time
+    )

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sending a path on: ray, ray kind, depths and flags after a scattering, whoever chose the direction."""
+
+import numpy as np
+
+from engine.jit import kernel
+from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
+from engine.kernels.surface import offset_origin
+from engine.kernels.vector import load, store
+from engine.state import (
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_RADIUS,
+    RAY_DIFFUSE,
+    RAY_DIFFUSE_ANCESTOR,
+    RAY_GLOSSY,
+    RAY_MIS_HAD_TRANSMISSION,
+    RAY_MIS_SKIP,
+    RAY_REFLECT,
+    RAY_SINGULAR,
+    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_TRANSMIT,
+    RAY_TRANSPARENT,
+    RAY_TRANSPARENT_BACKGROUND,
+    RAY_VISIBILITY,
+)
+
+#: Everything a scattering clears before it sets its own.
+_RESET = ~(
+    RAY_VISIBILITY
+    | RAY_REFLECT
+    | RAY_SINGULAR
+    | RAY_TRANSPARENT
+    | RAY_MIS_SKIP
+    | RAY_MIS_HAD_TRANSMISSION
+)
+_INFINITE = np.float32(np.inf)
+
+
+@kernel
+def real_3(points, lane, column):
+    """Three consecutive floats of a point."""
+    return points.real[lane, column], points.real[lane, column + 1], points.real[lane, column + 2]
+
+
+@kernel
+def pass_through(options, paths, points, lane):
+    """Go on behind a transparent surface as the same ray: kind, MIS density and origin stay the last scattering's."""
+    distance = paths.hit_distance[lane]
+    paths.hit_distance[lane] = _INFINITE
+    paths.transparent_depth[lane] += 1
+    flags = paths.flags[lane] | RAY_TRANSPARENT
+    if paths.transparent_depth[lane] >= options.max_transparent_depth:
+        flags |= RAY_TERMINATE_ON_NEXT_SURFACE
+    paths.flags[lane] = flags
+    paths.mis_distance[lane] += distance
+    paths.radius[lane] += distance * paths.spread[lane]
+    origin = offset_origin(
+        real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), load(paths.direction, lane), paths.offset[lane]
+    )
+    store(paths.origin, lane, origin)
+
+
+@kernel
+def scatter_path(options, paths, points, closures, lane, wi, label, pdf, bsdf_pdf):
+    """Leave the surface towards `wi`; the throughput is the caller's business.
+
+    Parameters
+    ----------
+    wi : tuple of 3 float32, unit
+    label : int, RAY_* bits as `sample_bsdf` returns them
+    pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
+    bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows
+    """
+    p = real_3(points, lane, POINT_P)
+    origin = offset_origin(p, real_3(points, lane, POINT_NG), wi, paths.offset[lane])
+    store(paths.origin, lane, origin)
+    store(paths.direction, lane, wi)
+    paths.hit_distance[lane] = _INFINITE
+    paths.radius[lane] = points.real[lane, POINT_RADIUS]
+    paths.mis_pdf[lane] = pdf
+    store(paths.mis_origin, lane, p)
+    store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
+    paths.mis_distance[lane] = 0.0
+    # A delta lobe's density is infinite: it blurs nothing behind it.
+    if not label & RAY_SINGULAR:
+        paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
+
+    depth = paths.depth[lane] + 1
+    paths.depth[lane] = depth
+    ends = depth >= options.max_depth
+    flags = paths.flags[lane] & _RESET
+    if label & RAY_REFLECT:
+        flags |= RAY_REFLECT
+        flags &= ~RAY_TRANSPARENT_BACKGROUND
+        if label & RAY_DIFFUSE:
+            paths.diffuse_depth[lane] += 1
+            ends |= paths.diffuse_depth[lane] >= options.max_diffuse_depth
+        else:
+            paths.glossy_depth[lane] += 1
+            ends |= paths.glossy_depth[lane] >= options.max_glossy_depth
+    else:
+        flags |= RAY_TRANSMIT
+        flags &= ~RAY_TRANSPARENT_BACKGROUND
+        paths.transmission_depth[lane] += 1
+        ends |= paths.transmission_depth[lane] >= options.max_transmission_depth
+    if label & RAY_DIFFUSE:
+        flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
+    elif label & RAY_SINGULAR:
+        flags |= RAY_GLOSSY | RAY_SINGULAR | RAY_MIS_SKIP
+    else:
+        flags |= RAY_GLOSSY
+    if summarize(closures, lane) & HAS_TRANSMISSION:
+        flags |= RAY_MIS_HAD_TRANSMISSION
+    if ends:
+        flags |= RAY_TERMINATE_AFTER_TRANSPARENT
+    paths.flags[lane] = flags

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Between the iterations of a guided render: what paths recorded becomes the next iteration's guidance.
+
+The lengths of iterations and the weights with which they enter the image are functions of their index alone, never of
+what was sampled, so the mean stays unbiased. What is learned concerns distributions and candidate counts only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.film import Film
+from engine.guidance import Guidance, Predictor
+from engine.guiding.table import TableModel
+from engine.guiding.trainer import RadianceTrainer, TrainerState
+from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
+from engine.guiding.vmm.leaves import find_leaves
+from engine.guiding.vmm.model import VmmModel
+from engine.ris.orca import (
+    CandidateCosts,
+    VarianceDeltas,
+    image_variance,
+    make_allocation,
+    mean_by_region,
+    pixel_weights,
+)
+from engine.scene.description import Notice
+from engine.settings import RenderSettings
+
+#: Samples a pixel of the longest iterations.
+LONGEST_ITERATION = 16
+#: Records that an iteration aims at: what fitting and training can look at in the time they have.
+RECORDS_PER_ITERATION = 1 << 18
+#: Records of a recorded path, until it is known.
+_EXPECTED_RECORDS_PER_PATH = 4.0
+#: Steps of training between two iterations where it must not depend on clocks.
+_DETERMINISTIC_STEPS = 64
+#: Samples a pixel after which an iteration counts fully.
+_FULL_WEIGHT_SAMPLES = 32
+
+
+def iteration_lengths(samples: int) -> list[int]:
+    """Samples a pixel of each iteration: one first, doubling to LONGEST_ITERATION (Rath et al. 2025, section 5.1)."""
+    lengths: list[int] = []
+    left, length = samples, 1
+    while left > 0:
+        lengths.append(min(length, left))
+        left -= lengths[-1]
+        length = min(2 * length, LONGEST_ITERATION)
+    return lengths
+
+
+def iteration_weight(first_sample: int, sample_weighting: str) -> float:
+    """Weight of each sample of the iteration that begins with `first_sample`.
+
+    Early iterations knew little: their samples count less, in proportion to what had been seen when they were taken.
+    """
+    if sample_weighting == "UNIFORM":
+        return 1.0
+    return min((first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
+
+
+@dataclass
+class GuidingReport:
+    """What guiding did; times in seconds of all threads together."""
+
+    method: str = "OFF"
+    field_seconds: float = 0.0
+    training_seconds: float = 0.0
+    region_count: int = 0
+    lobe_count: float = 0.0
+    record_count: int = 0
+    network_loss: float = float("nan")
+    network_step: int = 0
+    snapshot_count: int = 0
+    candidates_per_vertex: float = 0.0
+    worker: str = ""
+
+    lines: list[str] = field(default_factory=list)
+
+    def describe(self, stage_seconds: dict[str, float]) -> None:
+        """Write `lines` for people, given the time of the tracing threads by stage."""
+        tracing = sum(stage_seconds.values())
+        everything = max(tracing + self.field_seconds + self.training_seconds, 1e-9)
+        inference = stage_seconds.get("predict_radiance", 0.0)
+        self.lines = [
+            f"guiding {self.method}: {(tracing - inference) / everything:.0%} of the time tracing, "
+            f"{self.field_seconds / everything:.0%} fitting, {inference / everything:.0%} predicting, "
+            f"{self.training_seconds / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
+            f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
+        ]
+        if self.worker:
+            self.lines.append(
+                f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
+                f"loss {self.network_loss:.3g}, worker {self.worker}"
+            )
+
+
+@dataclass
+class IterationCosts:
+    """What the iteration's threads measured."""
+
+    stage_seconds: Counter[str]
+    ray_count: int
+    path_count: int
+    several_vertices: int
+    several_candidates: int
+
+
+def _joined(units: Sequence[VertexRecords]) -> tuple[VertexRecords, int]:
+    """Records of all units one after the other."""
+    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
+    return VertexRecords(*columns), len(columns[3])
+
+
+class Learner:
+    """Owns the fields of one render.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+        With a guiding method.
+    thread_count : int
+    paths_per_sample : int
+        Pixels of the image.
+    """
+
+    def __init__(self, settings: RenderSettings, thread_count: int, paths_per_sample: int) -> None:
+        self.settings = settings
+        self.notices: list[Notice] = []
+        self._thread_count = thread_count
+        self._paths_per_sample = paths_per_sample
+        self._executor = ThreadPoolExecutor(thread_count, thread_name_prefix="learn")
+        self._vmm: VmmModel | None = None
+        self._table: TableModel | None = None
+        self._max_distance = 0.0
+        self._records_per_path = _EXPECTED_RECORDS_PER_PATH
+        self._deltas = VarianceDeltas()
+        self._costs = CandidateCosts()
+        self._new_predictor: Callable[[], Predictor] | None = None
+        self._iteration = 0
+        self._trainer: RadianceTrainer | None = None
+        self.report = GuidingReport(method=settings.guiding_method)
+        if settings.guiding_method == "NEURAL_RIS":
+            self._start_network()
+
+    def _start_network(self) -> None:
+        from engine.guiding.network import NetworkShape
+
+        try:
+            import onnxruntime  # noqa: F401
+        except ImportError:
+            self._give_up("onnxruntime is not installed")
+            return
+        self._shape = NetworkShape()
+        self._trainer = RadianceTrainer(
+            self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
+            deterministic=self.settings.deterministic,
+        )
+        self._trainer.start()
+
+    def _give_up(self, reason: str) -> None:
+        """The network is lost: say so once, and let the mixture predict."""
+        self.notices.append(
+            Notice("Guiding / radiance network", reason, "the statistical field weighs the candidates")
+        )
+
+    def first(self) -> Guidance:
+        """Guidance of the first iteration: none, but record."""
+        return Guidance(self.settings, self._threshold(1))
+
+    def rehearse(self) -> Guidance:
+        """Load (or compile) the kernels of learning by learning from nothing in particular.
+
+        Returns
+        -------
+        Guidance
+            Fit to call every guided stage with, on no lanes.
+        """
+        rng = np.random.default_rng(0)
+        records = allocate_vertex_records(256)
+        direction = rng.normal(size=(256, 3))
+        records.position[:] = rng.random((256, 3))
+        records.direction[:] = direction / np.linalg.norm(direction, axis=1)[:, None]
+        records.normal[:] = (0.0, 0.0, 1.0)
+        for column in (records.radiance, records.pdf, records.distance, records.roughness):
+            column[:] = 1.0
+        vmm = VmmModel(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
+        vmm.update(as_records(records), 256)
+        table = None
+        if self.settings.guiding_method == "TABLE_RIS":
+            model = TableModel()
+            model.update(vmm)
+            table = model.field
+        find_leaves(vmm.field, records.position, np.zeros(256, np.int32))
+        allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs)
+        return Guidance(self.settings, 0, vmm.field, 1, allocation, np.ones(self._paths_per_sample, np.float32), table)
+
+    def _threshold(self, samples: int) -> int:
+        """Record so many of the next iteration's paths that about RECORDS_PER_ITERATION records come of them."""
+        expected = self._records_per_path * self._paths_per_sample * samples
+        return int(min(RECORDS_PER_ITERATION / max(expected, 1.0), 1.0) * 2**32)
+
+    def learn(
+        self, units: Sequence[VertexRecords], recorded_share: float, film: Film, costs: IterationCosts,
+        next_samples: int, samples: int,
+    ) -> Guidance:
+        """Learn from an iteration, and say how to go on.
+
+        Parameters
+        ----------
+        units : VertexRecords of each unit, in an order that does not depend on threads
+        recorded_share : float, of the paths that were recorded
+        film : Film, the image so far
+        costs : IterationCosts
+        next_samples, samples : int
+            Samples a pixel of the next iteration, and of this one.
+        """
+        self._iteration += 1
+        records, row_count = _joined(units)
+        self.report.record_count += row_count
+        if row_count:
+            self._records_per_path = max(row_count / max(recorded_share * costs.path_count, 1.0), 0.01)
+            self._fit(records, row_count)
+        if self._vmm is None:
+            return Guidance(self.settings, self._threshold(next_samples))
+        if row_count:
+            self._deltas.add(records.position[:row_count], records.benefit[:row_count])
+        self._train(records, row_count, samples)
+
+        sums = film.sums
+        weight = np.maximum(sums.weight, 1e-20)[:, None]
+        mean = sums.radiance / weight
+        method = self.settings.guiding_method
+        weights = pixel_weights(
+            mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
+        )
+        fixed = self._fixed_count()
+        position, estimate = self._deltas.gathered()
+        region_count = len(self._vmm.field.is_ready)
+        leaf = np.full(len(position), -1, np.int32)
+        if len(position):
+            find_leaves(self._vmm.field, position, leaf)
+        self._measure(costs)
+        allocation = make_allocation(
+            mean_by_region(leaf, estimate, region_count),
+            ray_count=costs.ray_count / max(costs.path_count, 1),
+            variance=image_variance(mean, sums.square / weight, weights),
+            costs=self._costs,
+        )
+        return Guidance(
+            self.settings, self._threshold(next_samples), self._vmm.field, fixed, allocation, weights,
+            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
+        )
+
+    def _fixed_count(self) -> int:
+        """Candidates of every vertex, 0 if they are allocated."""
+        settings = self.settings
+        if settings.guiding_method == "VMM":
+            return 1
+        if settings.guiding_method == "VMM_RIS":
+            return settings.candidate_count
+        if settings.guiding_method == "NEURAL_RIS" and self._new_predictor is None and not self.notices:
+            # The network is on its way; nothing to resample by yet.
+            return 1
+        return settings.candidate_count if settings.candidate_allocation == "FIXED" else 0
+
+    def _fit(self, records: VertexRecords, row_count: int) -> None:
+        started = time.perf_counter()
+        position = records.position[:row_count]
+        if self._vmm is None:
+            bounds = np.stack([position.min(axis=0), position.max(axis=0)])
+            self._vmm = VmmModel(bounds)
+            self._max_distance = 2.0 * float(np.linalg.norm(bounds[1] - bounds[0]))
+            if self.settings.guiding_method == "TABLE_RIS":
+                self._table = TableModel()
+        np.minimum(records.distance, self._max_distance, out=records.distance)
+        self._vmm.update(as_records(records), row_count, self._executor, self._thread_count)
+        if self._table is not None:
+            self._table.update(self._vmm, self._executor, self._thread_count)
+        self.report.region_count = len(self._vmm.field.is_ready)
+        self.report.lobe_count = float(self._vmm.field.lobe_count.mean())
+        self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+
+    def _train(self, records: VertexRecords, row_count: int, samples: int) -> None:
+        trainer = self._trainer
+        if trainer is None:
+            return
+        if row_count:
+            trainer.submit(as_records(records), row_count, float(samples))
+        if self.settings.deterministic:
+            snapshot = trainer.train_until(self._iteration * _DETERMINISTIC_STEPS)
+        else:
+            snapshot = trainer.poll()
+        status = trainer.status
+        if snapshot is not None:
+            from engine.guiding.inference import RadianceInference, RadianceNetwork
+
+            network = RadianceNetwork(self._shape, snapshot)
+
+            def new_predictor() -> Predictor:
+                inference = RadianceInference(self._shape)
+                inference.load(network)
+                return inference
+
+            self._new_predictor = new_predictor
+            self.report.snapshot_count += 1
+            self.report.network_loss = snapshot.loss
+            self.report.network_step = snapshot.step
+        self.report.training_seconds = status.seconds
+        self.report.worker = f"{status.state.value} {status.message}".strip()
+        if status.state is TrainerState.DEAD:
+            # What it has taught stays in use.
+            if self._new_predictor is None:
+                self._give_up(status.message)
+            else:
+                self.notices.append(
+                    Notice("Guiding / radiance network", status.message, "what it had learned stays in use")
+                )
+            trainer.close()
+            self._trainer = None
+
+    def _measure(self, costs: IterationCosts) -> None:
+        """Costs of candidates in rays by the clock, for the method whose image depends on clocks anyway."""
+        if self.settings.deterministic or self.settings.guiding_method != "NEURAL_RIS":
+            return
+        if costs.several_candidates < 4096 or costs.ray_count < 4096:
+            return
+        resampling = sum(costs.stage_seconds[name] for name in RESAMPLING_STAGES)
+        rest = sum(costs.stage_seconds.values()) - resampling
+        per_ray = max(rest / costs.ray_count, 1e-9)
+        ratio = self._costs.per_vertex / self._costs.per_candidate
+        per_candidate = resampling / (costs.several_candidates + ratio * costs.several_vertices) / per_ray
+        self._costs = CandidateCosts(per_candidate, ratio * per_candidate)
+
+    def close(self) -> None:
+        """End the worker."""
+        self._executor.shutdown(wait=True)
+        if self._trainer is not None:
+            status = self._trainer.status
+            self.report.training_seconds = status.seconds
+            self.report.worker = f"{status.state.value} {status.message}".strip()
+            self._trainer.close()
+            self._trainer = None
+
+
+#: Stages of vertices that have several candidates.
+RESAMPLING_STAGES = ("draw_candidates", "predict_radiance", "guide_resample")

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: the guide's part in the source density of every light sample, for its MIS weight."""
+
+from engine.guiding.vmm.query import eval_guide
+from engine.jit import kernel
+from engine.kernels.vector import load
+
+
+@kernel
+def guide_lights(guiding, guided, guide, samples, lit, lit_count):
+    """Fill `guide_pdf` and `bsdf_share` of the light samples.
+
+    The density of what resampling returns is unknown: both techniques' weights use the source density, Eq. (7), so that
+    they sum to one.
+
+    Parameters
+    ----------
+    guiding : GuidingOptions
+    lit : int32 (>= lit_count,)
+        Lanes that have a light sample.
+    """
+    for k in range(lit_count):
+        lane = lit[k]
+        share = guided.rough_share[lane]
+        if share > 0.0:
+            pdf = eval_guide(guide, lane, load(samples.direction, lane))
+            samples.guide_pdf[lane] = share * guiding.guiding_probability * pdf
+            samples.bsdf_share[lane] = 1.0 - guiding.guiding_probability
+        else:
+            samples.guide_pdf[lane] = 0.0
+            samples.bsdf_share[lane] = 1.0

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: pick one of each vertex's candidates and send the path on."""
+
+from engine.guiding.vertices import distance_scale, log_vertex
+from engine.jit import kernel
+from engine.kernels.constants import NAN
+from engine.kernels.path import real_3, scatter_path
+from engine.kernels.rng import SETS_PER_VERTEX
+from engine.kernels.vector import load
+from engine.ris.resample import product_target, resample
+from engine.state import POINT_NS, POINT_P, POINT_WO
+
+#: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
+_LEAST_UNGUIDED = 1e-6
+_MOST_UNGUIDED = 1e6
+
+
+@kernel
+def guide_resample(guiding, options, paths, points, closures, log, candidates, vertex_count, row_count, before):
+    """Resample (see `engine.ris.resample`) and update throughput, depths and flags.
+
+    Parameters
+    ----------
+    guiding : GuidingOptions
+    candidates : Candidates
+        With `radiance` predicted where a vertex has more than one.
+    before : float32 (L, C)
+        Scratch.
+    """
+    for vertex in range(vertex_count):
+        lane = candidates.lane[vertex]
+        first = candidates.first[vertex]
+        last = candidates.first[vertex + 1] if vertex + 1 < vertex_count else row_count
+        count = last - first
+        for row in range(first, last):
+            target = 1.0
+            if count > 1:
+                target = product_target(
+                    paths.throughput, lane, candidates.f_cos, candidates.radiance, row, paths.channels,
+                    guiding.use_scalar_target,
+                )
+            candidates.target[row] = target
+        row, weight = resample(
+            candidates.target, candidates.source_pdf, candidates.is_valid, first, count, guiding.defensive_alpha,
+            paths.random[lane, 1],
+        )
+        if row < 0:
+            paths.alive[lane] = 0
+            continue
+        largest = 0.0
+        for c in range(len(paths.channels)):
+            throughput = paths.throughput[lane, c]
+            before[lane, c] = throughput
+            throughput *= candidates.f_cos[row, c] * weight
+            paths.throughput[lane, c] = throughput
+            largest = max(largest, abs(throughput))
+        if not largest > 0.0:
+            paths.alive[lane] = 0
+            continue
+        source_pdf = candidates.source_pdf[row]
+        bsdf_pdf = candidates.bsdf_pdf[row]
+        if bsdf_pdf > 0.0:
+            unguided = paths.unguided[lane] / (weight * bsdf_pdf)
+            paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)
+        paths.dimension[lane] += SETS_PER_VERTEX
+        wi = load(candidates.direction, row)
+        if log.is_recording[lane] != 0:
+            # Eq. (19), but for the squared radiance that the path has yet to find.
+            benefit = NAN
+            if count > 1:
+                benefit = count / (count - 1.0) * (1.0 / (source_pdf * weight) - 1.0)
+            wo = real_3(points, lane, POINT_WO)
+            ns = real_3(points, lane, POINT_NS)
+            log_vertex(
+                log, paths, lane, real_3(points, lane, POINT_P), wi, ns, 1.0 / weight, candidates.roughness[row],
+                distance_scale(ns, wo, wi, candidates.eta[row]), paths.mis_distance[lane] + paths.hit_distance[lane],
+                benefit, before,
+            )
+        scatter_path(options, paths, points, closures, lane, wi, candidates.label[row], source_pdf, bsdf_pdf)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: decide which lanes are guided, ready their mixtures, and allot candidates."""
+
+from engine.guiding.vmm.query import find_leaf, find_region, prepare_guide
+from engine.jit import kernel
+from engine.kernels.bsdf import rough_share
+from engine.kernels.path import real_3
+from engine.kernels.rng import sample_4d
+from engine.ris.orca import candidate_count
+from engine.state import POINT_NS, POINT_P
+
+#: Offset of the set of numbers for look-ups among a path's dimensions, far from those of its vertices.
+SET_LOOKUP = 1 << 17
+
+
+@kernel
+def prepare_guides(
+    guiding, field, allocation, paths, points, closures, guided, guide, pixel_weight, lanes, lane_count
+):
+    """Fill `guided` and `guide` for the lanes; lanes outside the learned field keep BSDF sampling.
+
+    Parameters
+    ----------
+    guiding : GuidingOptions
+    field : VmmField
+    allocation : Allocation
+    guide : GuideLobes
+    pixel_weight : float32 (P,)
+        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
+    """
+    for k in range(lane_count):
+        lane = lanes[k]
+        guided.rough_share[lane] = 0.0
+        if paths.alive[lane] == 0:
+            continue
+        share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
+        if not share > 0.0:
+            continue
+        p = real_3(points, lane, POINT_P)
+        u0, u1, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LOOKUP)
+        region = find_region(field, p, u0)
+        if region < 0:
+            continue
+        prepare_guide(field, region, p, real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
+        guided.rough_share[lane] = share
+        guided.region[lane] = region
+        leaf = find_leaf(field, p)
+        guided.leaf[lane] = leaf
+        count = guiding.candidate_count
+        if count == 0:
+            squared = 0.0
+            for c in range(len(paths.channels)):
+                squared += paths.throughput[lane, c] * paths.throughput[lane, c]
+            squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
+            count = candidate_count(allocation, leaf, squared, u1)
+        guided.candidate_count[lane] = count

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Guided renders: the same mean as unguided ones whatever predicts, the same image for any thread count."""
+
+import numpy as np
+import pytest
+
+from engine.guiding.vertices import VERTEX_WIDTH, allocate_log
+from engine.learning import LONGEST_ITERATION, iteration_lengths, iteration_weight
+from engine.ris.orca import (
+    FLOOR,
+    MIN_ESTIMATES,
+    CandidateCosts,
+    candidate_count,
+    make_allocation,
+    mean_by_region,
+    pixel_weights,
+)
+from engine.ris.resample import product_target, resample
+from engine.session import Session
+from engine.settings import MAX_CANDIDATES, RenderSettings
+from tests.test_session import floor_scene, sun
+
+METHODS = ("VMM", "VMM_RIS", "TABLE_RIS")
+#: Standard errors: a family of three methods fails by chance once in about 5000 choices of seeds.
+Z_LIMIT = 4.0
+SEEDS = 4
+
+
+def corner_scene(size=(40, 36)):
+    """A floor and a wall that light each other, under a sun."""
+    wall = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
+    return floor_scene(lights=[sun()], transforms=[np.eye(4), wall], size=size)
+
+
+def render(method, seed, *, size=(40, 36), samples=15, **settings):
+    session = Session(RenderSettings(samples=samples, seed=seed, guiding_method=method, max_bounces=6, **settings))
+    session.load(corner_scene(size))
+    result = session.render()
+    session.close()
+    return result
+
+
+def means(method, **settings):
+    """Image mean by seed."""
+    return np.array([render(method, seed, **settings).passes["Combined"][..., :3].mean() for seed in range(SEEDS)])
+
+
+def z_score(a, b):
+    """Difference of means in its standard errors."""
+    error = np.sqrt(a.var(ddof=1) / len(a) + b.var(ddof=1) / len(b))
+    return abs(a.mean() - b.mean()) / error
+
+
+@pytest.fixture(scope="module")
+def unguided():
+    return means("OFF")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_guiding_leaves_the_mean_unchanged(method, unguided):
+    guided = means(method)
+    assert z_score(guided, unguided) < Z_LIMIT
+    # The test can see a bias of 5%.
+    assert z_score(guided * 1.05, unguided) > Z_LIMIT
+
+
+def test_guided_vertices_and_candidates_are_reported():
+    report = render("VMM_RIS", 1, candidate_count=4).report.guiding
+    assert "4.00 candidates a vertex" in report.lines[0]
+    assert report.candidates_per_vertex == pytest.approx(4.0)
+    assert report.region_count >= 1
+    assert report.record_count > 1000
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_image_does_not_depend_on_threads(method):
+    one, two = (render(method, 3, size=(48, 40), threads=threads).passes["Combined"] for threads in (1, 2))
+    assert np.array_equal(one, two)
+
+
+@pytest.mark.slow
+def test_neural_resampling_leaves_the_mean_unchanged(unguided):
+    guided = means("NEURAL_RIS", deterministic=True)
+    assert z_score(guided, unguided) < Z_LIMIT
+    report = render("NEURAL_RIS", 1, deterministic=True).report
+    assert report.guiding.snapshot_count > 0
+    assert not [notice for notice in report.notices if "Guiding" in notice.subject]
+
+
+@pytest.mark.parametrize("kind", ["good", "random", "constant", "zero", "nan", "inverted"])
+def test_resampling_is_unbiased_for_any_target(kind):
+    """Mean of f / p over many draws against the sum of f, for a discrete domain; Z-test at four standard errors."""
+    rng = np.random.default_rng(7)
+    values = np.array([0.0, 1.0, 2.0, 10.0, 0.5], np.float32)
+    source = np.array([0.3, 0.2, 0.2, 0.1, 0.2], np.float32)
+    targets = {
+        "good": values,
+        "random": rng.random(5).astype(np.float32),
+        "constant": np.ones(5, np.float32),
+        "zero": np.zeros(5, np.float32),
+        "nan": np.full(5, np.nan, np.float32),
+        "inverted": 1.0 / (values + np.float32(0.01)),
+    }[kind]
+    radiance, f_cos, throughput = targets[:, None].copy(), np.ones((5, 1), np.float32), np.ones((1, 1), np.float32)
+    target = np.array(
+        [product_target(throughput, 0, f_cos, radiance, row, (0,), False) for row in range(5)], np.float32
+    )
+    draw_count, count = 20000, 4
+    drawn = rng.choice(5, size=(draw_count, count), p=source.astype(float) / source.sum(dtype=float))
+    total = np.zeros(draw_count)
+    for k in range(draw_count):
+        chosen = drawn[k]
+        row, weight = resample(
+            target[chosen], source[chosen], (values[chosen] > 0.0).astype(np.uint8), 0, count, np.float32(0.9),
+            np.float32(rng.random()),
+        )
+        total[k] = values[chosen[row]] * weight if row >= 0 else 0.0
+    error = total.std() / np.sqrt(draw_count)
+    assert abs(total.mean() - values.sum()) < 4.0 * error
+    # Defensive resampling bounds the second moment, whatever the target: that of source sampling over 1 - alpha.
+    plain = (values[drawn] / source[drawn])[:, 0]
+    assert (total**2).mean() < 1.1 * (plain**2).mean() / (1.0 - 0.9)
+    if kind == "good":
+        assert total.std() < 0.6 * plain.std()
+
+
+def test_iterations_grow_and_hold_every_sample():
+    assert iteration_lengths(1) == [1]
+    lengths = iteration_lengths(100)
+    assert sum(lengths) == 100
+    assert lengths[:5] == [1, 2, 4, 8, 16]
+    assert max(lengths) == LONGEST_ITERATION
+    weights = [iteration_weight(first, "ITERATION") for first in (0, 1, 15, 31, 1000)]
+    assert weights == sorted(weights) and weights[-1] == 1.0
+    assert iteration_weight(0, "UNIFORM") == 1.0
+
+
+def test_allocation_follows_the_fixed_point():
+    costs = CandidateCosts(per_candidate=0.25, per_vertex=0.25)
+    allocation = make_allocation(
+        np.array([4.0, -1.0, np.nan, 1e9, 0.01], np.float32), ray_count=5.0, variance=2.0, costs=costs
+    )
+
+    def mean_count(leaf):
+        numbers = (np.arange(1000, dtype=np.float32) + 0.5) / 1000
+        return np.mean([candidate_count(allocation, leaf, np.float32(1.0), u) for u in numbers])
+
+    # Eq. (13): sqrt(4 * 5 / (2 * 0.25)) candidates.
+    assert mean_count(0) == pytest.approx(np.sqrt(40.0), abs=0.01)
+    for leaf in (1, 2, 4, -1):
+        assert mean_count(leaf) == pytest.approx(float(FLOOR), abs=0.01)
+    assert mean_count(3) == MAX_CANDIDATES
+
+
+def test_one_outlier_does_not_decide_a_region():
+    leaf = np.zeros(1000, np.int32)
+    estimate = np.ones(1000, np.float32)
+    estimate[0] = 1e9
+    # The outlier keeps a share of the sum, not all of it, and without it the mean is exact.
+    assert mean_by_region(leaf, estimate, 2)[0] < 0.11 * 1e9 / 1000
+    assert mean_by_region(leaf[1:], estimate[1:], 2)[0] == pytest.approx(1.0)
+    assert np.isnan(mean_by_region(leaf, estimate, 2)[1])
+    assert np.isnan(mean_by_region(leaf[: MIN_ESTIMATES - 1], estimate[: MIN_ESTIMATES - 1], 1)[0])
+
+
+def test_pixel_weights_do_not_depend_on_the_unit_of_light():
+    mean = np.random.default_rng(1).random((12, 9, 3)).astype(np.float32)
+    for is_relative in (True, False):
+        dim, bright = (pixel_weights(mean * scale, is_relative=is_relative) for scale in (1.0, 100.0))
+        np.testing.assert_allclose(dim, bright * 1e4, rtol=1e-4)
+
+
+def test_an_unguided_batch_keeps_no_vertices():
+    assert allocate_log(64, use_vertices=False).real.shape == (1, VERTEX_WIDTH)
