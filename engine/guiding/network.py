@@ -127,12 +127,20 @@ class NetworkShape:
         return arrays
 
 
+#: A network for processors without a GPU beside them: no worse than the paper's after a million records, at a third of
+#: its cost to train (docs/experiments.md).
+COMPACT_SHAPE = NetworkShape(
+    level_count=4, finest_resolution=64, table_size=1 << 14, direction_bins=16, width=32, hidden_layers=2
+)
+
+
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How the network is trained; learning rate, weight decay and window are the paper's.
+    """How the network is trained; weight decay and window are the paper's, the learning rate is ten times its 1e-3.
 
     batch_size : records a step
-    learning_rate : of Adam, for the perceptron and for the hash grid
+    learning_rate, table_learning_rate : of Adam, for the perceptron and for the hash grid. On a
+        processor training sees few records: at 1e-3 the perceptron has learned little by the end (docs/experiments.md)
     weight_decay : of the perceptron (the grid has none: entries without records keep what they have)
     epsilon : added to the squared prediction in the loss, for radiance in units of `Snapshot.scale`
     window_samples : records of so many samples a pixel are kept, the oldest go first

@@ -41,9 +41,10 @@ from engine.scene.arrays import Float32Array
 
 _BETAS = (0.9, 0.99)
 _ADAM_EPSILON = 1e-15
-#: Radiance above so many times the prediction (and the mean) is cut in training: a firefly must not bend the field,
-#: while a lamp still grows a hundredfold at a time.
-_OUTLIER_FACTOR = 100.0
+#: Radiance that exceeds the prediction by more than so many times the loss's unit is cut in training. The exponential
+#: answers a gradient from above far more strongly than one from below: uncut, single bright records throw the field off
+#: (docs/experiments.md). What is cut makes the prediction too low, never zero, where light is that rare.
+_RESIDUAL_LIMIT = 10.0
 _VALIDATION_ROWS = 1 << 14
 
 
@@ -225,8 +226,11 @@ class RadianceTraining:
             positions, directions, _ = self._encode(rows)
             return (self._perceptron(positions, directions) * self.scale).cpu().numpy()
 
-    def _targets(self, rows: Float32Array) -> torch.Tensor:
-        return torch.from_numpy(rows[:, 6:] * np.float32(1.0 / self.scale)).to(self._device)
+    def _targets(self, rows: Float32Array, prediction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Radiance to learn, in units of `scale`, and the unit of its error: sqrt(prediction^2 + epsilon), (N, 1)."""
+        unit = (prediction.mean(dim=1, keepdim=True).square() + self.settings.epsilon).sqrt()
+        targets = torch.from_numpy(rows[:, 6:] * np.float32(1.0 / self.scale)).to(self._device)
+        return torch.minimum(targets, prediction + _RESIDUAL_LIMIT * unit), unit
 
     def step(self) -> None:
         """One step of training on a random batch."""
@@ -237,9 +241,8 @@ class RadianceTraining:
         if on_cpu:
             encoded.requires_grad_()
         prediction = self._perceptron(encoded, directions)
-        level = prediction.detach().mean(dim=1, keepdim=True)
-        targets = torch.minimum(self._targets(rows), _OUTLIER_FACTOR * level.clamp(min=1.0))
-        loss = ((prediction - targets).square() / (level.square() + settings.epsilon)).mean()
+        targets, unit = self._targets(rows, prediction.detach())
+        loss = ((prediction - targets) / unit).square().mean()
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
@@ -277,14 +280,12 @@ class RadianceTraining:
             encoded, directions, _ = self._encode(rows)
             prediction = self._perceptron(encoded, directions)
             previous, self._reference = self._reference, prediction
-            level = (prediction if previous is None else previous).mean(dim=1, keepdim=True)
-            targets = torch.minimum(self._targets(rows), _OUTLIER_FACTOR * level.clamp(min=1.0))
-            weights = 1.0 / (level.square() + self.settings.epsilon)
-            error = ((prediction - targets).square() * weights).mean().item()
+            targets, unit = self._targets(rows, prediction if previous is None else previous)
+            error = ((prediction - targets) / unit).square().mean().item()
             self.loss = error
             if previous is None:
                 return math.inf
-            earlier = ((previous - targets).square() * weights).mean().item()
+            earlier = ((previous - targets) / unit).square().mean().item()
         return (earlier - error) / max(earlier, 1e-12)
 
     def snapshot(self) -> Snapshot:
