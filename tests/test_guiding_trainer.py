@@ -303,7 +303,7 @@ needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reas
 def test_real_worker_trains_in_the_background():
     with RadianceTrainer(SHAPE, settings=SETTINGS, training_share=1.0) as trainer:
         received = None
-        for part in range(200):
+        for part in range(600):
             trainer.submit(some_records(1000, part), 1000)
             received = trainer.poll() or received
             assert trainer.status.state is not TrainerState.DEAD, trainer.status.message

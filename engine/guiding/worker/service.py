@@ -9,6 +9,7 @@ Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot`
 from __future__ import annotations
 
 import json
+import math
 import os
 import queue
 import sys
@@ -108,6 +109,8 @@ class Service:
 
     def publish(self) -> None:
         """Write a snapshot and say so."""
+        if math.isnan(self.training.loss):
+            self.training.improvement()
         snapshot = self.training.snapshot()
         slot = snapshot.version % SLOT_COUNT
         self.channel.write_snapshot(slot, snapshot)
