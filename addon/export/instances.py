@@ -69,6 +69,8 @@ class Appearance:
     color: tuple[float, ...]
     is_holdout: bool
     is_shadow_catcher: bool
+    #: Shadow Terminator Geometry Offset.
+    terminator_offset: float
     is_instance: bool
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
@@ -181,6 +183,8 @@ def _classify(
     notice_object(context, shown)
     slots = _slots(context, materials, shown) if is_mesh else ()
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
+    if is_mesh and _terminator(shown, "shading_offset", "offset") > 0.0:
+        context.notice(shown.name, "Shadow Terminator Shading Offset is not supported", "0")
     kinds.append(
         Appearance(
             name=shown.name,
@@ -192,6 +196,7 @@ def _classify(
             color=tuple(shown.color),
             is_holdout=is_holdout,
             is_shadow_catcher=shown.is_shadow_catcher or parent.is_shadow_catcher,
+            terminator_offset=_terminator(shown, "geometry_offset", "geometry_offset"),
             is_instance=item.is_instance,
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
@@ -208,6 +213,13 @@ def _ray_visibility(shown: bpy.types.Object) -> int:
         if getattr(shown, name):
             visibility |= bit
     return visibility
+
+
+def _terminator(shown: Any, name: str, cycles_name: str) -> float:
+    """A Shadow Terminator setting: Blender's own, before it had them Cycles', else 0."""
+    if hasattr(shown, f"shadow_terminator_{name}"):
+        return float(getattr(shown, f"shadow_terminator_{name}"))
+    return float(getattr(getattr(shown, "cycles", None), f"shadow_terminator_{cycles_name}", 0.0))
 
 
 def _slots(context: ExportContext, materials: MaterialExporter, shown: bpy.types.Object) -> tuple[int, ...]:

@@ -187,6 +187,7 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
+        terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
     )
 
 

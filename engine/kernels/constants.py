@@ -11,6 +11,8 @@ INV_TWO_PI = np.float32(0.5 / np.pi)
 INV_FOUR_PI = np.float32(0.25 / np.pi)
 INFINITY = np.float32(np.inf)
 NAN = np.float32(np.nan)
+#: From this distance on a light is infinitely far away [m].
+FAR = np.float32(1e29)
 FLOAT_MAX = np.float32(3.4e38)
 ONE_MINUS_EPSILON = np.float32(1.0 - 2.0**-24)
 

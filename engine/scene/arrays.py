@@ -26,6 +26,15 @@ INSTANCE_VISIBILITY = 3
 INSTANCE_FLAGS = 4
 INSTANCE_WIDTH = 8
 
+# Columns of GeometryArrays.instance_values
+VALUE_RANDOM = 0
+VALUE_COLOR = 1
+VALUE_GENERATED = 5
+VALUE_UV = 8
+#: Cosine below which shadow rays start off a smooth surface, 0 = never.
+VALUE_TERMINATOR = 10
+VALUE_WIDTH = 12
+
 #: Vertices of this instance's mesh are stored in world space (its only user): hits need no transform.
 INSTANCE_FLAG_BAKED = 1
 #: The transform mirrors (negative determinant).
@@ -69,7 +78,7 @@ class GeometryArrays(Bundle):
     mesh_table : int32 (M, MESH_WIDTH)
     instance_table : int32 (I, INSTANCE_WIDTH)
     transforms, inverses : float32 (I, 12), object to world and back (of the original object, also where baked)
-    instance_values : float32 (I, 12): random, colour rgba, dupli generated xyz, dupli uv, 2 unused
+    instance_values : float32 (I, VALUE_WIDTH)
     instance_materials : int32 (K,), program (= material) of slot k: `instance_materials[offset + slot]`
     attribute_table : int64 (M * A, ATTRIBUTE_WIDTH)
     attribute_data : float32 (D,)

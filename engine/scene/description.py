@@ -206,6 +206,9 @@ class Instances:
     dupli_generated: Float32Array
     dupli_uv: Float32Array  # (N, 2)
     is_shadow_catcher: npt.NDArray[np.bool_]  # (N,)
+    #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
+    #: 0 = never; None = 0 for all.
+    terminator_offset: Float32Array | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------------------

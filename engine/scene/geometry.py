@@ -176,7 +176,7 @@ def build_geometry(
         notices.append(Notice(f"{len(unusable) - 8} more instances", "their transforms cannot be inverted", "left out"))
 
     table = np.zeros((max(instance_count, 1), layout.INSTANCE_WIDTH), np.int32)
-    values = np.zeros((max(instance_count, 1), 12), np.float32)
+    values = np.zeros((max(instance_count, 1), layout.VALUE_WIDTH), np.float32)
     if instance_count:
         flags[determinant_negative] |= layout.INSTANCE_FLAG_MIRRORED
         flags[instances.is_holdout] |= layout.INSTANCE_FLAG_HOLDOUT
@@ -187,10 +187,12 @@ def build_geometry(
         table[:, layout.INSTANCE_PASS_INDEX] = instances.pass_index
         table[:, layout.INSTANCE_VISIBILITY] = visibility
         table[:, layout.INSTANCE_FLAGS] = flags
-        values[:, 0] = instances.random
-        values[:, 1:5] = instances.color
-        values[:, 5:8] = instances.dupli_generated
-        values[:, 8:10] = instances.dupli_uv
+        values[:, layout.VALUE_RANDOM] = instances.random
+        values[:, layout.VALUE_COLOR : layout.VALUE_COLOR + 4] = instances.color
+        values[:, layout.VALUE_GENERATED : layout.VALUE_GENERATED + 3] = instances.dupli_generated
+        values[:, layout.VALUE_UV : layout.VALUE_UV + 2] = instances.dupli_uv
+        if instances.terminator_offset is not None:
+            values[:, layout.VALUE_TERMINATOR] = instances.terminator_offset
 
     def joined(parts: list[np.ndarray], width: int, dtype: type) -> np.ndarray:
         if not parts:

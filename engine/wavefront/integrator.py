@@ -366,8 +366,8 @@ class Integrator:
             guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, lit_count)
             b.end("guide_lights")
         shadow_count = connect_lights(
-            options, tables, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit, lit_count,
-            b.shadows,
+            options, tables, geometry, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit,
+            lit_count, b.shadows,
         )
         b.end("connect_lights")
         if self.ray_observer:

@@ -8,10 +8,11 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
+from engine.kernels.constants import FAR
 from engine.kernels.lights import sample_light, triangle_shows_back
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
-from engine.kernels.surface import offset_origin
+from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
 from engine.state import (
     LIGHT_CASTS_SHADOW,
@@ -47,7 +48,6 @@ from engine.state import (
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
-_FAR = np.float32(1e29)
 _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 
@@ -96,7 +96,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance
         # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
-        if distance < _FAR:
+        if distance < FAR:
             slant = max(abs(dot(q_ng, wi)), 0.004)
             extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
             samples.offset[lane] = (extent * _ERROR + paths.offset[lane]) / slant
@@ -108,7 +108,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
             # Normals face the receiver, as everywhere; the flag says whether that is the back.
             back = instance >= 0 and triangle_shows_back(lights, emitter, wi)
             for c in range(3):
-                out[lane, POINT_P + c] = q[c] if distance < _FAR else wi[c]
+                out[lane, POINT_P + c] = q[c] if distance < FAR else wi[c]
                 out[lane, POINT_WO + c] = -wi[c]
                 out[lane, POINT_NG + c] = q_ng[c]
                 out[lane, POINT_NS + c] = q_ng[c]
@@ -140,7 +140,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
 
 @kernel
 def connect_lights(
-    options, tables, paths, points, closures, samples, light_closures, f_cos, lit, lit_count, shadows
+    options, tables, geometry, paths, points, closures, samples, light_closures, f_cos, lit, lit_count, shadows
 ):
     """Weigh light samples by BSDF and MIS, thin out the negligible, and queue shadow rays.
 
@@ -149,6 +149,8 @@ def connect_lights(
 
     Parameters
     ----------
+    geometry : GeometryArrays
+        Where the surfaces are smooth, shadow rays start off them (`kernels.terminator`).
     f_cos : float32 (L, C)
         Scratch for the BSDF's value.
 
@@ -191,9 +193,14 @@ def connect_lights(
         shadows.lane[row] = lane
         for c in range(len(paths.channels)):
             shadows.radiance[row, c] = paths.throughput[lane, c] * f_cos[lane, c] * scale
-        store(shadows.direction, row, wi)
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
-        store(shadows.origin, row, offset_origin(p, ng, wi, paths.offset[lane]))
-        distance = samples.distance[lane] - samples.offset[lane]
+        ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
+        origin, wi, distance = shadow_ray(
+            geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
+            ns, wi, samples.distance[lane], paths.offset[lane],
+        )
+        store(shadows.origin, row, origin)
+        store(shadows.direction, row, wi)
+        distance -= samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
     return shadow_count
