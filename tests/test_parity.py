@@ -38,6 +38,7 @@ FAST = [
     "camera-depth-of-field-blades",
     "camera-panorama-range",
     "instanced",
+    "modifiers",
     "film-transparent",
 ]
 

@@ -104,6 +104,15 @@ def test_an_open_floor_under_a_white_world_is_its_albedo():
     assert np.allclose(image[..., :3], 0.5, atol=1e-5)
 
 
+def test_coincident_faces_do_not_shadow_each_other():
+    """The same floor twice is as bright as once (Cycles: black where it is level)."""
+    tilted = np.eye(4)
+    tilted[2, :2] = 0.1, 0.2
+    for transform in (np.eye(4), tilted):
+        description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=[transform] * 2)
+        assert np.allclose(render(description).passes["Combined"][..., :3], 0.5, atol=1e-5)
+
+
 def test_the_image_is_the_same_bit_for_bit_for_any_thread_count():
     transforms = [np.eye(4), np.eye(4)]
     transforms[1] = transforms[1].copy()

@@ -203,9 +203,7 @@ def curves() -> None:
     add_object("Ball", ball, (-0.3, -1.2, 0.4))
 
 
-@scene(
-    "modifiers", note="Cycles lifts shadow rays off smooth surfaces (shadow_terminator_geometry_offset)", allowance=0.06
-)
+@scene("modifiers")
 def modifiers() -> None:
     """Subdivision, mirror and solidify, with several materials on one mesh."""
     lit_stage()

@@ -25,7 +25,7 @@ from engine.scene.arrays import (
 
 @kernel
 def _tangent_height(corner, p, first, second, n):
-    """How far the plane of normal `n` through `corner` (lifted over both other corners) is above `p`, at least 0."""
+    """How far the plane of normal `n` through `corner`, lifted clear of the other two, is above `p`; at least 0."""
     lift = max(dot(subtract(first, corner), n), dot(subtract(second, corner), n), 0.0)
     return max(dot(subtract(corner, p), n) + lift, 0.0)
 
