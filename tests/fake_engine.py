@@ -109,6 +109,7 @@ class FakeSession:
             render_seconds=1.0,
             rays={"camera": 600, "shadow": 400},
             sample_count=self.settings.samples,
+            guiding=SimpleNamespace(lines=[]),
             reject_count=self.fake.reject_count,
             peak_memory=2**20,
             cancelled=should_cancel(),

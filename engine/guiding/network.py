@@ -152,7 +152,7 @@ class TrainingSettings:
 
     batch_size: int = 4096
     learning_rate: float = 1e-2
-    table_learning_rate: float = 1e-2
+    table_learning_rate: float = 1e-3
     weight_decay: float = 1e-5
     epsilon: float = 0.01
     window_samples: float = 24.0
