@@ -272,7 +272,8 @@ def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, thread
     RuntimeError
         When Embree reports an error, or was built without ray masks.
     """
-    device = _lib.rtcNewDevice(f"threads={threads}".encode() if threads else b"")
+    # One thread would leave TBB's worker spinning for as long as the device lives.
+    device = _lib.rtcNewDevice(f"threads={max(threads, 2)}".encode() if threads else b"")
     if not device:
         raise RuntimeError("Embree could not create a device")
     if not _lib.rtcGetDeviceProperty(device, _DEVICE_PROPERTY_RAY_MASK):

@@ -7,10 +7,15 @@ a field loads the array's address from a table; the loads are marked invariant, 
 of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
 
 In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays.
+
+A bundle of lanes (`_rows` set) goes further, for data read by lane in every stage: its fields may be strided views of
+one array of records, so that a lane's data lie in few cache lines, and in kernels they are bare pointers (`RowsType`)
+with constant strides: only elements can be read and written, and indices must not be negative.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
 
@@ -18,8 +23,8 @@ import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
 from numba.core import cgutils
-from numba.core.imputils import lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate
+from numba.core.imputils import lower_builtin, lower_getattr_generic
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
 from numba.np.arrayobj import make_array, populate_array
 
@@ -37,6 +42,8 @@ class Bundle:
     _fields: ClassVar[tuple[str, ...]] = ()
     #: Fields whose inner dimensions vary from scene to scene: they must not be part of the type.
     _dynamic: ClassVar[frozenset[str]] = frozenset()
+    #: Whether fields are `RowsType` in kernels.
+    _rows: ClassVar[bool] = False
     _address: int
 
     def __init_subclass__(cls) -> None:
@@ -54,10 +61,14 @@ class Bundle:
             if isinstance(value, tuple):
                 described.append((name, value))
                 continue
-            if not (isinstance(value, np.ndarray) and value.flags.c_contiguous and 1 <= value.ndim <= 3):
+            is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
+            if not (is_array and (self._rows or value.flags.c_contiguous)):
                 raise TypeError(f"{type(self).__name__}.{name} must be a C-contiguous array of 1 to 3 dimensions")
             word = index * _FIELD_WORDS
             table[word] = value.ctypes.data
+            if self._rows:
+                described.append((name, RowsType(from_dtype(value.dtype), value.shape[1:], value.strides)))
+                continue
             table[word + 1 : word + 1 + value.ndim] = value.shape
             inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
             described.append((name, (from_dtype(value.dtype), value.ndim, inner)))
@@ -83,8 +94,16 @@ class Bundle:
         return type(self)(**{**self._asdict(), **changes})
 
 
+class RowsType(types.Type):
+    """Numba's type of a field of a bundle of lanes: a pointer; strides [bytes], one a dimension, are constants."""
+
+    def __init__(self, dtype: types.Type, inner: tuple[int, ...], strides: tuple[int, ...]) -> None:
+        self.dtype, self.inner, self.strides = dtype, inner, strides
+        super().__init__(name=f"Rows({dtype}, {inner}, {strides})")
+
+
 class BundleType(types.Type):
-    """Numba's type of a bundle: its name, and per field either a tuple or (dtype, dimensions, inner shape)."""
+    """Numba's type of a bundle: its name, and per field a tuple, rows, or (dtype, dimensions, inner shape)."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
         self.fields = fields
@@ -98,12 +117,14 @@ class BundleType(types.Type):
         described = self.fields[self.index[name]][1]
         if _is_tuple_field(described):
             return types.UniTuple(types.int64, len(described))
+        if isinstance(described, RowsType):
+            return described
         dtype, dimensions, _inner = described
         return types.Array(dtype, dimensions, "C")
 
 
-def _is_tuple_field(described: tuple) -> bool:
-    return not described or isinstance(described[0], int)
+def _is_tuple_field(described: Any) -> bool:
+    return isinstance(described, tuple) and (not described or isinstance(described[0], int))
 
 
 @register_model(BundleType)
@@ -135,7 +156,6 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
     if _is_tuple_field(described):
         result = context.get_constant_generic(builder, types.UniTuple(types.int64, len(described)), described)
         return result
-    dtype, dimensions, inner = described
     intp = ir.IntType(64)
     table = builder.inttoptr(value, intp.as_pointer())
     invariant = builder.module.add_metadata([])
@@ -146,6 +166,9 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
         loaded.set_metadata("invariant.load", invariant)
         return loaded
 
+    if isinstance(described, RowsType):
+        return builder.inttoptr(word(0), context.get_value_type(described))
+    dtype, dimensions, inner = described
     array_type = typ.field_type(attr)
     array = make_array(array_type)(context, builder)
     shape = [word(1)]
@@ -166,3 +189,65 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
         meminfo=None,
     )
     return array._getvalue()
+
+
+@register_model(RowsType)
+class _RowsModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, ir.IntType(8).as_pointer())
+
+
+def _index_types(index: Any) -> tuple | None:
+    """Types of the indices of an element, None if it is anything else (a slice, an array)."""
+    parts = tuple(index) if isinstance(index, types.BaseTuple) else (index,)
+    return parts if all(isinstance(part, types.Integer) for part in parts) else None
+
+
+@infer_global(operator.getitem)
+class _RowsGetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        rows, index = args
+        if isinstance(rows, RowsType):
+            parts = _index_types(index)
+            if parts is not None and len(parts) == len(rows.strides):
+                return signature(rows.dtype, rows, index)
+        return None
+
+
+@infer_global(operator.setitem)
+class _RowsSetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        rows, index, _value = args
+        if isinstance(rows, RowsType):
+            parts = _index_types(index)
+            if parts is not None and len(parts) == len(rows.strides):
+                return signature(types.none, rows, index, rows.dtype)
+        return None
+
+
+def _element_pointer(context: Any, builder: Any, rows: RowsType, value: Any, index_type: Any, index: Any) -> Any:
+    """Address of one element, as a pointer to the data type's stored form."""
+    intp = ir.IntType(64)
+    parts = _index_types(index_type)
+    assert parts is not None
+    values = cgutils.unpack_tuple(builder, index) if isinstance(index_type, types.BaseTuple) else [index]
+    offset = ir.Constant(intp, 0)
+    for part, part_value, stride in zip(parts, values, rows.strides, strict=True):
+        position = context.cast(builder, part_value, part, types.intp)
+        offset = builder.add(offset, builder.mul(position, ir.Constant(intp, stride), flags=["nsw"]), flags=["nsw"])
+    return builder.bitcast(builder.gep(value, [offset]), context.get_data_type(rows.dtype).as_pointer())
+
+
+@lower_builtin(operator.getitem, RowsType, types.Any)
+def _lower_rows_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    rows, index_type = sig.args
+    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
+    return context.unpack_value(builder, rows.dtype, pointer)
+
+
+@lower_builtin(operator.setitem, RowsType, types.Any, types.Any)
+def _lower_rows_setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    rows, index_type, value_type = sig.args
+    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
+    context.pack_value(builder, rows.dtype, context.cast(builder, args[2], value_type, rows.dtype), pointer)
+    return context.get_dummy_value()

@@ -198,3 +198,22 @@ def kernel(
             numba.config.CACHE_DIR = previous
 
     return decorate if function is None else decorate(function)
+
+
+class BoundKernel:
+    """A kernel for callers that pass arguments of the same types every time.
+
+    Numba looks at the types of all arguments at every call, in Python for bundles and holding the GIL; a bound kernel
+    does so at the first call only.
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+        self._entry: Callable[..., Any] | None = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._entry is None:
+            self._entry = self._dispatcher.compile(
+                tuple(self._dispatcher.typeof_pyval(argument) for argument in arguments)
+            )
+        return self._entry(*arguments)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one schema of per-path data: structure-of-arrays batches, one per thread, allocated once.
+"""The one schema of per-path data: batches of lanes, one per thread, allocated once.
+
+In memory a lane's fields lie side by side in whole cache lines (`_records`), those that stages use together in the same
+line: lanes in flight are visited in any order, and a stage should fetch few lines for each. In code every field is an
+array of its own all the same, indexed by lane.
 
 `channels` is a tuple whose *length* is the spectrum's width (3 for RGB, 4 for hero wavelengths). Numba types a tuple by
 its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process.
@@ -11,6 +15,41 @@ import numpy as np
 
 from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array, Uint32Array
+
+_CACHE_LINE = 64
+
+
+def _aligned(byte_count: int) -> np.ndarray:
+    """Zeroed uint8 array that begins at a cache line."""
+    memory = np.zeros(byte_count + _CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % _CACHE_LINE
+    return memory[start : start + byte_count]
+
+
+def _records(lane_count: int, layout: list[list[tuple]]) -> dict[str, np.ndarray]:
+    """Fields of one record a lane, as views.
+
+    Parameters
+    ----------
+    layout : list of lists of (name, dtype[, shape])
+        In the order of memory; each list begins at a cache line.
+    """
+    names: list[str] = []
+    formats: list[object] = []
+    offsets: list[int] = []
+    size = 0
+    for fields in layout:
+        for name, dtype, *shape in fields:
+            kind = np.dtype((dtype, *shape)) if shape else np.dtype(dtype)
+            names.append(name)
+            formats.append(kind)
+            offsets.append(size)
+            size += kind.itemsize
+        size += -size % _CACHE_LINE
+    record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+    memory = _aligned(lane_count * record.itemsize).view(record)
+    return {name: memory[name] for name in names}
+
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Path flags (bits of PathState.flags). The first five are the visibility bits of scene.description.
@@ -81,6 +120,7 @@ class ShadePoints(Bundle):
     integer : int32 (L, POINT_INTEGER_WIDTH)
     """
 
+    _rows = True
     real: Float32Array
     integer: Int32Array
 
@@ -92,11 +132,16 @@ MAX_CLOSURES = 16
 CLOSURE_WIDTH = 32
 CLOSURE_CHANNELS = 4
 
-# Columns of Closures.param common to all kinds; the rest belongs to the kind (engine/kernels/bsdf).
+# Columns of Closures.param common to all kinds; the rest belongs to the kind (engine/kernels/bsdf). The first sixteen
+# are one cache line: what simple lobes need should stay there.
 CLOSURE_WEIGHT = 0  # 4 channels
 CLOSURE_N = 4  # unit normal, on the viewer's side
 CLOSURE_SAMPLE_WEIGHT = 7  # unnormalised selection probability
-CLOSURE_KIND_PARAMS = 8
+_CLOSURE_KIND = 8  # Closures.kind
+CLOSURE_KIND_PARAMS = 9
+#: Lanes between a lane's closures in memory at least (all first closures lie together, then all second ones); not a
+#: power of two, or they would compete for the same places in the cache.
+_CLOSURE_LANES = 2056
 
 
 class Closures(Bundle):
@@ -113,6 +158,7 @@ class Closures(Bundle):
     channels : tuple of ints, its length is the spectrum's width
     """
 
+    _rows = True
     kind: Int32Array
     param: Float32Array
     count: Int32Array
@@ -126,23 +172,32 @@ class Closures(Bundle):
 
 def allocate_points(lane_count: int) -> ShadePoints:
     """Zeroed `ShadePoints` for `lane_count` lanes."""
-    return ShadePoints(
-        np.zeros((lane_count, POINT_REAL_WIDTH), np.float32), np.zeros((lane_count, POINT_INTEGER_WIDTH), np.int32)
-    )
+    width = POINT_REAL_WIDTH + POINT_INTEGER_WIDTH
+    memory = _aligned(lane_count * 2 * _CACHE_LINE).view(np.float32).reshape(lane_count, -1)
+    return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
 
 
 def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
     """Zeroed `Closures` for `lane_count` lanes of a spectrum of `channel_count`."""
+    real, integer = np.float32, np.int32
+    apart = max(lane_count, _CLOSURE_LANES)
+    memory = _aligned(MAX_CLOSURES * apart * CLOSURE_WIDTH * 4).view(real).reshape(MAX_CLOSURES, apart, CLOSURE_WIDTH)
+    param = memory[:, :lane_count].transpose(1, 0, 2)
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("count", integer),
+                ("flags", integer),
+                ("holdout", real),
+                ("ns", real, 3),
+                ("emission", real, CLOSURE_CHANNELS),
+                ("transparency", real, CLOSURE_CHANNELS),
+            ]
+        ],
+    )
     return Closures(
-        np.zeros((lane_count, MAX_CLOSURES), np.int32),
-        np.zeros((lane_count, MAX_CLOSURES, CLOSURE_WIDTH), np.float32),
-        np.zeros(lane_count, np.int32),
-        np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
-        np.zeros((lane_count, CLOSURE_CHANNELS), np.float32),
-        np.zeros(lane_count, np.float32),
-        np.zeros((lane_count, 3), np.float32),
-        np.zeros(lane_count, np.int32),
-        tuple(range(channel_count)),
+        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields, channels=tuple(range(channel_count))
     )
 
 
@@ -172,6 +227,7 @@ class PathState(Bundle):
     alive : uint8, 0 once the path has ended in this round
     """
 
+    _rows = True
     pixel: Int32Array
     sample: Int32Array
     rng: Uint32Array
@@ -218,6 +274,7 @@ class ShadowRays(Bundle):
     transparent_depth : int32, transparent surfaces passed, the path's own included
     """
 
+    _rows = True
     lane: Int32Array
     origin: Float32Array
     direction: Float32Array
@@ -264,6 +321,7 @@ class LightSamples(Bundle):
         BSDF's density in it (0 and 1 where the lane is not guided)
     """
 
+    _rows = True
     direction: Float32Array
     distance: Float32Array
     pdf: Float32Array
@@ -286,80 +344,90 @@ LIGHT_HAS_PROGRAM = 4
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
     """Zeroed `LightSamples` for `lane_count` lanes."""
     real, integer = np.float32, np.int32
-    return LightSamples(
-        np.zeros((lane_count, 3), real),
-        np.zeros(lane_count, real),
-        np.zeros(lane_count, real),
-        np.zeros((lane_count, channel_count), real),
-        np.zeros(lane_count, real),
-        np.zeros(lane_count, real),
-        np.zeros(lane_count, integer),
-        np.zeros(lane_count, integer),
-        np.zeros(lane_count, real),
-        np.ones(lane_count, real),
-        tuple(range(channel_count)),
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("direction", real, 3),
+                ("distance", real),
+                ("pdf", real),
+                ("radiance", real, channel_count),
+                ("terminate", real),
+                ("offset", real),
+                ("flags", integer),
+                ("visibility", integer),
+                ("guide_pdf", real),
+                ("bsdf_share", real),
+            ]
+        ],
     )
+    fields["bsdf_share"][:] = 1.0
+    return LightSamples(**fields, channels=tuple(range(channel_count)))
 
 
 def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
     """Zeroed `PathState` for `lane_count` lanes."""
-    real = np.float32
-
-    def scalars(dtype: type = np.float32) -> np.ndarray:
-        return np.zeros(lane_count, dtype)
-
-    def vectors() -> np.ndarray:
-        return np.zeros((lane_count, 3), real)
-
-    def spectra() -> np.ndarray:
-        return np.zeros((lane_count, channel_count), real)
-
-    integer = np.int32
-    return PathState(
-        pixel=scalars(integer),
-        sample=scalars(integer),
-        rng=scalars(np.uint32),
-        dimension=scalars(integer),
-        origin=vectors(),
-        direction=vectors(),
-        time=scalars(),
-        throughput=spectra(),
-        radiance=spectra(),
-        unguided=scalars(),
-        mis_pdf=scalars(),
-        mis_origin=vectors(),
-        mis_normal=vectors(),
-        mis_distance=scalars(),
-        min_pdf=scalars(),
-        radius=scalars(),
-        spread=scalars(),
-        alpha=scalars(),
-        flags=scalars(integer),
-        depth=scalars(integer),
-        diffuse_depth=scalars(integer),
-        glossy_depth=scalars(integer),
-        transmission_depth=scalars(integer),
-        transparent_depth=scalars(integer),
-        hit_distance=scalars(),
-        hit_u=scalars(),
-        hit_v=scalars(),
-        hit_instance=scalars(integer),
-        hit_triangle=scalars(integer),
-        offset=scalars(),
-        random=np.zeros((lane_count, 4), real),
-        alive=scalars(np.uint8),
-        channels=tuple(range(channel_count)),
+    real, integer = np.float32, np.int32
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("origin", real, 3),
+                ("direction", real, 3),
+                ("time", real),
+                ("flags", integer),
+                ("hit_distance", real),
+                ("hit_u", real),
+                ("hit_v", real),
+                ("hit_instance", integer),
+                ("hit_triangle", integer),
+                ("depth", integer),
+                ("offset", real),
+                ("alive", np.uint8),
+            ],
+            [
+                ("throughput", real, channel_count),
+                ("radiance", real, channel_count),
+                ("random", real, 4),
+                ("rng", np.uint32),
+                ("sample", integer),
+                ("dimension", integer),
+                ("pixel", integer),
+                ("unguided", real),
+            ],
+            [
+                ("mis_origin", real, 3),
+                ("mis_normal", real, 3),
+                ("mis_distance", real),
+                ("mis_pdf", real),
+                ("min_pdf", real),
+                ("radius", real),
+                ("spread", real),
+                ("alpha", real),
+                ("diffuse_depth", integer),
+                ("glossy_depth", integer),
+                ("transmission_depth", integer),
+                ("transparent_depth", integer),
+            ],
+        ],
     )
+    return PathState(**fields, channels=tuple(range(channel_count)))
 
 
 def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
     """Zeroed `ShadowRays` for `lane_count` lanes."""
-    return ShadowRays(
-        np.zeros(lane_count, np.int32),
-        np.zeros((lane_count, 3), np.float32),
-        np.zeros((lane_count, 3), np.float32),
-        np.zeros(lane_count, np.float32),
-        np.zeros((lane_count, channel_count), np.float32),
-        np.zeros(lane_count, np.int32),
-        tuple(range(channel_count)),
+    real, integer = np.float32, np.int32
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("origin", real, 3),
+                ("direction", real, 3),
+                ("distance", real),
+                ("radiance", real, channel_count),
+                ("lane", integer),
+                ("transparent_depth", integer),
+            ]
+        ],
     )
+    return ShadowRays(**fields, channels=tuple(range(channel_count)))

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from engine.guiding.vertices import (
     collect_records,
 )
 from engine.guiding.vmm.field import allocate_guide
+from engine.jit import BoundKernel
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.scene.build import Scene
 from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
@@ -66,6 +68,27 @@ _FAR = np.float32(1e30)
 LANE_COUNT = 2048
 #: Records that a unit of work may make.
 RECORD_ROWS = 1 << 15
+
+
+#: Stages of every render; those of guided ones are called by their names.
+_STAGES = (
+    init_from_camera,
+    intersect_closest,
+    shade_lights,
+    prepare_surface,
+    fill_background,
+    prepare_background,
+    shade_background,
+    evaluate_shaders,
+    shade_emission,
+    write_features,
+    choose_lights,
+    connect_lights,
+    intersect_shadow,
+    pass_transparent,
+    scatter,
+    accumulate,
+)
 
 
 @dataclass(frozen=True)
@@ -193,6 +216,8 @@ class Integrator:
         self.world_visibility = scene.description.world.visibility if scene.description.world else 0
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
+        #: Bound here, since the types of their arguments follow from scene and settings.
+        self.stages = SimpleNamespace(**{stage.__name__: BoundKernel(stage) for stage in _STAGES})
 
     def warm_up(
         self, batch: Batch, unit: Unit, should_stop: Callable[[], bool], rehearsal: Guidance | None = None
@@ -202,19 +227,19 @@ class Integrator:
         `rehearsal` is any guidance with a field, if the render is guided.
         """
         observer, self.ray_observer = self.ray_observer, None
-        scene, b = self.scene, batch
+        scene, stages, b = self.scene, self.stages, batch
         embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
         self.trace_unit(b, unit, should_stop)
         if self.world_is_constant:
-            fill_background(scene.shaders.program_values, scene.world_program, b.closures, b.missed, 0)
+            stages.fill_background(scene.shaders.program_values, scene.world_program, b.closures, b.missed, 0)
         else:
-            prepare_background(scene.world_program, b.paths, b.points, b.missed, 0)
-        shade_background(
+            stages.prepare_background(scene.world_program, b.paths, b.points, b.missed, 0)
+        stages.shade_background(
             scene.lights, self.options, self.world_visibility, b.paths, b.closures, b.missed, 0, b.film,
             self.use_features,
         )
         if self.has_emitters and scene.has_transparent_shadows:
-            pass_transparent(
+            stages.pass_transparent(
                 *embree, self.options, scene.geometry, scene.shaders.programs, scene.shaders.program_values, b.paths,
                 b.shadows, b.light_points, b.light_closures, b.pending, 0, False,
             )
@@ -245,7 +270,7 @@ class Integrator:
 
     def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
         """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
-        scene, options, b = self.scene, self.options, batch
+        scene, stages, options, b = self.scene, self.stages, self.options, batch
         paths, points, closures, film = b.paths, b.points, b.closures, b.film
         geometry, shaders, tables, lights = scene.geometry, scene.shaders, scene.tables, scene.lights
         embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
@@ -263,7 +288,7 @@ class Integrator:
         next_path, active_count, free_count = 0, 0, LANE_COUNT
         b.begin()
         while not should_stop():
-            next_path, active_count, free_count = init_from_camera(
+            next_path, active_count, free_count = stages.init_from_camera(
                 scene.camera.real, scene.camera.filter, self.seed, unit.pixels, scene.description.frame.width,
                 unit.sample_first, path_count, next_path, paths, b.log, record_threshold, b.active, active_count,
                 b.free, free_count,
@@ -275,41 +300,45 @@ class Integrator:
 
             if self.ray_observer:
                 self.ray_observer("closest", paths, b.active, active_count)
-            intersect_closest(*embree, geometry, paths, b.active, active_count)
+            stages.intersect_closest(*embree, geometry, paths, b.active, active_count)
             rays["closest"] += active_count
             b.end("intersect_closest")
 
             if self.has_hittable_lights:
-                shade_lights(lights, options, paths, b.active, active_count)
+                stages.shade_lights(lights, options, paths, b.active, active_count)
                 b.end("shade_lights")
 
-            surface_count, missed_count = prepare_surface(
+            surface_count, missed_count = stages.prepare_surface(
                 geometry, shaders.programs, options, paths, points, b.active, active_count, b.surface, b.missed
             )
             b.end("prepare_surface")
 
             if missed_count:
                 if self.world_is_constant:
-                    fill_background(shaders.program_values, scene.world_program, closures, b.missed, missed_count)
+                    stages.fill_background(
+                        shaders.program_values, scene.world_program, closures, b.missed, missed_count
+                    )
                 else:
-                    prepare_background(scene.world_program, paths, points, b.missed, missed_count)
-                    evaluate_shaders(
+                    stages.prepare_background(scene.world_program, paths, points, b.missed, missed_count)
+                    stages.evaluate_shaders(
                         shaders, geometry, tables, points, closures, b.missed, missed_count, b.memory, MODE_EMISSION
                     )
-                shade_background(
+                stages.shade_background(
                     lights, options, self.world_visibility, paths, closures, b.missed, missed_count, film,
                     self.use_features,
                 )
                 b.end("shade_background")
 
-            evaluate_shaders(shaders, geometry, tables, points, closures, b.surface, surface_count, b.memory, self.mode)
+            stages.evaluate_shaders(
+                shaders, geometry, tables, points, closures, b.surface, surface_count, b.memory, self.mode
+            )
             b.end("evaluate_shaders")
-            shade_emission(
+            stages.shade_emission(
                 lights, geometry, options, paths, points, closures, b.surface, surface_count, film, self.use_features
             )
             b.end("shade_emission")
             if self.use_features:
-                write_features(
+                stages.write_features(
                     scene.camera.real, geometry, tables, shaders.program_pass_index, paths, points, closures, b.f_cos,
                     b.surface, surface_count, film,
                 )
@@ -325,7 +354,7 @@ class Integrator:
             if self.has_emitters:
                 self._sample_lights(b, surface_count, embree)
 
-            single_count, several_count = scatter(
+            single_count, several_count = stages.scatter(
                 options, paths, points, closures, b.guided, b.log, b.f_cos, b.surface, surface_count, b.single,
                 b.several,
             )
@@ -340,7 +369,7 @@ class Integrator:
                     b.log, paths, b.active, active_count, _FAR, b.records, b.record_count
                 )
                 b.end("collect_records")
-            active_count, free_count, reject_count = accumulate(
+            active_count, free_count, reject_count = stages.accumulate(
                 paths, b.active, active_count, b.free, free_count, film
             )
             b.statistics.reject_count += reject_count
@@ -349,15 +378,15 @@ class Integrator:
 
     def _sample_lights(self, b: Batch, surface_count: int, embree: tuple) -> None:
         """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
-        scene, options = self.scene, self.options
+        scene, stages, options = self.scene, self.stages, self.options
         geometry, shaders, tables = scene.geometry, scene.shaders, scene.tables
-        lit_count, program_count = choose_lights(
+        lit_count, program_count = stages.choose_lights(
             scene.lights, geometry, b.paths, b.points, b.closures, b.samples, b.light_points, b.surface, surface_count,
             b.lit, b.programs,
         )
         b.end("choose_lights")
         if program_count:
-            evaluate_shaders(
+            stages.evaluate_shaders(
                 shaders, geometry, tables, b.light_points, b.light_closures, b.programs, program_count, b.memory,
                 MODE_EMISSION,
             )
@@ -365,26 +394,26 @@ class Integrator:
         if self.guidance is not None and self.guidance.field is not None:
             guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, lit_count)
             b.end("guide_lights")
-        shadow_count = connect_lights(
+        shadow_count = stages.connect_lights(
             options, tables, geometry, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit,
             lit_count, b.shadows,
         )
         b.end("connect_lights")
         if self.ray_observer:
             self.ray_observer("shadow", b.shadows, b.paths, shadow_count)
-        pending_count = intersect_shadow(
+        pending_count = stages.intersect_shadow(
             *embree, options, b.paths, b.shadows, shadow_count, scene.has_transparent_shadows, b.pending
         )
         b.statistics.rays["shadow"] += shadow_count
         is_evaluated = False
         while pending_count:
             b.statistics.rays["transparent_shadow"] += pending_count
-            pending_count = pass_transparent(
+            pending_count = stages.pass_transparent(
                 *embree, options, geometry, shaders.programs, shaders.program_values, b.paths, b.shadows,
                 b.light_points, b.light_closures, b.pending, pending_count, is_evaluated,
             )
             if pending_count:
-                evaluate_shaders(
+                stages.evaluate_shaders(
                     shaders, geometry, tables, b.light_points, b.light_closures, b.pending, pending_count, b.memory,
                     MODE_TRANSPARENCY,
                 )

@@ -8,11 +8,20 @@ in Cycles; the throughput is divided by it in `shade_emission`, behind the emiss
 
 import math
 
+import numpy as np
+
 from engine.jit import kernel
+from engine.kernels.prefetch import prefetch
 from engine.kernels.rng import SET_BSDF, sample_4d
 from engine.kernels.surface import prepare_point, program_of
 from engine.kernels.vector import load
-from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.scene.arrays import (
+    INSTANCE_FLAG_HOLDOUT,
+    INSTANCE_FLAGS,
+    INSTANCE_MESH,
+    MESH_FIRST_NORMAL,
+    MESH_FIRST_TRIANGLE,
+)
 from engine.shaders.arrays import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 from engine.state import (
     POINT_DEPTH,
@@ -30,6 +39,33 @@ from engine.state import (
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT,
 )
+
+#: How many hits ahead triangles are asked for, and then their vertices: memory is that much slower than the stage.
+_TRIANGLES_AHEAD = 8
+_VERTICES_AHEAD = 4
+
+
+@kernel
+def _ask_for_triangle(geometry, paths, lane):
+    """Prefetch what `prepare_point` will read of a hit, but for the vertices."""
+    instance = paths.hit_instance[lane]
+    if instance >= 0:
+        triangle = np.int64(paths.hit_triangle[lane])
+        prefetch(geometry.triangles, triangle)
+        prefetch(geometry.material_slots, triangle)
+        mesh = geometry.instance_table[instance, INSTANCE_MESH]
+        first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
+        if first_normal >= 0:
+            prefetch(geometry.corner_normals, first_normal + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE])
+
+
+@kernel
+def _ask_for_vertices(geometry, paths, lane):
+    """Prefetch the vertices of a hit."""
+    if paths.hit_instance[lane] >= 0:
+        triangle = paths.hit_triangle[lane]
+        for corner in range(3):
+            prefetch(geometry.vertices, np.int64(geometry.triangles[triangle, corner]))
 
 
 @kernel
@@ -49,6 +85,10 @@ def prepare_surface(geometry, programs, options, paths, points, active, active_c
     missed_count = 0
     for k in range(active_count):
         lane = active[k]
+        if k + _TRIANGLES_AHEAD < active_count:
+            _ask_for_triangle(geometry, paths, active[k + _TRIANGLES_AHEAD])
+        if k + _VERTICES_AHEAD < active_count:
+            _ask_for_vertices(geometry, paths, active[k + _VERTICES_AHEAD])
         instance = paths.hit_instance[lane]
         if instance < 0:
             missed[missed_count] = lane

@@ -14,6 +14,7 @@ from engine.kernels.radiance import add_radiance, power_heuristic
 from engine.kernels.vector import load
 from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
 from engine.state import (
+    CLOSURE_WIDTH,
     POINT_NG,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
@@ -30,7 +31,7 @@ def keep_transparent(closures, lane):
     for i in range(closures.count[lane]):
         if closures.kind[lane, i] == TRANSPARENT:
             closures.kind[lane, 0] = TRANSPARENT
-            for column in range(closures.param.shape[2]):
+            for column in range(CLOSURE_WIDTH):
                 closures.param[lane, 0, column] = closures.param[lane, i, column]
             kept = 1
     closures.count[lane] = kept

@@ -90,13 +90,13 @@ def append_closure(closures, lane, kind, weight, n):
     param[lane, i, CLOSURE_SAMPLE_WEIGHT] = sample_weight
     is_bumped = False
     for k in range(3):
-        smooth = closures.ns[lane, k]
-        is_bumped = is_bumped or n[k] != smooth
+        is_bumped = is_bumped or n[k] != closures.ns[lane, k]
         param[lane, i, CLOSURE_N + k] = n[k]
-        param[lane, i, SMOOTH_N + k] = smooth
     bump = 0.0
     if is_bumped:
         bump = 2.0 if closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION != 0 else 1.0
+        for k in range(3):
+            param[lane, i, SMOOTH_N + k] = closures.ns[lane, k]
     param[lane, i, BUMP] = bump
     return i
 

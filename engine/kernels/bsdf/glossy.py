@@ -53,12 +53,16 @@ def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent
     i = append_closure(closures, lane, kind, weight, n)
     if i >= 0:
         param = closures.param
+        store_color(param, lane, i, F0, f0)
+        store_color(param, lane, i, REFLECTION_TINT, reflection)
+        store_color(param, lane, i, TRANSMISSION_TINT, transmission)
         alpha_x = min(max(alpha_x, 0.0), 1.0)
         alpha_y = min(max(alpha_y, 0.0), 1.0)
         if alpha_x != alpha_y:
             bitangent = cross(n, tangent)
             if dot(bitangent, bitangent) > 1e-12:
                 tangent = cross(normalize(bitangent), n)
+                # In the place of the transmission tint, which only isotropic lobes have.
                 for k in range(3):
                     param[lane, i, TANGENT + k] = tangent[k]
             else:
@@ -69,9 +73,6 @@ def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent
         param[lane, i, ETA] = eta
         param[lane, i, ENERGY_SCALE] = 1.0
         param[lane, i, F0_REAL] = f0_of_eta(eta)
-        store_color(param, lane, i, F0, f0)
-        store_color(param, lane, i, REFLECTION_TINT, reflection)
-        store_color(param, lane, i, TRANSMISSION_TINT, transmission)
     return i
 
 

@@ -63,30 +63,31 @@ HAS_TRANSMISSION = 2
 HAS_DELTA = 4
 HAS_TRANSPARENT = 8
 
-# Columns of Closures.param.
-ALPHA_X = CLOSURE_KIND_PARAMS
-ALPHA_Y = CLOSURE_KIND_PARAMS + 1
-ETA = CLOSURE_KIND_PARAMS + 2  # refractive index of the far side over the viewer's side
-ENERGY_SCALE = CLOSURE_KIND_PARAMS + 3
-TANGENT = CLOSURE_KIND_PARAMS + 4
-F0_REAL = CLOSURE_KIND_PARAMS + 7
-F0 = CLOSURE_KIND_PARAMS + 8
-REFLECTION_TINT = CLOSURE_KIND_PARAMS + 12
+# Columns of Closures.param. The first cache line ends at column 15.
+#: Smooth shading normal of a bumped closure, and whether there is one: 0 no (SMOOTH_N is not set), 1 yes, 2 yes but the
+#: material turned bump correction off.
+BUMP = CLOSURE_KIND_PARAMS
+SMOOTH_N = CLOSURE_WIDTH - 3
+
+ALPHA_X = CLOSURE_KIND_PARAMS + 1
+ALPHA_Y = CLOSURE_KIND_PARAMS + 2
+ETA = CLOSURE_KIND_PARAMS + 3  # refractive index of the far side over the viewer's side
+ENERGY_SCALE = CLOSURE_KIND_PARAMS + 4
+F0_REAL = CLOSURE_KIND_PARAMS + 5
+F0 = CLOSURE_KIND_PARAMS + 7
+REFLECTION_TINT = F0 + 4
 F82_B = REFLECTION_TINT
-TRANSMISSION_TINT = CLOSURE_KIND_PARAMS + 16
+TRANSMISSION_TINT = REFLECTION_TINT + 4
+# Glass has no tangent.
+TANGENT = TRANSMISSION_TINT
 
-OREN_A = CLOSURE_KIND_PARAMS
-OREN_B = CLOSURE_KIND_PARAMS + 1
-OREN_MULTIPLE = CLOSURE_KIND_PARAMS + 2
+OREN_A = CLOSURE_KIND_PARAMS + 1
+OREN_B = CLOSURE_KIND_PARAMS + 2
+OREN_MULTIPLE = CLOSURE_KIND_PARAMS + 3
 
-SHEEN_A = CLOSURE_KIND_PARAMS
-SHEEN_B = CLOSURE_KIND_PARAMS + 1
-SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 2
-
-#: Smooth shading normal of a bumped closure, and whether there is one: 0 no (the columns before are not set), 1 yes,
-#: 2 yes but the material turned bump correction off.
-SMOOTH_N = CLOSURE_WIDTH - 4
-BUMP = CLOSURE_WIDTH - 1
+SHEEN_A = CLOSURE_KIND_PARAMS + 1
+SHEEN_B = CLOSURE_KIND_PARAMS + 2
+SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 3
 
 #: Closures whose mean weight is below are dropped (Cycles' cutoff).
 WEIGHT_CUTOFF = np.float32(1e-5)
