@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ def _compile_tracing() -> None:
     from engine.kernels.shader import interpreter
 
     # The other helper has this kernel. It must go before any module imports it by name.
-    interpreter.evaluate_shaders = _evaluate_nothing
+    interpreter.evaluate_shaders = _nothing_in_place_of("evaluate_shaders")
 
     from engine.scene.build import SceneCache, build_scene
     from engine.session import Session
@@ -62,8 +63,14 @@ def _compile_tracing() -> None:
     session.render(passes=("Combined", "Normal"))
 
 
-def _evaluate_nothing(*_arguments: Any) -> None:
-    return None
+def _nothing_in_place_of(name: str) -> Callable[..., None]:
+    """A function of that name, by which stages are called, that does nothing."""
+
+    def nothing(*_arguments: Any) -> None:
+        return None
+
+    nothing.__name__ = name
+    return nothing
 
 
 def small_scene() -> SceneDescription:

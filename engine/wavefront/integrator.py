@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -89,6 +90,14 @@ _STAGES = (
     scatter,
     accumulate,
 )
+
+
+def _bind(stage: Callable[..., Any]) -> Callable[..., Any]:
+    """A stage to be called with arguments of the same types every time; a plain function as it is.
+
+    Stages are plain where nothing is compiled, and where a process that fills the cache leaves one out.
+    """
+    return BoundKernel(stage) if hasattr(stage, "overloads") else stage
 
 
 @dataclass(frozen=True)
@@ -217,7 +226,7 @@ class Integrator:
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
         #: Bound here, since the types of their arguments follow from scene and settings.
-        self.stages = SimpleNamespace(**{stage.__name__: BoundKernel(stage) for stage in _STAGES})
+        self.stages = SimpleNamespace(**{stage.__name__: _bind(stage) for stage in _STAGES})
 
     def warm_up(
         self, batch: Batch, unit: Unit, should_stop: Callable[[], bool], rehearsal: Guidance | None = None
