@@ -12,7 +12,8 @@ def _use_extension_folder() -> None:
     if parent.startswith("bl_ext.") and not os.environ.get("NEURALGUIDE_KERNEL_CACHE"):
         import bpy
 
-        os.environ["NEURALGUIDE_KERNEL_CACHE"] = bpy.utils.extension_path_user(parent, path="kernels", create=True)
+        # Whether it can be written is the cache's business.
+        os.environ["NEURALGUIDE_KERNEL_CACHE"] = bpy.utils.extension_path_user(parent, path="kernels", create=False)
 
 
 def _modules() -> list:  # type: ignore[type-arg]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -25,7 +26,10 @@ cancel_hooks: list[Callable[[], bool]] = []
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'."""
+    """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'.
+
+    `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was.
+    """
 
     scene: str
     view_layer: str
@@ -33,6 +37,7 @@ class Outcome:
     status: str
     message: str = ""
     report: Any = None
+    first_image: float = math.nan
 
 
 #: The latest outcomes, oldest first. Blender's operator cannot tell: it says FINISHED when an engine raised.
@@ -76,6 +81,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
     _layers_done = 0
     _started = 0.0
+    _first_image = math.nan
 
     # -- hooks ------------------------------------------------------------------------------------------------------
 
@@ -88,6 +94,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         """Export the view layer; Blender's data must not be read later than this."""
         self._pending = None
         self._started = time.monotonic()
+        self._first_image = math.nan
         self._guard(depsgraph, "exporting the scene", self._export)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -105,6 +112,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.scene.description import Notice
+        from engine.scene.limits import check_frame
 
         from .export import ExportCache, ExportCancelled, export_scene
 
@@ -130,6 +138,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     cache=self._export_cache,
                     should_cancel=self._should_cancel,
                 )
+                check_frame(description.frame)  # before Blender makes room for the picture
                 pending.append((view, description))
         except ExportCancelled:
             self._note(depsgraph, "CANCELLED")
@@ -184,6 +193,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 passes.write_layer(target.layers[0], view, wanted, images)
                 keep = True
                 self.update_result(target)
+                self._note_image()
 
             try:
                 notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
@@ -199,6 +209,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     bar.close()
             passes.write_layer(target.layers[0], view, wanted, result.passes)
             keep = True
+            self._note_image()
             cancelled = result.report.cancelled
         finally:
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
@@ -241,8 +252,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         global _outcome_count
         scene = depsgraph.scene
         name = depsgraph.view_layer_eval.name
-        outcomes.append(Outcome(scene.name, name, scene.frame_current, status, message, report))
+        outcomes.append(Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image))
         _outcome_count += 1
+
+    def _note_image(self) -> None:
+        if math.isnan(self._first_image):
+            self._first_image = time.monotonic()
 
     def _show(self, notices: list[Notice]) -> None:
         for notice in notices:
@@ -255,6 +270,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any, cancelled: bool) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
+        self._show(report.notices)
         self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
         name = depsgraph.view_layer_eval.name
         ray_count = sum(report.rays.values())

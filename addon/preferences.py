@@ -16,7 +16,7 @@ class NeuralGuidePreferences(bpy.types.AddonPreferences):
 
     def draw(self, _context: bpy.types.Context) -> None:
         """Show the folder and a button."""
-        from engine.jit import cache_root
+        from engine.kernel_cache import cache_root
 
         column = self.layout.column()
         column.label(text="Kernels are compiled at the first render, once for each version of the add-on, and kept in:")

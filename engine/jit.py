@@ -17,7 +17,6 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
-import os
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -29,21 +28,14 @@ import numpy as np
 from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
+from engine.kernel_cache import KernelCache, cache_root
+
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
 SAFE_FASTMATH = frozenset({"contract", "reassoc", "arcp", "nsz", "afn"})
 
 _PACKAGE = __package__ or "engine"
 _ROOT = Path(__file__).resolve().parent
-
-
-def cache_root() -> Path:
-    """Folder of compiled kernels: `NEURALGUIDE_KERNEL_CACHE`, else the user's cache folder."""
-    chosen = os.environ.get("NEURALGUIDE_KERNEL_CACHE")
-    if chosen:
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
-    return Path(base) / "neuralguide" / "kernels"
 
 
 @cache
@@ -178,9 +170,6 @@ def kernel(
             code = target.__code__
             target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
         module = target.__module__
-        previous = numba.config.CACHE_DIR
-        sources = source_hash(module, Path(target.__code__.co_filename))
-        numba.config.CACHE_DIR = str(cache_root() / f"{module.rpartition('.')[2]}-{sources}")
         options = {
             "nogil": True,
             "error_model": "numpy",
@@ -189,13 +178,11 @@ def kernel(
             # No allocation in kernels, so no reference counting: it was most of the code.
             "_nrt": False,
         }
-        try:
-            return _serve_callers(
-                numba.njit(cache=True, **options)(target),
-                numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target),
-            )
-        finally:
-            numba.config.CACHE_DIR = previous
+        dispatcher = numba.njit(**options)(target)
+        if not numba.config.DISABLE_JIT:
+            sources = source_hash(module, Path(target.__code__.co_filename))
+            dispatcher._cache = KernelCache(target, cache_root() / f"{module.rpartition('.')[2]}-{sources}")
+        return _serve_callers(dispatcher, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target))
 
     return decorate if function is None else decorate(function)
 

@@ -21,7 +21,8 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import numba
 
-from engine.jit import cache_root, source_hash
+from engine.jit import source_hash
+from engine.kernel_cache import cache_root
 
 try:
     import fcntl
@@ -72,12 +73,7 @@ def compile_ahead(poll: Callable[[float], None]) -> None:
     if not is_cold():
         return
     python = _interpreter()
-    root = cache_root()
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return
-    if python is None or not os.access(root, os.W_OK):
+    if python is None or not os.access(cache_root(), os.W_OK):
         return
     started = time.monotonic()
     helpers: list[subprocess.Popen] = []
@@ -119,7 +115,7 @@ def _start(python: str, part: str) -> subprocess.Popen:
     folder = Path(__file__).resolve().parent.parent
     arguments = json.dumps([sys.path, _PACKAGE, str(folder), part])
     return subprocess.Popen(
-        [python, "-I", "-S", "-c", _BOOTSTRAP, arguments],
+        [python, "-I", "-S", "-B", "-c", _BOOTSTRAP, arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

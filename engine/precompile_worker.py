@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from engine import precompile
+from engine import kernel_cache, precompile
 from engine.scene.description import (
     VISIBLE_ALL,
     Camera,
@@ -32,7 +32,13 @@ def compile_part(part: str) -> None:
     ----------
     part : str
         One of `precompile.PARTS`.
+
+    Raises
+    ------
+    OSError
+        If a kernel cannot be saved.
     """
+    kernel_cache.must_save = True
     with precompile.exclusive(part):
         stamp = precompile.stamp_file(part)
         if not stamp.is_file():

@@ -16,6 +16,7 @@ import numpy as np
 
 from engine.film import FEATURE_PASSES, Film
 from engine.guiding.vertices import VertexRecords
+from engine.kernel_cache import problem as cache_problem
 from engine.learning import GuidingReport, IterationCosts, Learner, iteration_lengths, iteration_weight
 from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
@@ -95,6 +96,11 @@ def peak_memory() -> int:
         return 0
     usage = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return usage if sys.platform == "darwin" else usage * 1024
+
+
+def _cache_notices() -> list[Notice]:
+    problem = cache_problem()
+    return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
 
 
 def _sample_ranges(samples: int) -> list[tuple[int, int]]:
@@ -186,7 +192,7 @@ class Session:
         start = time.perf_counter()
         self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
         self._build_seconds = time.perf_counter() - start
-        return self.scene.notices
+        return [*self.scene.notices, *_cache_notices()]
 
     def _build(self, description: SceneDescription, poll: Callable[[], None]) -> Scene:
         """Build in a thread, so that steps of seconds do not keep a cancel waiting; `poll` raises to cancel."""
@@ -235,8 +241,8 @@ class Session:
         Parameters
         ----------
         on_progress, on_image, should_cancel : callable, optional
-            Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals.
-            After a cancel the result holds every finished unit.
+            Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
+            a large image there may be black parts at first. After a cancel the result holds every finished unit.
         passes : iterable of str
             Of `film.PASS_NAMES`.
         ray_observer : callable, optional
@@ -277,7 +283,7 @@ class Session:
                     continue
                 if on_progress is not None:
                     on_progress(job.progress())
-                if on_image is not None and job.has_image and elapsed >= next_image:
+                if on_image is not None and job.has_paths and elapsed >= next_image:
                     with job.film_lock:
                         image = images()
                     on_image(image)
@@ -299,7 +305,7 @@ class Session:
             guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
             guiding.describe(dict(total.stage_seconds))
         report = RenderReport(
-            notices=[*scene.notices, *(job.learner.notices if job.learner is not None else [])],
+            notices=[*scene.notices, *_cache_notices(), *(job.learner.notices if job.learner is not None else [])],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
@@ -391,6 +397,11 @@ class _Job:
                 pending[0].exception(timeout=left)
             except TimeoutError:
                 return False
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether there is anything to show; it may be a part of the image."""
+        return self._finished_paths > 0
 
     @property
     def is_preparing(self) -> bool:

@@ -165,7 +165,8 @@ sys.exit(main(sys.argv[1:]))
 def render_on_full_disk(blend_file: Path, output: Path, rescue: Path, form: str, limit: int) -> Any:
     code = FULL_DISK.format(root=str(ROOT), tests=str(ROOT / "tests"), limit=limit, rescue=str(rescue))
     line = ["-b", str(blend_file), "-F", form, "-o", str(output) + "/x_", "-f", "1,2"]
-    return subprocess.run([sys.executable, "-c", code, *line], capture_output=True, text=True, timeout=300)
+    # -B: Python puts byte code in place by halves where files may not grow.
+    return subprocess.run([sys.executable, "-B", "-c", code, *line], capture_output=True, text=True, timeout=300)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
