@@ -15,7 +15,6 @@ from engine.scene.description import Float32Array, Image
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext
 
-_MISSING = "the image is missing or cannot be read"
 _PINK = "Blender's pink"
 
 
@@ -39,7 +38,8 @@ class ImageExporter:
                 self.images.append(exported)
         index = self._indices[identity]
         if index < 0:
-            self.context.notice(f"{subject} / {image.name}", _MISSING, _PINK)
+            what = f"the file {bpy.path.abspath(image.filepath)}" if image.filepath else "the image"
+            self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
 
     def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:

@@ -46,6 +46,8 @@ class _Tree:
     group: bpy.types.Node | None
     #: Link into each input socket, by the socket's address.
     links: dict[int, bpy.types.NodeLink] = field(default_factory=dict)
+    #: Input sockets with a link that Blender shows in red and nobody follows: it closes a loop, or the types differ.
+    broken: set[int] = field(default_factory=set)
     #: Trees of group nodes, and finished nodes, by the node's address.
     groups: dict[int, _Tree] = field(default_factory=dict)
     finished: dict[int, int] = field(default_factory=dict)
@@ -99,6 +101,9 @@ class GraphExporter:
         """What is linked to an input socket (a constant if a group hands one on), None if nothing is."""
         link = tree.links.get(socket.as_pointer())
         if link is None:
+            if socket.as_pointer() in tree.broken:
+                problem = f"has an invalid link into {socket.name}: part of a loop, or of a kind that does not fit"
+                self._notice(socket.node, problem, "as if there were no link")
             return None
         source = self._output(tree, link.from_node, link.from_socket)
         return self._convert(source, link.from_socket.type, socket.type)
@@ -273,10 +278,12 @@ def _active_output(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
 def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.Node | None) -> _Tree:
     opened = _Tree(tree, parent, group)
     for link in tree.links:
-        # Blender marks links that close a loop, or join what cannot be joined, as invalid.
-        if link.is_valid and not link.is_muted and link.from_socket is not None and link.to_socket is not None:
-            if not link.from_socket.is_unavailable:
-                opened.links[link.to_socket.as_pointer()] = link
+        if link.is_muted or link.from_socket is None or link.to_socket is None or link.from_socket.is_unavailable:
+            continue
+        if link.is_valid:
+            opened.links[link.to_socket.as_pointer()] = link
+        else:
+            opened.broken.add(link.to_socket.as_pointer())
     return opened
 
 

@@ -141,7 +141,8 @@ def _export_instances(
     for address, kind in zip(addresses, kinds, strict=True):
         if address not in exported and kind.mesh is not None:
             context.check_cancel()
-            exported[address] = _export_mesh(context, kind, requests[address])
+            assert kind.mesh is not None
+            exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
         mesh = exported[address]
         variant = (address, kind.properties)
         if mesh is None:
@@ -189,14 +190,6 @@ def _export_instances(
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
     )
-
-
-def _export_mesh(context: ExportContext, kind: Appearance, request: AttributeRequest) -> Mesh | None:
-    assert kind.mesh is not None
-    mesh = export_mesh(context, kind.mesh, kind.owner, request)
-    if mesh is not None and not np.isfinite(mesh.vertices).all():
-        context.notice(kind.name, "has NaN or infinite vertices", "their triangles are left out")
-    return mesh
 
 
 def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:

@@ -22,6 +22,7 @@ from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
 from engine.scene.geometry import build_geometry
 from engine.scene.light_arrays import LightArrays
 from engine.scene.lights import build_lights
+from engine.scene.limits import check_frame
 from engine.scene.programs import compile_scene
 from engine.settings import RenderSettings
 from engine.shaders.arrays import PROGRAM_FLAGS, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
@@ -69,18 +70,6 @@ def _geometry_key(description: SceneDescription, attribute_names: tuple[str, ...
             )
         ),
     )  # fmt: skip
-
-
-def _validate(description: SceneDescription) -> None:
-    """Raise ValueError for what cannot be rendered at all."""
-    frame = description.frame
-    x0, y0, x1, y1 = frame.region
-    if frame.width < 1 or frame.height < 1:
-        raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
-    if not (0 <= x0 < x1 <= frame.width and 0 <= y0 < y1 <= frame.height):
-        raise ValueError(f"the render border {frame.region} is empty or outside {frame.width} x {frame.height} pixels")
-    if (x1 - x0) * (y1 - y0) > 1 << 29:
-        raise ValueError(f"{(x1 - x0) * (y1 - y0)} pixels need more memory than is sensible: lower the resolution")
 
 
 def _shadow_masks(geometry: GeometryArrays, shaders: ShaderArrays, description: SceneDescription) -> np.ndarray:
@@ -142,7 +131,7 @@ def build_scene(
     ValueError
         Naming what cannot be rendered and what to do.
     """
-    _validate(description)
+    check_frame(description.frame)
     notices = list(description.notices)
     programs = compile_scene(description)
     notices += programs.notices
