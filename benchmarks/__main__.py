@@ -33,6 +33,9 @@ def _parser() -> argparse.ArgumentParser:
     run = add("run", "speed and error of every rival", 64, 3, "out/benchmarks")
     run.add_argument("--rivals", nargs="+", default=["cycles", "OFF"], help="cycles, cycles-guided, OFF, ...")
     run.add_argument("--seconds", type=float, default=0.0, help="stop by time instead of samples")
+    run.add_argument(
+        "--isolate", action="store_true", help="a process for every render: honest memory and first-image figures"
+    )
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
     parity = add("parity", "is it Cycles' picture?", 256, 4, "out/parity")
     parity.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
@@ -72,6 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
                     Budget(chosen.samples, chosen.seconds),
                     chosen.seeds,
                     references=chosen.references,
+                    isolate=chosen.isolate,
                     **common,
                 )
                 else 0

@@ -6,6 +6,8 @@ from __future__ import annotations
 import datetime
 import json
 import math
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -26,7 +28,8 @@ class RenderRecord:
 
     `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own evaluation,
     export or synchronisation, acceleration structures and handing over the result; the same definition for every
-    renderer. Peak memory is the whole process's, Blender and open file included.
+    renderer. Peak memory is the whole process's, Blender and open file included. `first_image_seconds` is the time from
+    the call to the first picture shown, nan where that is unknown (Cycles).
     """
 
     scene: str
@@ -44,6 +47,7 @@ class RenderRecord:
     compile_seconds: float = 0.0
     render_seconds: float = 0.0
     samples_per_second: float = 0.0
+    first_image_seconds: float = math.nan
     rays: dict[str, int] = field(default_factory=dict)
     peak_memory_mib: float = math.nan
     details: dict[str, Any] = field(default_factory=dict)
@@ -108,11 +112,11 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
     watch = _SampleWatch()
     bpy.app.handlers.render_stats.append(watch)
     environment.reset_peak_memory()
-    start = time.perf_counter()
+    start = time.monotonic()
     try:
         bpy.ops.render.render(write_still=False)
     finally:
-        wall_seconds = time.perf_counter() - start
+        wall_seconds = time.monotonic() - start
         bpy.app.handlers.render_stats.remove(watch)
     record.peak_memory_mib = environment.peak_memory_mib()
     bpy.data.images["Render Result"].save_render(str(exr.resolve()), scene=scene)
@@ -122,6 +126,7 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
     record.wall_seconds = wall_seconds
     record.render_seconds, record.compile_seconds = measured.render_seconds, measured.compile_seconds
     record.export_seconds = max(wall_seconds - measured.render_seconds - measured.compile_seconds, 0.0)
+    record.first_image_seconds = measured.first_image - start
     record.samples = measured.samples
     record.samples_per_second = measured.samples * image.shape[0] * image.shape[1] / max(measured.render_seconds, 1e-6)
     record.rays, record.details = measured.rays or {}, measured.details or {}
@@ -139,6 +144,26 @@ def _finished(exr: Path, record: RenderRecord, is_ours: bool) -> Render | None:
     except (OSError, ValueError, TypeError, KeyError, RuntimeError):
         pass
     return None
+
+
+def _render_isolated(source: SceneSource, rival: Rival, budget: Budget, record: RenderRecord, exr: Path) -> Render:
+    """`render_once` in a process of its own.
+
+    Raises
+    ------
+    RuntimeError
+        If that process failed, with the last line it wrote.
+    """
+    task = json.dumps(
+        {"source": source.text, "rival": rival.name, "budget": asdict(budget), "record": asdict(record)}
+    )
+    command = [sys.executable, "-m", "benchmarks.isolated", task, str(exr)]
+    finished = subprocess.run(command, capture_output=True, text=True, check=False)
+    if finished.returncode:
+        lines = finished.stderr.strip().splitlines() or [f"exit status {finished.returncode}"]
+        raise RuntimeError(lines[-1])
+    stored = json.loads(exr.with_suffix(".json").read_text(encoding="utf-8"))
+    return Render(read_exr(exr)[0], RenderRecord(**stored))
 
 
 @dataclass
@@ -160,12 +185,13 @@ def render_scene(
     size: tuple[int, int] | None = None,
     threads: int = 0,
     resume: bool = False,
+    isolate: bool = False,
     say: Callable[[str], None] = print,
 ) -> tuple[dict[str, list[Render]], list[Failure]]:
     """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
-    touches all rivals alike.
+    touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
@@ -191,7 +217,10 @@ def render_scene(
             done = _finished(exr, record, rival.is_ours) if resume else None
             if done is None:
                 try:
-                    done = render_once(scene, rival, budget, record, exr)
+                    if isolate:
+                        done = _render_isolated(source, rival, budget, record, exr)
+                    else:
+                        done = render_once(scene, rival, budget, record, exr)
                 except (RuntimeError, ValueError) as error:
                     failures.append(Failure(rival.name, str(error).strip()))
                     say(f"  {source.name}: {rival.name} failed: {str(error).strip()}")
@@ -201,6 +230,8 @@ def render_scene(
             say(
                 f"  {source.name} {rival.name} seed {seed}: {r.samples:.0f} spp in {r.render_seconds:.2f} s"
                 f" ({r.samples_per_second / 1e6:.3f} Msamples/s), export {r.export_seconds:.2f} s"
+                f", peak memory {r.peak_memory_mib:.0f} MiB"
+                + (f", first image after {r.first_image_seconds:.2f} s" if rival.is_ours else "")
             )
     return renders, failures
 

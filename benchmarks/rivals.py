@@ -7,6 +7,7 @@ denoising, no persistent data, the same threads.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ class Measurement:
         Loading or compiling kernels.
     samples : float
         Mean samples per pixel rendered.
+    first_image : float
+        When the first picture was shown, by `time.monotonic`; nan if the renderer does not tell.
     """
 
     render_seconds: float
@@ -44,6 +47,7 @@ class Measurement:
     samples: float = 0.0
     rays: dict[str, int] | None = None
     details: dict[str, Any] | None = None
+    first_image: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,14 @@ def _measure_ours(
         "reject_count": report.reject_count,
         "notices": [f"{n.subject}: {n.problem}; {n.fallback}" for n in report.notices],
     }
-    return Measurement(report.render_seconds, report.prepare_seconds, report.sample_count, dict(report.rays), details)
+    return Measurement(
+        report.render_seconds,
+        report.prepare_seconds,
+        report.sample_count,
+        dict(report.rays),
+        details,
+        outcome.first_image,
+    )
 
 
 def find_rival(name: str) -> Rival:

@@ -45,6 +45,7 @@ class RivalResult:
     mape: float = math.nan
     flip: float = math.nan
     efficiency: float = math.nan
+    first_image_seconds: float = math.nan
 
 
 def _median(values: Sequence[float]) -> float:
@@ -76,6 +77,7 @@ def evaluate(scene: str, renders: dict[str, list[Render]], reference: Float32Arr
             max(r.compile_seconds for r in records),
             _median([r.samples_per_second for r in records]),
             max(r.peak_memory_mib for r in records),
+            first_image_seconds=_median([r.first_image_seconds for r in records]),
         )
         if len(images) >= 3:
             error = metrics.seed_variance(images, denominator)
@@ -115,11 +117,13 @@ def result_table(results: Sequence[RivalResult], first_rival: str) -> str:
                 r.mape,
                 r.flip,
                 r.peak_memory_mib,
+                r.first_image_seconds,
             ]
         )
     header = [
         "scene", "rival", "spp", "render s", "export s", "Msamples/s", "x speed", "seed err", "trimmed", "x error",
         "x efficiency", "ref err", "MAPE", "FLIP", "MiB",
+        "first s",
     ]  # fmt: skip
     return table(header, rows)
 
@@ -167,6 +171,7 @@ def run(
     references: Path | None = None,
     threads: int = 0,
     resume: bool = False,
+    isolate: bool = False,
 ) -> int:
     """Render, evaluate, print; returns the number of failures."""
     results: list[RivalResult] = []
@@ -175,8 +180,9 @@ def run(
         reference = find_reference(references, source)
         size = (reference.shape[1], reference.shape[0]) if reference is not None else None
         renders, failed = render_scene(
-            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads, resume=resume
-        )
+            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads, resume=resume,
+            isolate=isolate,
+        )  # fmt: skip
         failures += [(source.name, failure) for failure in failed]
         results += evaluate(source.name, renders, reference).values()
     first = rivals[0].name

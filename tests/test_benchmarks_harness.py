@@ -13,6 +13,7 @@ import pytest
 from benchmarks import parity, tables
 from benchmarks.__main__ import main
 from benchmarks.environment import describe
+from benchmarks.images import read_exr
 from benchmarks.rendering import RenderRecord
 from benchmarks.rivals import Budget, find_rival, human_seconds
 from benchmarks.run import RivalResult, result_table, summary_table
@@ -160,6 +161,18 @@ def test_a_run_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str
     written = record_file.stat().st_mtime_ns
     assert main(arguments) == 0
     assert record_file.stat().st_mtime_ns == written
+
+
+def test_a_process_for_every_render_gives_the_same_picture(tmp_path: Path) -> None:
+    arguments = ["run", "builtin:film-box-filter", "--rivals", "cycles", "--samples", "2", "--seeds", "1"]
+    arguments += ["--pixels", "300", "--threads", "1"]
+    assert main([*arguments, "--out", str(tmp_path / "same")]) == 0
+    assert main([*arguments, "--out", str(tmp_path / "own"), "--isolate"]) == 0
+    name = Path("film-box-filter") / "cycles_2spp_seed1.exr"
+    same, own = (read_exr(tmp_path / folder / name)[0] for folder in ("same", "own"))
+    np.testing.assert_allclose(own, same, rtol=1e-5)
+    record = json.loads((tmp_path / "own" / name).with_suffix(".json").read_text(encoding="utf-8"))
+    assert record["peak_memory_mib"] > 50.0 and record["render_seconds"] > 0.0
 
 
 def test_bad_arguments_are_explained(capsys: pytest.CaptureFixture[str]) -> None:
