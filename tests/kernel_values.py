@@ -10,13 +10,14 @@ from __future__ import annotations
 import sys
 import warnings
 
+import numba
 import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.bsdf.fresnel import f82_b, fresnel_dielectric
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.lights.mapping import uniform_cone, uniform_sphere
-from engine.kernels.rng import pixel_hash, sample_4d
+from engine.kernels.rng import SOBOL, hash_combine, laine_karras, pixel_hash, reverse_bits, sample_4d
 from engine.scene.description import World
 from tests import light_probe
 from tests.bsdf_harness import (
@@ -61,10 +62,27 @@ LAMPS = {
 }
 
 
+def _point(rng, sample, dimension):
+    """`sample_4d` coordinate by coordinate, where that is vector instructions which Python has not."""
+    seed = hash_combine(rng, np.uint32(dimension))
+    index = reverse_bits(laine_karras(reverse_bits(np.uint32(sample)), seed))
+    numbers = []
+    for d in range(4):
+        bits = np.uint32(0)
+        for byte in range(4):
+            bits ^= SOBOL[256 * byte + int(index >> np.uint32(8 * byte)) % 256, d]
+        scrambled = reverse_bits(laine_karras(bits, hash_combine(seed, np.uint32(d + 1))))
+        numbers.append(np.float32(scrambled >> np.uint32(8)) * np.float32(2.0**-24))
+    return numbers
+
+
+_sample = _point if numba.config.DISABLE_JIT else sample_4d
+
+
 @kernel
 def _random(seed, out):
     for i in range(out.shape[0]):
-        numbers = sample_4d(pixel_hash(seed, np.int64(7 * i)), np.int64(i * i), np.int64(3 + i % 5))
+        numbers = _sample(pixel_hash(seed, np.int64(7 * i)), np.int64(i * i), np.int64(3 + i % 5))
         for k in range(4):
             out[i, k] = numbers[k]
 
