@@ -94,8 +94,8 @@ def compile_ahead(poll: Callable[[float], None]) -> None:
 
 @contextlib.contextmanager
 def exclusive(part: str) -> Iterator[None]:
-    """Let only one process at a time compile `part`: others wait, then find it done."""
-    with open(cache_root() / f"{part}.lock", "w", encoding="ascii") as file:
+    """Let only one process at a time compile `part` of these sources: others wait, then find it done."""
+    with stamp_file(part).with_suffix(".lock").open("w", encoding="ascii") as file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
         yield  # closing the file frees the lock, as the end of the process does
