@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.stats import qmc
 
 from engine.jit import kernel
 from engine.kernels.rng import pixel_hash, sample_4d
@@ -18,6 +19,49 @@ def _draw(seed, pixel, first, dimension, out):
         out[i, 1] = b
         out[i, 2] = c
         out[i, 3] = d
+
+
+def _plain_sample(rng, sample, dimension):
+    """One set of numbers by the book, in Python's integers."""
+    mask = 0xFFFFFFFF
+
+    def reverse(x):
+        return int(f"{x:032b}"[::-1], 2)
+
+    def combine(a, b):
+        x = a ^ ((b * 0x9E3779B9 + 0x7F4A7C15) & mask)
+        x ^= x >> 16
+        x = x * 0x7FEB352D & mask
+        x ^= x >> 15
+        x = x * 0x846CA68B & mask
+        return x ^ (x >> 16)
+
+    def scramble(x, seed):
+        x ^= x * 0x3D20ADEA & mask
+        x = (x + seed) & mask
+        x = x * ((seed >> 16) | 1) & mask
+        x ^= x * 0x05526C56 & mask
+        return x ^ (x * 0x53A22864 & mask)
+
+    seed = combine(rng, dimension)
+    index = reverse(scramble(reverse(sample), seed))
+    if sample < 1 << 16:
+        index &= 0xFFFF
+    numbers = []
+    for axis, point in enumerate(qmc.Sobol(4, scramble=False, bits=32)._sv):
+        x = 0
+        for bit in range(32):
+            if index >> bit & 1:
+                x ^= int(point[bit])
+        numbers.append((reverse(scramble(reverse(x), combine(seed, axis + 1))) >> 8) * 2.0**-24)
+    return numbers
+
+
+@pytest.mark.parametrize("sample", [0, 1, 77, 65535, 65536, 1_000_000])
+def test_numbers_are_scrambled_sobol_points(sample):
+    """Direction numbers of scipy, which are those of Joe and Kuo too."""
+    found = draw(1, first=sample)[0]
+    assert np.allclose(found, _plain_sample(int(pixel_hash(1, 7)), sample, 3), rtol=0.0, atol=2.0**-24)
 
 
 def draw(count, *, seed=1, pixel=7, dimension=3, first=0):
