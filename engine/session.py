@@ -33,6 +33,9 @@ except ImportError:  # Windows
 TILE_SIZE = 32
 #: Samples of a tile's successive units grow to this: small first for an early image, large later to keep lanes full.
 LARGEST_UNIT_SAMPLES = 64
+#: A tile's successive units grow by this factor: the first should show soon, and each costs a start and an end with few
+#: paths in flight.
+UNIT_GROWTH = 4
 #: Said while there is nothing to show yet.
 _COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
@@ -110,8 +113,7 @@ def _sample_ranges(samples: int) -> list[tuple[int, int]]:
         count = min(count, samples - first)
         ranges.append((first, count))
         first += count
-        if first > 1:
-            count = min(2 * count, LARGEST_UNIT_SAMPLES)
+        count = min(UNIT_GROWTH * count, LARGEST_UNIT_SAMPLES)
     return ranges
 
 

@@ -224,6 +224,7 @@ class PathState(Bundle):
         triangle (row of GeometryArrays.triangles)
     offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
     random : float32 (L, 4), this vertex's numbers for the BSDF and for roulette
+    survival : float32, probability with which roulette lets the path go on behind the next surface
     alive : uint8, 0 once the path has ended in this round
     """
 
@@ -259,6 +260,7 @@ class PathState(Bundle):
     hit_triangle: Int32Array
     offset: Float32Array
     random: Float32Array
+    survival: Float32Array
     alive: Uint8Array
     channels: tuple[int, ...]
 
@@ -394,6 +396,7 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
                 ("dimension", integer),
                 ("pixel", integer),
                 ("unguided", real),
+                ("survival", real),
             ],
             [
                 ("mis_origin", real, 3),

@@ -66,11 +66,13 @@ def _point(rng, sample, dimension):
     """`sample_4d` coordinate by coordinate, where that is vector instructions which Python has not."""
     seed = hash_combine(rng, np.uint32(dimension))
     index = reverse_bits(laine_karras(reverse_bits(np.uint32(sample)), seed))
+    if sample < 1 << 16:
+        index &= np.uint32(0xFFFF)
     numbers = []
     for d in range(4):
         bits = np.uint32(0)
-        for byte in range(4):
-            bits ^= SOBOL[256 * byte + int(index >> np.uint32(8 * byte)) % 256, d]
+        for group in range(8):
+            bits ^= SOBOL[16 * group + int(index >> np.uint32(4 * group)) % 16, d]
         scrambled = reverse_bits(laine_karras(bits, hash_combine(seed, np.uint32(d + 1))))
         numbers.append(np.float32(scrambled >> np.uint32(8)) * np.float32(2.0**-24))
     return numbers

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from engine.bundle import Bundle
-from engine.jit import kernel
+from engine.jit import BoundKernel, kernel
+from engine.kernels.local import LOCAL_COUNT, local_floats
 
 
 class Pair(Bundle):
@@ -23,6 +24,34 @@ class Varying(Bundle):
 
     _dynamic = frozenset({"rows"})
     rows: np.ndarray
+
+
+class Lanes(Bundle):
+    """Fields side by side in records."""
+
+    _rows = True
+    position: np.ndarray
+    count: np.ndarray
+    table: np.ndarray
+
+
+@kernel
+def _move(lanes, lane, distance):
+    for c in range(3):
+        lanes.position[lane, c] += distance
+    lanes.count[lane] = lanes.count[np.int32(lane)] + 1
+    lanes.table[lane, 1, 2] = lanes.table[lane, 0, 1]
+
+
+@kernel
+def _sum_of_room():
+    room = local_floats()
+    for k in range(LOCAL_COUNT):
+        room[k] = np.float32(k)
+    total = 0.0
+    for k in range(LOCAL_COUNT):
+        total += room[k]
+    return total
 
 
 @kernel
@@ -75,3 +104,40 @@ def test_what_cannot_be_a_field_is_refused():
         Pair(np.ones((5, 4), np.float32)[:, ::2], np.zeros(5, np.int32), (0,))
     with pytest.raises(TypeError, match="fields"):
         Pair(np.ones((5, 4), np.float32))
+
+
+def _lanes(lane_count: int) -> Lanes:
+    record = np.dtype([("position", np.float32, 3), ("count", np.uint8), ("", np.uint8, 3)])
+    memory = np.zeros(lane_count, record)
+    table = np.arange(lane_count * 12, dtype=np.int32).reshape(2, lane_count, 6).transpose(1, 0, 2)
+    return Lanes(memory["position"], memory["count"], table)
+
+
+def test_fields_of_lanes_may_be_strided_and_neighbours_stay_as_they_are():
+    lanes = _lanes(5)
+    expected = lanes.table.copy()
+    expected[3, 1, 2] = expected[3, 0, 1]
+    _move(lanes, 3, np.float32(2.0))
+    _move(lanes, 3, np.float32(0.5))
+    assert np.array_equal(lanes.position, np.where(np.arange(5)[:, None] == 3, 2.5, 0.0) * np.ones(3))
+    assert np.array_equal(lanes.count, [0, 0, 0, 2, 0])
+    assert np.array_equal(lanes.table, expected)
+
+
+def test_strides_are_part_of_the_type_of_lanes():
+    assert _lanes(5)._numba_type_ != _lanes(6)._numba_type_
+    dense = Lanes(np.zeros((5, 3), np.float32), np.zeros(5, np.uint8), np.zeros((5, 2, 6), np.int32))
+    assert dense._numba_type_ != _lanes(5)._numba_type_
+    _move(dense, 1, np.float32(1.0))
+    assert dense.position.sum() == 3.0
+
+
+def test_bound_kernels_do_what_the_kernel_does():
+    bound, lanes = BoundKernel(_move), _lanes(4)
+    for lane in (0, 2, 2):
+        bound(lanes, lane, np.float32(1.0))
+    assert np.array_equal(lanes.count, [1, 0, 2, 0])
+
+
+def test_local_floats_keep_what_is_written():
+    assert _sum_of_room() == sum(range(LOCAL_COUNT))

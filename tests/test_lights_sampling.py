@@ -9,6 +9,7 @@ import pytest
 from chi2 import cell_integrals, histogram, p_value, sidak
 
 from engine.scene.description import World
+from engine.scene.environment import build_environment_map, build_map_guide
 from engine.scene.light_arrays import LIGHT_BACKGROUND
 
 UP = (0.0, 0.0, 1.0)
@@ -241,6 +242,23 @@ def test_background_samples_follow_their_density() -> None:
     assert p_value(histogram(wi, 32, 32), expected / expected.sum(), len(samples)) > 1e-3
     forward = probe.hit_pdf(lights, (0, 0, 0), UP, wi)
     assert (np.abs(forward - samples[:, probe.PDF]) <= 1e-3 * samples[:, probe.PDF]).mean() > 0.999
+
+
+def test_the_guide_finds_the_cells_of_a_full_search() -> None:
+    """Rows and columns of next to no probability, of much, and numbers on the boundaries."""
+    generator = np.random.default_rng(5)
+    radiance = generator.random((40, 100, 3)).astype(np.float32) ** 20
+    radiance[7] = 0.0
+    radiance[20, 30] = 50.0
+    marginal, conditional, _mean = build_environment_map(radiance)
+    guide = build_map_guide(marginal, conditional)
+    numbers = np.concatenate([generator.random(500), np.arange(64) / 64.0, marginal[:-1, 0], conditional[20, :-1]])
+    numbers = numbers[numbers < 1.0].astype(np.float32)
+    for u in numbers:
+        for line, cumulative in ((40, marginal[:, 0]), (20, conditional[20]), (7, conditional[7])):
+            found = np.searchsorted(cumulative, u, side="right") - 1
+            low, high = guide[line, int(u * 64)], guide[line, int(u * 64) + 1]
+            assert low <= min(found, len(cumulative) - 2) <= high
 
 
 def test_background_map_points_where_the_sun_is() -> None:

@@ -23,6 +23,7 @@ from engine.scene.description import (
     World,
 )
 from engine.scene.geometry import empty_instances
+from engine.scene.light_arrays import HEADER_SOURCES
 from engine.session import Session, _sample_ranges, _tiles
 from engine.settings import RenderSettings
 
@@ -90,6 +91,48 @@ def test_a_floor_under_a_sun_reflects_albedo_over_pi():
     image = render(floor_scene(lights=[sun(2.0)])).passes["Combined"]
     assert np.allclose(image[..., :3], 0.5 / np.pi * 2.0, rtol=1e-4)
     assert (image[..., 3] == 1.0).all()
+
+
+def lit_room():
+    """Two facing floors, the upper one small and glowing: paths end in the dark more often than not."""
+    upper = np.diag([0.02, 0.02, 1.0, 1.0])
+    upper[:3, 3] = 0.0, 0.0, 4.0
+    wall = np.array([[1.0, 0.0, 0.0, 30.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    glow = material("Glow", (3.0, 2.0, 1.0), "ShaderNodeEmission")
+    description = floor_scene(transforms=[np.eye(4), upper, wall], materials=[material(color=(0.9, 0.8, 0.7)), glow])
+    description.instances.material_offset = np.array([0, 1, 0], np.int32)
+    description.instances.materials = np.array([0, 1], np.int32)
+    return description
+
+
+@pytest.mark.parametrize(("max_bounces", "share"), [(0, 0.7), (3, 0.98)])
+def test_rays_that_can_find_no_light_are_not_traced_and_the_image_stays_the_same(max_bounces, share):
+    session = Session(RenderSettings(samples=16, threads=1, max_bounces=max_bounces))
+    session.load(lit_room())
+    assert session.scene.lights.header[HEADER_SOURCES] == 1
+    quick = session.render()
+    session.scene.lights.header[HEADER_SOURCES] = -1
+    whole = session.render()
+    session.close()
+    assert whole.passes["Combined"][..., :3].max() > 0.0
+    assert np.array_equal(quick.passes["Combined"], whole.passes["Combined"])
+    assert quick.report.rays["closest"] < share * whole.report.rays["closest"]
+    assert quick.report.rays["shadow"] == whole.report.rays["shadow"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"world": World("w", "World", None, (1.0, 1.0, 1.0))},
+        {"lights": [Light("p", "Point", "POINT", np.eye(4, dtype=np.float32), (1.0, 1.0, 1.0), 1.0, radius=0.1)]},
+        {"lights": [Light("s", "Sun", "SUN", np.eye(4, dtype=np.float32), (1.0, 1.0, 1.0), 1.0, angle=0.1)]},
+    ],
+)
+def test_every_ray_is_traced_where_light_may_come_from_anywhere(changes):
+    session = Session(RenderSettings(samples=1, threads=1))
+    session.load(floor_scene(**changes))
+    assert session.scene.lights.header[HEADER_SOURCES] == -1
+    session.close()
 
 
 def test_exposure_is_a_factor():

@@ -19,13 +19,14 @@ from engine.shaders.arrays import (
     PROGRAM_HAS_EMISSION,
     PROGRAM_HAS_LOBES,
     PROGRAM_IS_CONSTANT,
+    PROGRAM_IS_LAMBERTIAN,
     PROGRAM_MAY_BE_TRANSPARENT,
     PROGRAM_START,
     PROGRAM_TRANSPARENCY_CONSTANT,
     ShaderArrays,
 )
 from engine.shaders.compiler import ProgramSource, compile_programs
-from engine.state import CLOSURE_WEIGHT
+from engine.state import CLOSURE_WEIGHT, POINT_NS
 from tests.shader_harness import Graph, compile_one, emitted, run, square_points
 
 
@@ -95,6 +96,44 @@ def test_mix_and_add_weights(fac: float) -> None:
     assert flags(shaders) & PROGRAM_EMISSION_CONSTANT
 
 
+@pytest.mark.parametrize(
+    ("kind", "inputs", "is_lambertian"),
+    [
+        ("ShaderNodeBsdfDiffuse", {"Color": (0.8, 0.4, 0.2, 1.0), "Roughness": 0.0}, True),
+        ("ShaderNodeBsdfDiffuse", {"Color": (0.8, 0.4, 0.2, 1.0), "Roughness": 0.3}, False),
+        ("ShaderNodeBsdfDiffuse", {"Color": (0.8, 0.4, 0.2, 1.0), "Normal": (0.0, 0.6, 0.8)}, False),
+        ("ShaderNodeBsdfTranslucent", {"Color": (0.8, 0.4, 0.2, 1.0)}, False),
+    ],
+)
+def test_a_constant_diffuse_surface_is_told_apart_and_shades_as_its_program_does(kind, inputs, is_lambertian) -> None:
+    graph = Graph()
+    surface = graph.surface(graph.link(kind, "BSDF", inputs=inputs))
+    shaders, _names, _notices = compile_one(surface)
+    assert bool(flags(shaders) & PROGRAM_IS_LAMBERTIAN) == is_lambertian
+    quick = run(shaders)
+    shaders.programs[0, PROGRAM_FLAGS] &= ~PROGRAM_IS_LAMBERTIAN
+    slow = run(shaders)
+    assert quick.count[0] == slow.count[0] == 1
+    assert quick.kind[0, 0] == slow.kind[0, 0]
+    assert np.array_equal(quick.param[0, 0, :8], slow.param[0, 0, :8])
+    assert quick.param[0, 0, kinds.BUMP] == slow.param[0, 0, kinds.BUMP]
+    for mode in (MODE_EMISSION, MODE_TRANSPARENCY):
+        assert run(shaders, mode=mode).count[0] == 0
+
+
+def test_a_smooth_normal_is_not_taken_for_a_bumped_one() -> None:
+    """Also where rounding makes its length differ from 1."""
+    graph = Graph()
+    shaders, _names, _notices = compile_one(graph.surface(graph.link("ShaderNodeBsdfGlossy", "BSDF")))
+    points = square_points(np.random.default_rng(1).random((1000, 2)))
+    normals = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32)
+    normals[:, 2] = 4.0 + np.abs(normals[:, 2])
+    points.real[:, POINT_NS : POINT_NS + 3] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    closures = run(shaders, points)
+    assert (closures.count == 1).all()
+    assert (closures.param[:, 0, kinds.BUMP] == 0.0).all()
+
+
 def test_mix_by_a_varying_factor() -> None:
     graph = Graph()
     checker = graph.link("ShaderNodeTexChecker", "Fac", inputs={"Scale": 2.0})
@@ -145,7 +184,7 @@ def test_default_and_empty_materials() -> None:
     assert closures.count[0] == 1 and closures.kind[0, 0] == kinds.DIFFUSE
     np.testing.assert_allclose(closures.param[0, 0, CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3], 0.8)
     assert flags(shaders) == PROGRAM_HAS_LOBES | PROGRAM_IS_CONSTANT | PROGRAM_EMISSION_CONSTANT | (
-        PROGRAM_TRANSPARENCY_CONSTANT
+        PROGRAM_TRANSPARENCY_CONSTANT | PROGRAM_IS_LAMBERTIAN
     )
     shaders, _names, _notices = compile_one(NodeGraph())
     assert opcodes(shaders) == [] and run(shaders).count[0] == 0

@@ -10,7 +10,8 @@ import pytest
 
 from engine import state
 from engine.scene.description import Image
-from tests.shader_harness import Graph, emitted, square_points
+from engine.shaders.arrays import PROGRAM_AHEAD_IMAGE, PROGRAM_AHEAD_SLOT
+from tests.shader_harness import Graph, compile_one, emitted, square_points
 
 
 def gradient_image(**options: Any) -> Image:
@@ -92,6 +93,19 @@ def test_uv_map_is_the_default_vector() -> None:
     graph_color = graph.link("ShaderNodeTexImage", "Color", image=0, interpolation="Closest")
     found = emitted(graph.emit(graph_color), square_points([(0.9, 0.1), (0.1, 0.9)]), [gradient_image()])
     np.testing.assert_allclose(found[:, :2], [(3, 0), (0, 1)])
+
+
+def test_texels_are_foreseen_where_a_uv_map_is_used_as_it_is() -> None:
+    def columns(vector: object) -> list[int]:
+        graph = Graph()
+        inputs = {} if vector is None else {"Vector": vector(graph)}  # type: ignore[operator]
+        color = graph.link("ShaderNodeTexImage", "Color", image=0, inputs=inputs)
+        shaders, _names, _notices = compile_one(graph.emit(color), [gradient_image()])
+        return shaders.programs[0, [PROGRAM_AHEAD_IMAGE, PROGRAM_AHEAD_SLOT]].tolist()
+
+    assert columns(None) == [1, -1]
+    assert columns(lambda graph: graph.link("ShaderNodeUVMap", "UV", uv_map="Other")) == [1, 0]
+    assert columns(lambda graph: graph.link("ShaderNodeNewGeometry", "Position")) == [0, 0]
 
 
 def test_srgb_bytes_are_decoded_after_filtering() -> None:

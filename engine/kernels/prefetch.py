@@ -1,26 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Asking for memory before it is needed: a scene does not fit into the caches, and a miss costs as much as a stage."""
+"""Asking for memory before it is needed: neither a scene nor a batch fits into the nearest caches, and a miss can cost
+as much as a stage.
+"""
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from engine.bundle import RowsType
+from engine.jit import kernel
+
 _READ, _KEEP, _DATA = 0, 3, 1
+#: How many lanes ahead a stage asks for what it will read of one.
+_LANES_AHEAD = 4
 
 
 @intrinsic
 def prefetch(typing_context: Any, array: Any, row: Any) -> Any:
-    """Have the processor fetch the start of a row of a C-contiguous array. Rows out of range do no harm."""
+    """Have the processor fetch the start of a row of a C-contiguous array or of a field of lanes.
+
+    Rows out of range do no harm.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
-        fields = make_array(signature.args[0])(context, builder, arguments[0])
-        stride = builder.extract_value(fields.strides, 0)
-        address = builder.gep(builder.bitcast(fields.data, pointer), [builder.mul(arguments[1], stride)])
+        if isinstance(array, RowsType):
+            start, stride = arguments[0], ir.Constant(ir.IntType(64), array.strides[0])
+        else:
+            fields = make_array(signature.args[0])(context, builder, arguments[0])
+            start, stride = fields.data, builder.extract_value(fields.strides, 0)
+        address = builder.gep(builder.bitcast(start, pointer), [builder.mul(arguments[1], stride)])
         function = cgutils.get_or_insert_function(
             builder.module, ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag]), "llvm.prefetch.p0"
         )
@@ -28,3 +42,44 @@ def prefetch(typing_context: Any, array: Any, row: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, types.intp), generate
+
+
+@kernel
+def lane_ahead(lanes, k, lane_count):
+    """The lane whose turn comes a little after that of `lanes[k]`."""
+    return np.int64(lanes[min(k + _LANES_AHEAD, lane_count - 1)])
+
+
+# What follows knows where the cache lines of `engine.state` begin.
+
+
+@kernel
+def ask_for_ray(paths, lane):
+    """A path's ray, its hit and flags."""
+    prefetch(paths.origin, lane)
+
+
+@kernel
+def ask_for_throughput(paths, lane):
+    """A path's throughput, radiance and random numbers."""
+    prefetch(paths.throughput, lane)
+
+
+@kernel
+def ask_for_history(paths, lane):
+    """A path's last scattering, footprint and depths."""
+    prefetch(paths.mis_origin, lane)
+
+
+@kernel
+def ask_for_point(points, lane):
+    """A point to shade."""
+    prefetch(points.real, lane)
+    prefetch(points.integer, lane)
+
+
+@kernel
+def ask_for_closures(closures, lane):
+    """Emission and the like, and the first line of the first lobe."""
+    prefetch(closures.count, lane)
+    prefetch(closures.kind, lane)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.scene.arrays import Float32Array
+from engine.scene.arrays import Float32Array, Int32Array
+from engine.scene.light_arrays import MAP_GUIDE_SIZE
 
 
 def _bilinear_mass(values: np.ndarray) -> np.ndarray:
@@ -37,6 +38,16 @@ def _cumulative(weights: np.ndarray) -> np.ndarray:
     result[..., 1:] = normalized
     result[..., -1] = 1.0
     return result
+
+
+def build_map_guide(marginal: Float32Array, conditional: Float32Array) -> Int32Array:
+    """`LightArrays.map_guide`: shortens the search for a number's column and row."""
+    steps = np.arange(MAP_GUIDE_SIZE + 1, dtype=np.float32) / np.float32(MAP_GUIDE_SIZE)
+    guide = np.zeros((len(conditional) + 1, MAP_GUIDE_SIZE + 1), np.int32)
+    for line, cumulative in enumerate((*conditional, marginal[:, 0])):
+        last = np.searchsorted(cumulative, steps, side="right") - 1
+        guide[line] = np.clip(last, 0, max(len(cumulative) - 2, 0))
+    return guide
 
 
 def build_environment_map(radiance: Float32Array) -> tuple[Float32Array, Float32Array, float]:

@@ -131,7 +131,12 @@ HEADER_BACKGROUND_EMITTER = 4  # -1: the background is not sampled as a light
 HEADER_BACKGROUND_PROGRAM = 5
 HEADER_BACKGROUND_VISIBILITY = 6
 HEADER_BACKGROUND_MAX_BOUNCES = 7
-HEADER_WIDTH = 8
+#: Rows of `sources`; -1: light may come from anywhere.
+HEADER_SOURCES = 8
+HEADER_WIDTH = 9
+
+#: Steps of `map_guide`; a power of two, so that finding one's own does not round.
+MAP_GUIDE_SIZE = 64
 
 #: Distance to everything at infinity.
 DISTANT = 1e30
@@ -145,12 +150,15 @@ class LightArrays(Bundle):
     distant : float32 (D, DISTANT_WIDTH)
     emitters : int32 (E, EMITTER_WIDTH)
     triangles : float32 (T, TRIANGLE_WIDTH)
+    sources : float32 (S, 4), spheres that hold all that scattered rays can find by chance: centre, squared radius [m]
     lamps : float32 (L, LAMP_WIDTH); lamp_table : int32 (L, LAMP_TABLE_WIDTH)
     lookup_offset : int64 (I, 2), where the triangles of instance i start in `lookup` (-1: it has no emitters), and
         the first triangle of its mesh
     lookup : int32 (K,), emitter of a triangle, -1 = none
     map_marginal : float32 (H + 1, 2), cumulative probability of rows and cosine of their lower latitude bound
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
+    map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
+        last row, whose cumulative probability is not above k / MAP_GUIDE_SIZE
     """
 
     #: The map's width differs from world to world.
@@ -162,9 +170,11 @@ class LightArrays(Bundle):
     distant: Float32Array
     emitters: Int32Array
     triangles: Float32Array
+    sources: Float32Array
     lamps: Float32Array
     lamp_table: Int32Array
     lookup_offset: Int64Array
     lookup: Int32Array
     map_marginal: Float32Array
     map_conditional: Float32Array
+    map_guide: Int32Array

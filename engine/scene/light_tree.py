@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from engine.jit import kernel
+from engine.kernels.local import LOCAL_COUNT
 from engine.scene.arrays import Float32Array, Int32Array
 from engine.scene.light_arrays import (
     LINK_CHILD,
@@ -51,7 +52,7 @@ BOUNDS_WIDTH = 16
 
 _BIN_COUNT = 12
 #: Most emitters below a node that is not split further.
-_GROUP_SIZE = 8
+_GROUP_SIZE = LOCAL_COUNT
 
 
 @kernel

@@ -42,7 +42,7 @@ from engine.scene.description import (
     Notice,
     SceneDescription,
 )
-from engine.scene.environment import build_environment_map, empty_map
+from engine.scene.environment import build_environment_map, build_map_guide, empty_map
 from engine.scene.light_arrays import LightArrays
 
 #: `ProgramInfo.sampling_mode`: sides sampled, or AUTO (decided by `resolve_sampling`).
@@ -215,6 +215,40 @@ def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
         lookup_offset,
         np.concatenate(lookup) if lookup else np.zeros(0, np.int32),
     )
+
+
+#: More sources than this are not looked at one by one.
+_MAX_SOURCES = 16
+
+
+def _find_sources(geometry: GeometryArrays, info: ProgramInfo) -> Float32Array | None:
+    """Spheres around the emissive triangles of each instance, sampled as lights or not: centre and squared radius.
+
+    None where they are too many, or not finite.
+    """
+    emits = np.asarray(info.has_emission, bool)
+    instances = _emissive_instances(geometry, emits.astype(np.int32))
+    if len(instances) > _MAX_SOURCES:
+        return None
+    spheres = np.zeros((len(instances), 4), np.float64)
+    for row, instance in enumerate(instances):
+        table = geometry.instance_table[instance]
+        mesh = geometry.mesh_table[table[INSTANCE_MESH]]
+        first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
+        slots = geometry.material_slots[first : first + count]
+        program = geometry.instance_materials[int(table[INSTANCE_MATERIAL_OFFSET]) + slots]
+        found = np.flatnonzero(np.where(program >= 0, emits[np.maximum(program, 0)], False))
+        if len(found) == 0:
+            spheres[row, 3] = -1.0
+            continue
+        corners = geometry.vertices[geometry.triangles[first + found].ravel()][:, :3].astype(np.float64)
+        if not table[INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
+            matrix = geometry.transforms[instance].reshape(3, 4).astype(np.float64)
+            corners = corners @ matrix[:, :3].T + matrix[:, 3]
+        center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        spheres[row, :3] = center
+        spheres[row, 3] = 1.01 * ((corners - center) ** 2).sum(axis=1).max()
+    return spheres[spheres[:, 3] >= 0.0].astype(np.float32) if np.isfinite(spheres).all() else None
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -481,6 +515,16 @@ def build_lights(
     header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
     header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
+    sources = None
+    world_program = program_info.world_program
+    world_is_black = world_program < 0 or (
+        bool(program_info.emission_is_constant[world_program])
+        and not np.any(program_info.emission_estimate[world_program])
+    )
+    # Lamps that rays may cross, suns that they may reach.
+    if world_is_black and not np.any((order == 0) | (order == 2)):
+        sources = _find_sources(geometry, program_info)
+    header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
     return LightArrays(
         header=header,
         nodes=nodes,
@@ -488,10 +532,12 @@ def build_lights(
         distant=distant,
         emitters=emitters,
         triangles=triangles.rows,
+        sources=sources if sources is not None else np.zeros((0, 4), np.float32),
         lamps=np.array([lamp.values for lamp in lamps], np.float32).reshape(-1, la.LAMP_WIDTH),
         lamp_table=np.array([lamp.table for lamp in lamps], np.int32).reshape(-1, la.LAMP_TABLE_WIDTH),
         lookup_offset=triangles.lookup_offset,
         lookup=triangles.lookup,
         map_marginal=marginal,
         map_conditional=conditional,
+        map_guide=build_map_guide(marginal, conditional),
     )

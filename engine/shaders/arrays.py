@@ -34,7 +34,10 @@ MODE_NO_REFRACTIVE_CAUSTICS = 8
 PROGRAM_START = 0  # + 2 * (mode & MODE_MASK)
 PROGRAM_END = 1
 PROGRAM_FLAGS = 6
-PROGRAM_WIDTH = 8
+#: Row of `images`, plus 1, that a lookup by an unchanged UV map will read; 0 = not known. And the map's slot, or -1.
+PROGRAM_AHEAD_IMAGE = 7
+PROGRAM_AHEAD_SLOT = 8
+PROGRAM_WIDTH = 9
 
 #: May emit light.
 PROGRAM_HAS_EMISSION = 1
@@ -52,11 +55,14 @@ PROGRAM_IS_CONSTANT = 64
 PROGRAM_HAS_LOBES = 128
 #: The material turned "bump map correction" off.
 PROGRAM_NO_BUMP_CORRECTION = 256
+#: Nothing but one Lambertian lobe about the smooth normal, of weight program_values[row, 8:11].
+PROGRAM_IS_LAMBERTIAN = 512
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean
 VALUE_TRANSPARENCY = 4
-VALUE_WIDTH = 8
+VALUE_LAMBERTIAN = 8
+VALUE_WIDTH = 12
 
 # Columns of ShaderArrays.images.
 IMAGE_X = 0  # width [texels]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from engine.kernels.shader import ops_closure, ops_input
+from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
+from engine.kernels.shader import ops_closure, ops_image, ops_input
 from engine.scene.arrays import Float32Array
 from engine.scene.description import Camera, Frame, Image, Link, Node, NodeGraph, Notice
 from engine.shaders import arrays as layout
@@ -109,6 +110,8 @@ class _Compiled:
     flags: int
     emission: tuple[float, ...] | None
     transparency: tuple[float, ...] | None
+    lambertian: tuple[float, ...] | None
+    ahead: tuple[int, int]
 
 
 class _SceneCompiler:
@@ -177,10 +180,13 @@ class _SceneCompiler:
                 programs[row, layout.PROGRAM_END + 2 * mode] = len(code)
                 register_count = max(register_count, part.register_count)
             programs[row, layout.PROGRAM_FLAGS] = program.flags
+            programs[row, [layout.PROGRAM_AHEAD_IMAGE, layout.PROGRAM_AHEAD_SLOT]] = program.ahead
             if program.emission is not None:
                 values[row, layout.VALUE_EMISSION : layout.VALUE_EMISSION + 3] = program.emission
             if program.transparency is not None:
                 values[row, layout.VALUE_TRANSPARENCY : layout.VALUE_TRANSPARENCY + 3] = program.transparency
+            if program.lambertian is not None:
+                values[row, layout.VALUE_LAMBERTIAN : layout.VALUE_LAMBERTIAN + 3] = program.lambertian
         words = np.array(code or [0], np.int32)
         words[constant_words] += register_count
         table, pixels_byte, pixels_float, image_notices = build_image_pool(self.images)
@@ -252,7 +258,40 @@ class _ProgramCompiler:
             for value in closure.inputs
         ):
             self.flags |= layout.PROGRAM_IS_CONSTANT
-        return _Compiled(instructions, self._roots, self.flags, emission, transparency)
+        lambertian = self._lambertian(closures)
+        if lambertian is not None:
+            self.flags |= layout.PROGRAM_IS_LAMBERTIAN
+        ahead = self._foreseen_image()
+        return _Compiled(instructions, self._roots, self.flags, emission, transparency, lambertian, ahead)
+
+    def _foreseen_image(self) -> tuple[int, int]:
+        """PROGRAM_AHEAD_IMAGE and PROGRAM_AHEAD_SLOT."""
+        instructions = self.code.instructions
+        for instruction in instructions:
+            if instruction.opcode != ops_image.OP_IMAGE:
+                continue
+            image, projection = instruction.immediates[:2]
+            vector = instruction.inputs[0]
+            if image < 0 or projection != ops_image.PROJECTION_FLAT or isinstance(vector, Constant):
+                continue
+            source = instructions[vector.instruction]
+            slot = source.immediates[1] if source.opcode == ops_input.OP_ATTRIBUTE else -2
+            if vector.output == 0 and slot >= -1:
+                return image + 1, slot
+        return 0, 0
+
+    def _lambertian(self, closures: Sequence[Instruction]) -> tuple[float, ...] | None:
+        """Weight of the only closure, if that is a constant Lambertian lobe about the smooth normal, else None."""
+        if len(closures) != 1 or closures[0].opcode != ops_closure.OP_DIFFUSE:
+            return None
+        weight, normal, color, roughness = closures[0].inputs
+        if not (isinstance(weight, Constant) and isinstance(color, Constant) and isinstance(roughness, Constant)):
+            return None
+        if isinstance(normal, Constant) or self.code.instructions[normal.instruction].opcode != ops_input.OP_NORMAL:
+            return None
+        if not roughness.value[0] < MIN_DIFFUSE_ROUGHNESS:
+            return None
+        return tuple(float(np.float32(weight.value[0]) * np.float32(channel)) for channel in color.value)
 
     # -----------------------------------------------------------------------------------------------------------------
     # Closures

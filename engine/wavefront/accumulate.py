@@ -4,6 +4,7 @@
 import math
 
 from engine.jit import kernel
+from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 
 
 @kernel
@@ -20,6 +21,9 @@ def accumulate(paths, active, active_count, free, free_count, film):
     reject_count = 0
     for k in range(active_count):
         lane = active[k]
+        ahead = lane_ahead(active, k, active_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
         if paths.alive[lane] != 0:
             active[kept] = lane
             kept += 1

@@ -5,9 +5,12 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.camera import generate_ray, sample_filter
+from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
 from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND
+
+_LANES_AHEAD = 4
 
 
 @kernel
@@ -40,6 +43,10 @@ def init_from_camera(
     while free_count > 0 and next_path < path_count:
         free_count -= 1
         lane = free[free_count]
+        ahead = free[max(free_count - _LANES_AHEAD, 0)]
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
         pixel = next_path % pixel_count
         sample = sample_first + next_path // pixel_count
         next_path += 1

@@ -53,6 +53,7 @@ from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.options import make_guiding_options, make_options
+from engine.wavefront.play_roulette import play_roulette
 from engine.wavefront.predict_radiance import predict_by_mixture, predict_by_table
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
@@ -74,6 +75,7 @@ RECORD_ROWS = 1 << 15
 #: Stages of every render; those of guided ones are called by their names.
 _STAGES = (
     init_from_camera,
+    play_roulette,
     intersect_closest,
     shade_lights,
     prepare_surface,
@@ -156,8 +158,8 @@ class Batch:
         self.light_points = allocate_points(lanes)
         self.light_closures = allocate_closures(lanes, channel_count)
         self.f_cos = np.zeros((lanes, channel_count), np.float32)
-        self.active, self.free, self.surface, self.missed, self.lit, self.programs, self.pending = (
-            np.zeros(lanes, np.int32) for _ in range(7)
+        self.active, self.free, self.traced, self.surface, self.missed, self.lit, self.programs, self.pending = (
+            np.zeros(lanes, np.int32) for _ in range(8)
         )
         #: Guided lanes with one candidate, and with several.
         self.single, self.several = (np.zeros(lanes, np.int32) for _ in range(2))
@@ -307,18 +309,21 @@ class Integrator:
                 b.statistics.path_count += path_count
                 return True
 
+            traced_count = stages.play_roulette(lights, options, paths, b.log, b.active, active_count, b.traced)
+            b.end("play_roulette")
+
             if self.ray_observer:
-                self.ray_observer("closest", paths, b.active, active_count)
-            stages.intersect_closest(*embree, geometry, paths, b.active, active_count)
-            rays["closest"] += active_count
+                self.ray_observer("closest", paths, b.traced, traced_count)
+            stages.intersect_closest(*embree, geometry, paths, b.traced, traced_count)
+            rays["closest"] += traced_count
             b.end("intersect_closest")
 
             if self.has_hittable_lights:
-                stages.shade_lights(lights, options, paths, b.active, active_count)
+                stages.shade_lights(lights, options, paths, b.traced, traced_count)
                 b.end("shade_lights")
 
             surface_count, missed_count = stages.prepare_surface(
-                geometry, shaders.programs, options, paths, points, b.active, active_count, b.surface, b.missed
+                geometry, shaders.programs, paths, points, b.traced, traced_count, b.surface, b.missed
             )
             b.end("prepare_surface")
 

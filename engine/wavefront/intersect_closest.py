@@ -5,6 +5,7 @@ import numpy as np
 
 from engine.accel import trace_closest
 from engine.jit import kernel
+from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.vector import load
 from engine.scene.arrays import INSTANCE_MESH, MESH_FIRST_TRIANGLE
 from engine.state import RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT
@@ -17,6 +18,7 @@ def intersect_closest(scene, ray, bits, address, geometry, paths, lanes, lane_co
     """Trace `lane_count` rays; a miss leaves `hit_instance` at -1. Arguments as `accel.trace_closest`."""
     for k in range(lane_count):
         lane = lanes[k]
+        ask_for_ray(paths, lane_ahead(lanes, k, lane_count))
         visibility = paths.flags[lane] & 31
         if visibility & RAY_TRANSMIT:
             # Visibility to diffuse and glossy rays is about reflection only.

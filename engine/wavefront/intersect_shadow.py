@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, trace_closest, trace_occluded
 from engine.jit import kernel
+from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_radiance
 from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import load, store
@@ -34,41 +35,47 @@ from engine.state import (
 _NO_INSTANCE = np.uint32(0xFFFFFFFF)
 #: A shadow ray dimmer than this is blocked.
 _NEGLIGIBLE = np.float32(1e-7)
+_ROWS_AHEAD = 2
 
 
 @kernel
 def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_count, has_transparent, pending):
-    """Trace all shadow rays against opaque blockers and add the light of those that pass.
+    """Trace all shadow rays and add the light of those that pass.
 
-    Rays that may meet transparent blockers are listed in `pending` (rows of `shadows`) instead.
+    Rays that meet transparent blockers only are listed in `pending` (rows of `shadows`) instead.
 
     Returns
     -------
     pending_count : int
     """
     pending_count = 0
+    # Most rays meet nothing at all, and this way need no second look.
+    mask = MASK_SHADOW_OPAQUE | (MASK_SHADOW_TRANSPARENT if has_transparent else 0)
     for row in range(shadow_count):
         lane = shadows.lane[row]
+        ahead = shadows.lane[min(row + _ROWS_AHEAD, shadow_count - 1)]
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
         if not shadows.distance[row] > 0.0:
             # A light that casts no shadow, or one touching the surface.
             add_radiance(
                 paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect
             )
             continue
-        blocked = trace_occluded(
-            scene, ray, bits, address, load(shadows.origin, row), load(shadows.direction, row), 0.0,
-            shadows.distance[row], paths.time[lane], MASK_SHADOW_OPAQUE,
-        )
-        if blocked:
-            continue
-        if has_transparent:
-            shadows.transparent_depth[row] = paths.transparent_depth[lane]
-            pending[pending_count] = row
-            pending_count += 1
-        else:
+        origin = load(shadows.origin, row)
+        direction = load(shadows.direction, row)
+        far = shadows.distance[row]
+        blocked = trace_occluded(scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
+        if not blocked:
             add_radiance(
                 paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect
             )
+        elif has_transparent and not trace_occluded(
+            scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
+        ):
+            shadows.transparent_depth[row] = paths.transparent_depth[lane]
+            pending[pending_count] = row
+            pending_count += 1
     return pending_count
 
 

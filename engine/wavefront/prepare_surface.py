@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: sort paths by what they hit, play Russian roulette, and set up the point to shade.
-
-Roulette comes before shading, so that paths that end never run a shader unless the surface emits. Its survival
-probability is the square root of the largest channel of the throughput that BSDF sampling would have given the path, as
-in Cycles; the throughput is divided by it in `shade_emission`, behind the emission that was found either way.
-"""
-
-import math
+"""Stage: sort paths by what they hit and set up the point to shade; paths that end here only where it emits."""
 
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.prefetch import prefetch
-from engine.kernels.rng import SET_BSDF, sample_4d
+from engine.kernels.prefetch import (
+    ask_for_history,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+    prefetch,
+)
 from engine.kernels.surface import prepare_point, program_of
 from engine.kernels.vector import load
 from engine.scene.arrays import (
@@ -37,10 +36,11 @@ from engine.state import (
     POINT_TRANSPARENT_DEPTH,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
-    RAY_TRANSPARENT,
 )
 
-#: How many hits ahead triangles are asked for, and then their vertices: memory is that much slower than the stage.
+#: How many lanes ahead hits are asked for, then their triangles, and then their vertices: memory is that much slower
+#: than the stage.
+_HITS_AHEAD = 12
 _TRIANGLES_AHEAD = 8
 _VERTICES_AHEAD = 4
 
@@ -69,7 +69,7 @@ def _ask_for_vertices(geometry, paths, lane):
 
 
 @kernel
-def prepare_surface(geometry, programs, options, paths, points, active, active_count, surface, missed):
+def prepare_surface(geometry, programs, paths, points, active, active_count, surface, missed):
     """Sort the active lanes.
 
     Parameters
@@ -85,6 +85,11 @@ def prepare_surface(geometry, programs, options, paths, points, active, active_c
     missed_count = 0
     for k in range(active_count):
         lane = active[k]
+        ask_for_ray(paths, active[min(k + _HITS_AHEAD, active_count - 1)])
+        ahead = lane_ahead(active, k, active_count)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(points, ahead)
         if k + _TRIANGLES_AHEAD < active_count:
             _ask_for_triangle(geometry, paths, active[k + _TRIANGLES_AHEAD])
         if k + _VERTICES_AHEAD < active_count:
@@ -100,28 +105,6 @@ def prepare_surface(geometry, programs, options, paths, points, active, active_c
         holdout = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT
         flags = paths.flags[lane]
         depth = paths.depth[lane]
-
-        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_BSDF)
-        paths.random[lane, 0] = u0
-        paths.random[lane, 1] = u1
-        paths.random[lane, 2] = u2
-
-        survival = 1.0
-        if options.use_roulette != 0:
-            if flags & RAY_TRANSPARENT:
-                sure = paths.transparent_depth[lane] <= options.min_transparent_depth
-            else:
-                sure = depth <= options.min_depth
-            if not sure:
-                largest = 0.0
-                for c in range(len(paths.channels)):
-                    largest = max(largest, abs(paths.throughput[lane, c]))
-                survival = min(math.sqrt(largest * paths.unguided[lane]), 1.0)
-                if u3 >= survival:
-                    flags |= RAY_TERMINATE_ON_NEXT_SURFACE
-                    paths.flags[lane] = flags
-        # The survival probability waits here for shade_emission.
-        paths.random[lane, 3] = survival
 
         ends = flags & (RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT)
         if ends:
@@ -141,7 +124,7 @@ def prepare_surface(geometry, programs, options, paths, points, active, active_c
         real = points.real
         real[lane, POINT_RAY_LENGTH] = distance
         real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
-        real[lane, POINT_RANDOM] = u3
+        real[lane, POINT_RANDOM] = paths.random[lane, 3]
         real[lane, POINT_TIME] = paths.time[lane]
         integer = points.integer
         integer[lane, POINT_PROGRAM] = program

@@ -10,6 +10,13 @@ from engine.jit import kernel
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.constants import FAR
 from engine.kernels.lights import sample_light, triangle_shows_back
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+    prefetch,
+)
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
 from engine.kernels.terminator import shadow_ray
@@ -70,6 +77,12 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
     program_count = 0
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_closures(closures, ahead)
+        prefetch(points.real, ahead)
+        prefetch(samples.direction, ahead)
         if paths.alive[lane] == 0:
             continue
         bits = summarize(closures, lane)
@@ -161,6 +174,12 @@ def connect_lights(
     shadow_count = 0
     for k in range(lit_count):
         lane = lit[k]
+        ahead = lane_ahead(lit, k, lit_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_closures(closures, ahead)
+        prefetch(points.real, ahead)
+        prefetch(samples.direction, ahead)
         real = points.real
         wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
         ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])

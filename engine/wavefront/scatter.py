@@ -6,6 +6,14 @@ from engine.jit import kernel
 from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
 from engine.kernels.constants import NAN
 from engine.kernels.path import pass_through, real_3, scatter_path
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_history,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+)
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
 from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT
@@ -34,6 +42,12 @@ def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_co
     several_count = 0
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
         if paths.alive[lane] == 0:
             continue
         u0 = paths.random[lane, 0]

@@ -10,6 +10,7 @@ from engine.jit import kernel
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
+from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance, power_heuristic
 from engine.kernels.vector import load
 from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
@@ -46,6 +47,11 @@ def shade_emission(lights, geometry, options, paths, points, closures, lanes, la
     """
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_closures(closures, ahead)
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
         holdout = closures.holdout[lane]
@@ -100,7 +106,7 @@ def shade_emission(lights, geometry, options, paths, points, closures, lanes, la
             if closures.count[lane] == 0:
                 paths.alive[lane] = 0
                 continue
-        survival = paths.random[lane, 3]
+        survival = paths.survival[lane]
         if survival < 1.0:
             scale = 1.0 / survival
             for c in range(len(paths.channels)):

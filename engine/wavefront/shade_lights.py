@@ -7,6 +7,7 @@ camera, other rays only those with multiple importance sampling; suns without it
 
 from engine.jit import kernel
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
+from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.vector import load
 from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
@@ -84,6 +85,10 @@ def shade_lights(lights, options, paths, lanes, lane_count):
         return
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
         flags = paths.flags[lane]
         is_camera = flags & RAY_CAMERA
         counts_whole = options.use_nee == 0 or (flags & RAY_MIS_SKIP) != 0

@@ -112,7 +112,7 @@ def weight_below(layer, weight):
     return weight[0] * left, weight[1] * left, weight[2] * left
 
 
-@kernel
+@kernel(forceinline=True)
 def summarize(closures, lane):
     """Bits HAS_EVAL, HAS_TRANSMISSION (of non-delta lobes), HAS_DELTA, HAS_TRANSPARENT of a lane."""
     bits = 0

@@ -13,13 +13,17 @@ import numpy as np
 from engine.jit import kernel
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI, TWO_PI
 from engine.kernels.vector import dot
+from engine.scene.light_arrays import MAP_GUIDE_SIZE
+
+_GUIDE_STEPS = np.float32(MAP_GUIDE_SIZE)
 
 
 @kernel
-def _find_row(marginal, row_count, u):
+def _find_row(marginal, guide, row_count, u):
     """Last row whose cumulative probability is not above u."""
-    low = 0
-    high = row_count
+    step = int(u * _GUIDE_STEPS)
+    low = np.int64(guide[row_count, step])
+    high = np.int64(guide[row_count, step + 1]) + 1
     while high - low > 1:
         middle = (low + high) >> 1
         if marginal[middle, 0] <= u:
@@ -30,10 +34,11 @@ def _find_row(marginal, row_count, u):
 
 
 @kernel
-def _find_column(conditional, row, column_count, u):
+def _find_column(conditional, guide, row, u):
     """Last column of a row whose cumulative probability is not above u."""
-    low = 0
-    high = column_count
+    step = int(u * _GUIDE_STEPS)
+    low = np.int64(guide[row, step])
+    high = np.int64(guide[row, step + 1]) + 1
     while high - low > 1:
         middle = (low + high) >> 1
         if conditional[row, middle] <= u:
@@ -53,17 +58,17 @@ def _cell_pdf(marginal, conditional, row, column, column_count):
 
 
 @kernel
-def sample_map(marginal, conditional, u0, u1):
+def sample_map(marginal, conditional, guide, u0, u1):
     """Direction towards the background and its density [sr^-1] (0 = none)."""
     row_count = conditional.shape[0]
     column_count = conditional.shape[1] - 1
-    row = _find_row(marginal, row_count, u1)
+    row = _find_row(marginal, guide, row_count, u1)
     low = marginal[row, 0]
     high = marginal[row + 1, 0]
     dv = 0.0 * u0
     if high > low:
         dv = min(1.0, (u1 - low) / (high - low))
-    column = _find_column(conditional, row, column_count, u0)
+    column = _find_column(conditional, guide, row, u0)
     low = conditional[row, column]
     high = conditional[row, column + 1]
     du = 0.0 * u0

@@ -190,7 +190,7 @@ def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
             )
         elif kind == LIGHT_BACKGROUND:
             max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
-            pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, u0, u1)
+            pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
             ng = (-wi[0], -wi[1], -wi[2])
             point = wi
             distance = _DISTANT

@@ -14,6 +14,7 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.kernels.local import local_floats
 from engine.scene.light_arrays import (
     DISTANT_COS,
     DISTANT_DIRECTION,
@@ -115,7 +116,7 @@ def _group_importances(nodes, distant, p, n, has_transmission):
     return local, total
 
 
-@kernel
+@kernel(forceinline=True)
 def pick_emitter(nodes, links, distant, p, n, has_transmission, u):
     """Choose an emitter for a receiver at p with unit normal n.
 
@@ -146,25 +147,32 @@ def pick_emitter(nodes, links, distant, p, n, has_transmission, u):
         u = local
     u = min(u / local, ONE_MINUS_EPSILON)
     pmf = local / total
+    importances = local_floats()
     node = _ROOT
     child = np.int64(links[node, LINK_CHILD])
     while child >= 0:
-        # A reservoir of one: each child takes the place of the chosen with its share of the sum so far, and u, which
-        # decided, is stretched to be uniform again.
-        last = child + links[node, LINK_COUNT]
-        chosen_importance = 0.0 * local
-        below = chosen_importance
-        for k in range(child, last):
-            importance = node_importance(nodes, k, p, n, has_transmission)
+        # All importances first: none of them waits for another.
+        count = links[node, LINK_COUNT]
+        below = 0.0 * local
+        for k in range(count):
+            importance = node_importance(nodes, child + k, p, n, has_transmission)
+            importances[k] = importance
             below += importance
-            share = importance / max(below, 1e-37)
-            # The first that counts is always taken: rounding must not leave it out.
-            is_taken = importance > 0.0 and (u < share or not chosen_importance > 0.0)
-            node = k if is_taken else node
-            chosen_importance = importance if is_taken else chosen_importance
-            u = min((u if is_taken else u - share) / (share if is_taken else 1.0 - share), ONE_MINUS_EPSILON)
         if not below > 0.0:
             return -1, below
+        # The last that counts and begins at or before the target, so that rounding always leaves one.
+        target = u * below
+        begin = 0.0 * local
+        chosen_importance = begin
+        reached = begin
+        for k in range(count):
+            importance = importances[k]
+            is_taken = importance > 0.0 and reached <= target
+            node = child + k if is_taken else node
+            begin = reached if is_taken else begin
+            chosen_importance = importance if is_taken else chosen_importance
+            reached += importance
+        u = min((target - begin) / chosen_importance, ONE_MINUS_EPSILON)
         pmf *= chosen_importance / below
         child = np.int64(links[node, LINK_CHILD])
     return ~child, pmf

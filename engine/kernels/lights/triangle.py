@@ -107,7 +107,7 @@ def _spherical_direction(a, b, c, solid_angle, u0, u1):
     return _point_on_arc(b, cut, u1 * (0.5 * dot(chord, chord)))
 
 
-@kernel
+@kernel(forceinline=True)
 def sample_triangle(triangles, row, p, u0, u1):
     """Point of a triangle, for a receiver at p.
 

@@ -70,6 +70,33 @@ def texel(images, pixels_byte, pixels_float, image, i, j, weight):
 
 
 @kernel
+def _blend_four(pixels, first, second, third, fourth, left, right, low, high):
+    """RGBA of four texels, given by the indices of their reds: left and right ones of the lower and upper row."""
+    a = left * low
+    b = right * low
+    c = left * high
+    d = right * high
+    return (
+        a * np.float32(pixels[first])
+        + b * np.float32(pixels[second])
+        + c * np.float32(pixels[third])
+        + d * np.float32(pixels[fourth]),
+        a * np.float32(pixels[first + 1])
+        + b * np.float32(pixels[second + 1])
+        + c * np.float32(pixels[third + 1])
+        + d * np.float32(pixels[fourth + 1]),
+        a * np.float32(pixels[first + 2])
+        + b * np.float32(pixels[second + 2])
+        + c * np.float32(pixels[third + 2])
+        + d * np.float32(pixels[fourth + 2]),
+        a * np.float32(pixels[first + 3])
+        + b * np.float32(pixels[second + 3])
+        + c * np.float32(pixels[third + 3])
+        + d * np.float32(pixels[fourth + 3]),
+    )
+
+
+@kernel
 def cubic_weight(t, k):
     """Weight of tap `k` (0..3, at -1..2) of the uniform cubic B-spline at fraction `t`."""
     if k == 0:
@@ -106,6 +133,24 @@ def filtered(images, pixels_byte, pixels_float, image, u, v, interpolation, exte
         taps = 4
         i -= 1
         j -= 1
+    else:
+        left = wrap(i, width, extension)
+        right = wrap(i + 1, width, extension)
+        low = wrap(j, height, extension)
+        high = wrap(j + 1, height, extension)
+        if left >= 0 and right >= 0 and low >= 0 and high >= 0:
+            below = images[image, IMAGE_OFFSET] + 4 * low * width
+            above = below + 4 * (high - low) * width
+            left *= 4
+            right *= 4
+            if images[image, IMAGE_IS_FLOAT]:
+                return _blend_four(
+                    pixels_float, below + left, below + right, above + left, above + right, 1.0 - x, x, 1.0 - y, y
+                )
+            y *= _INV_255
+            return _blend_four(
+                pixels_byte, below + left, below + right, above + left, above + right, 1.0 - x, x, _INV_255 - y, y
+            )
     r = 0.0
     g = 0.0
     b = 0.0

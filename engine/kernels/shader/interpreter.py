@@ -2,12 +2,15 @@
 """The interpreter of shader programs (instruction layout: engine.shaders.arrays)."""
 
 from engine.jit import kernel
-from engine.kernels.bsdf.closures import reset_closures
+from engine.kernels.bsdf.closures import append_closure, reset_closures
 from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_BUMP_CORRECTION,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
+    DIFFUSE,
 )
+from engine.kernels.prefetch import ask_for_closures, ask_for_point, lane_ahead
+from engine.kernels.shader.ahead import ask_for_coordinates, ask_for_texels
 from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, TEXTURE_FIRST
 from engine.kernels.shader.ops_closure import run_closure_op
 from engine.kernels.shader.ops_image import run_image_op
@@ -16,15 +19,22 @@ from engine.kernels.shader.ops_math import run_math_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
 from engine.shaders.arrays import (
+    MODE_CLOSURES,
     MODE_MASK,
     MODE_NO_REFLECTIVE_CAUSTICS,
     MODE_NO_REFRACTIVE_CAUSTICS,
     PROGRAM_END,
     PROGRAM_FLAGS,
+    PROGRAM_IS_LAMBERTIAN,
     PROGRAM_NO_BUMP_CORRECTION,
     PROGRAM_START,
+    VALUE_LAMBERTIAN,
 )
 from engine.state import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
+
+#: How many lanes ahead points are asked for, then the coordinates of textures; texels a little later.
+_POINTS_AHEAD = 12
+_COORDINATES_AHEAD = 8
 
 
 @kernel
@@ -48,6 +58,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     """
     code = shaders.code
     programs = shaders.programs
+    values = shaders.program_values
     pool = shaders.tables
     camera = shaders.camera
     pass_indices = shaders.program_pass_index
@@ -62,13 +73,30 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         caustics |= CLOSURE_NO_REFRACTIVE_CAUSTICS
     for k in range(lane_count):
         lane = lanes[k]
+        ask_for_point(points, lanes[min(k + _POINTS_AHEAD, lane_count - 1)])
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_closures(closures, ahead)
+        if column == 2 * MODE_CLOSURES:
+            ask_for_coordinates(programs, geometry, points, lanes[min(k + _COORDINATES_AHEAD, lane_count - 1)])
+            ask_for_texels(programs, images, pixels_byte, pixels_float, geometry, points, ahead)
         program = points.integer[lane, POINT_PROGRAM]
         flags = 0
         if points.integer[lane, POINT_RAY_FLAGS] & RAY_DIFFUSE_ANCESTOR:
             flags = caustics
-        if programs[program, PROGRAM_FLAGS] & PROGRAM_NO_BUMP_CORRECTION:
+        facts = programs[program, PROGRAM_FLAGS]
+        if facts & PROGRAM_NO_BUMP_CORRECTION:
             flags |= CLOSURE_NO_BUMP_CORRECTION
-        reset_closures(closures, lane, read_point(points, lane, POINT_NS), flags)
+        ns = read_point(points, lane, POINT_NS)
+        reset_closures(closures, lane, ns, flags)
+        if facts & PROGRAM_IS_LAMBERTIAN:
+            if column == 2 * MODE_CLOSURES:
+                weight = (
+                    values[program, VALUE_LAMBERTIAN],
+                    values[program, VALUE_LAMBERTIAN + 1],
+                    values[program, VALUE_LAMBERTIAN + 2],
+                )
+                append_closure(closures, lane, DIFFUSE, weight, ns)
+            continue
         pc = programs[program, PROGRAM_START + column]
         end = programs[program, PROGRAM_END + column]
         while pc < end:

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
+
+The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
+the path, as in Cycles; the throughput is divided by it in `shade_emission`, behind the emission that is found either
+way. Nothing of it depends on what the ray will hit, so it comes before the tracing: a path that ends at the next
+surface can only find emission there, and needs no ray where there is none along its line.
+"""
+
+import math
+
+from engine.jit import kernel
+from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.rng import SET_BSDF, sample_4d
+from engine.kernels.vector import dot, load
+from engine.scene.light_arrays import HEADER_SOURCES
+from engine.state import (
+    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_TRANSPARENT,
+    RAY_TRANSPARENT_BACKGROUND,
+)
+
+
+@kernel
+def _meets_source(sources, source_count, origin, direction):
+    """Whether a ray passes through one of the spheres that hold all emission."""
+    for row in range(source_count):
+        offset = (sources[row, 0] - origin[0], sources[row, 1] - origin[1], sources[row, 2] - origin[2])
+        along = dot(offset, direction)
+        squared = dot(offset, offset)
+        # Room for rounding; behind the origin only where the sphere holds it.
+        reach = sources[row, 3] + 1e-5 * squared
+        if squared - along * along <= reach and (along >= 0.0 or squared <= reach):
+            return True
+    return False
+
+
+@kernel
+def play_roulette(lights, options, paths, log, active, active_count, traced):
+    """Decide which paths end at the next surface, and which rays are worth tracing.
+
+    Parameters
+    ----------
+    log : VertexLog
+        Rays of recorded paths are all traced: how far they get is part of a record.
+    traced : int32 (L,)
+        Filled with the lanes to be traced. The others have ended.
+
+    Returns
+    -------
+    traced_count : int
+    """
+    traced_count = 0
+    source_count = lights.header[HEADER_SOURCES]
+    for k in range(active_count):
+        lane = active[k]
+        ahead = lane_ahead(active, k, active_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_BSDF)
+        paths.random[lane, 0] = u0
+        paths.random[lane, 1] = u1
+        paths.random[lane, 2] = u2
+        paths.random[lane, 3] = u3
+
+        flags = paths.flags[lane]
+        survival = 1.0
+        if options.use_roulette != 0:
+            if flags & RAY_TRANSPARENT:
+                sure = paths.transparent_depth[lane] <= options.min_transparent_depth
+            else:
+                sure = paths.depth[lane] <= options.min_depth
+            if not sure:
+                largest = 0.0
+                for c in range(len(paths.channels)):
+                    largest = max(largest, abs(paths.throughput[lane, c]))
+                survival = min(math.sqrt(largest * paths.unguided[lane]), 1.0)
+                if u3 >= survival:
+                    flags |= RAY_TERMINATE_ON_NEXT_SURFACE
+                    paths.flags[lane] = flags
+        paths.survival[lane] = survival
+
+        # Behind transparent surfaces a path goes on along the same line. What it would take from alpha is settled once
+        # it has scattered.
+        ends = flags & (RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT)
+        if (
+            ends
+            and source_count >= 0
+            and not flags & RAY_TRANSPARENT_BACKGROUND
+            and log.is_recording[lane] == 0
+            and not _meets_source(lights.sources, source_count, load(paths.origin, lane), load(paths.direction, lane))
+        ):
+            paths.alive[lane] = 0
+            continue
+        traced[traced_count] = lane
+        traced_count += 1
+    return traced_count
