@@ -34,6 +34,7 @@ class Guidance:
     """Fields, allocation and how much to record.
 
     record_threshold : int, paths whose hash is below are recorded: 0 none, 2**32 all
+    probability : float32 (R,), of guiding by region of the field (`engine.guiding.selection`)
     field : VmmField or None, while nothing is known
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
@@ -44,6 +45,7 @@ class Guidance:
     settings: RenderSettings
     record_threshold: int
     field: VmmField | None = None
+    probability: np.ndarray | None = None
     candidate_count: int = 1
     allocation: Allocation | None = None
     pixel_weight: np.ndarray | None = None

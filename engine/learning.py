@@ -17,6 +17,7 @@ import numpy as np
 
 from engine.film import Film
 from engine.guidance import Guidance, Predictor
+from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import RadianceTrainer, TrainerState
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
@@ -139,6 +140,7 @@ class Learner:
         self._executor = ThreadPoolExecutor(thread_count, thread_name_prefix="learn")
         self._vmm: VmmModel | None = None
         self._table: TableModel | None = None
+        self._selection = SelectionModel(settings.guiding_probability)
         self._max_distance = 0.0
         self._records_per_path = _EXPECTED_RECORDS_PER_PATH
         self._deltas = VarianceDeltas()
@@ -195,6 +197,7 @@ class Learner:
             column[:] = 1.0
         vmm = VmmModel(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
         vmm.update(as_records(records), 256)
+        SelectionModel(0.5).update(vmm, records, 256)
         table = None
         if self.settings.guiding_method == "TABLE_RIS":
             model = TableModel()
@@ -202,7 +205,8 @@ class Learner:
             table = model.field
         find_leaves(vmm.field, records.position, np.zeros(256, np.int32))
         allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs)
-        return Guidance(self.settings, 0, vmm.field, 1, allocation, np.ones(self._paths_per_sample, np.float32), table)
+        return Guidance(self.settings, 0, vmm.field, np.ones(1, np.float32), 1, allocation,
+            np.ones(self._paths_per_sample, np.float32), table)
 
     def _threshold(self, samples: int) -> int:
         """Record so many of the next iteration's paths that about RECORDS_PER_ITERATION records come of them."""
@@ -257,9 +261,16 @@ class Learner:
             costs=self._costs,
         )
         return Guidance(
-            self.settings, self._threshold(next_samples), self._vmm.field, fixed, allocation, weights,
+            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), fixed, allocation, weights,
             self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
         )
+
+    def _probability(self) -> np.ndarray:
+        """Guiding probability of each region."""
+        assert self._vmm is not None
+        if self.settings.learn_guiding_probability:
+            return self._selection.probability
+        return np.full(self._vmm.region_count, self.settings.guiding_probability, np.float32)
 
     def _fixed_count(self) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
@@ -284,6 +295,8 @@ class Learner:
                 self._table = TableModel()
         np.minimum(records.distance, self._max_distance, out=records.distance)
         self._vmm.update(as_records(records), row_count, self._executor, self._thread_count)
+        if self.settings.learn_guiding_probability:
+            self._selection.update(self._vmm, records, row_count)
         if self._table is not None:
             self._table.update(self._vmm, self._executor, self._thread_count)
         self.report.region_count = len(self._vmm.field.is_ready)

@@ -42,6 +42,7 @@ class RenderSettings:
     min_transparent_bounces: int = 0
     guiding_method: str = "OFF"
     guiding_probability: float = 0.5  # share of candidates that the guide proposes, the BSDF the others
+    learn_guiding_probability: bool = True  # by region, from guiding_probability on
     candidate_allocation: str = "ORCA"
     candidate_count: int = 8  # with the allocation FIXED
     defensive_alpha: float = 0.9  # share of resampling by the learned target, against the source density

@@ -293,19 +293,21 @@ class GuidedLanes(Bundle):
         the BSDF samples all lobes
     region : int32, of the guiding field; leaf : int32, region that the point itself lies in
     candidate_count : int32
+    probability : float32, that the guide proposes a candidate, not the BSDF
     """
 
     rough_share: Float32Array
     region: Int32Array
     leaf: Int32Array
     candidate_count: Int32Array
+    probability: Float32Array
 
 
 def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
     """`GuidedLanes` of which none is guided."""
     return GuidedLanes(
         np.zeros(lane_count, np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.int32),
-        np.zeros(lane_count, np.int32),
+        np.zeros(lane_count, np.int32), np.zeros(lane_count, np.float32),
     )
 
 

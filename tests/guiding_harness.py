@@ -131,7 +131,7 @@ def _regions(field, points, u, out):
     for k in range(points.shape[0]):
         p = (points[k, 0], points[k, 1], points[k, 2])
         out[k, 0] = query.find_leaf(field, p)
-        out[k, 1] = query.find_region(field, p, u[k])
+        out[k, 1] = query.find_region(field, out[k, 0], p, u[k])
 
 
 def guide_at(field, p, n=(0.0, 0.0, 1.0), cosine_lobe=False, region=0) -> GuideLobes:

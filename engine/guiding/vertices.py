@@ -32,6 +32,8 @@ VERTEX_ROUGHNESS = 10
 VERTEX_TRAVEL = 11  # distance from the vertex before, through transparent surfaces [m]
 VERTEX_SCALE = 12  # what refraction does to distances seen through this vertex
 VERTEX_BENEFIT = 13  # factor of Eq. (19) that turns the squared reflected radiance into the variance delta; NaN: none
+VERTEX_BSDF_PDF = 14  # of the direction under BSDF sampling
+VERTEX_GUIDE_PDF = 15  # and under the guide, with the probability of not taking a delta lobe; NaN: not guided
 VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
 VERTEX_THROUGHPUT = 20  # and after
 VERTEX_RADIANCE = 24  # the path's sum at the scattering
@@ -55,6 +57,8 @@ class VertexRecords(Bundle):
     """Records of finished paths with what else is learned from them, R rows in use of each.
 
     benefit : float32 (R,), estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none
+    bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
+    reflected_squared : float32 (R,), squared contribution of the direction to the reflected radiance, mean over channels
     """
 
     position: Float32Array
@@ -66,6 +70,9 @@ class VertexRecords(Bundle):
     roughness: Float32Array
     time: Float32Array
     benefit: Float32Array
+    bsdf_pdf: Float32Array
+    guide_pdf: Float32Array
+    reflected_squared: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -88,12 +95,13 @@ def distance_scale(n, wo, wi, eta):
 
 
 @kernel
-def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, before):
+def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, bsdf_pdf, guide_pdf, before):
     """Append the scattering that has just updated `paths.throughput`.
 
     Parameters
     ----------
     pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
+    bsdf_pdf, guide_pdf : float32 [sr^-1], NaN where not guided
     before : float32 (L, C), throughput before the scattering
     """
     vertex = log.count[lane]
@@ -111,6 +119,8 @@ def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benef
     real[row, VERTEX_SCALE] = scale
     real[row, VERTEX_TRAVEL] = travel
     real[row, VERTEX_BENEFIT] = benefit
+    real[row, VERTEX_BSDF_PDF] = bsdf_pdf
+    real[row, VERTEX_GUIDE_PDF] = guide_pdf
     for c in range(len(paths.channels)):
         real[row, VERTEX_BEFORE + c] = before[lane, c]
         real[row, VERTEX_THROUGHPUT + c] = paths.throughput[lane, c]
@@ -180,7 +190,11 @@ def collect_records(log, paths, lanes, lane_count, max_distance, records, record
                     records.distance[record_count] = distance
                     records.roughness[record_count] = roughness
                     records.time[record_count] = paths.time[lane]
-                    records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared / channel_count
+                    squared /= channel_count
+                    records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared
+                    records.bsdf_pdf[record_count] = real[row, VERTEX_BSDF_PDF]
+                    records.guide_pdf[record_count] = real[row, VERTEX_GUIDE_PDF]
+                    records.reflected_squared[record_count] = squared
                     record_count += 1
                 else:
                     reject_count += 1
@@ -203,7 +217,7 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
 
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(), scalars(),
+        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(),
     )
 
 

@@ -15,15 +15,14 @@ SET_CANDIDATES = 1 << 16
 
 
 @kernel
-def draw_candidates(guiding, paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
+def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
     """Fill `candidates` for lanes from the `first`-th on, as many as fit.
 
-    Each candidate comes from the guide with the guiding probability, else from the BSDF's rough lobes; its density is
+    Each candidate comes from the guide with the lane's guiding probability, else from the BSDF's rough lobes; its density is
     that of the mixture, Eq. (7). The candidates of a vertex are a stratified set.
 
     Parameters
     ----------
-    guiding : GuidingOptions
     lanes : int32 (>= lane_count,)
         Lanes to resample, with at least one candidate each.
 
@@ -37,13 +36,13 @@ def draw_candidates(guiding, paths, points, closures, guided, guide, candidates,
     vertex = 0
     k = first
     capacity = candidates.label.shape[0]
-    probability = guiding.guiding_probability
     while k < lane_count and row + guided.candidate_count[lanes[k]] <= capacity:
         lane = lanes[k]
         k += 1
         wo = real_3(points, lane, POINT_WO)
         ng = real_3(points, lane, POINT_NG)
         share = guided.rough_share[lane]
+        probability = guided.probability[lane]
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row
         store(candidates.position, vertex, real_3(points, lane, POINT_P))

@@ -7,7 +7,7 @@ from engine.kernels.vector import load
 
 
 @kernel
-def guide_lights(guiding, guided, guide, samples, lit, lit_count):
+def guide_lights(guided, guide, samples, lit, lit_count):
     """Fill `guide_pdf` and `bsdf_share` of the light samples.
 
     The density of what resampling returns is unknown: both techniques' weights use the source density, Eq. (7), so that
@@ -15,7 +15,6 @@ def guide_lights(guiding, guided, guide, samples, lit, lit_count):
 
     Parameters
     ----------
-    guiding : GuidingOptions
     lit : int32 (>= lit_count,)
         Lanes that have a light sample.
     """
@@ -24,8 +23,8 @@ def guide_lights(guiding, guided, guide, samples, lit, lit_count):
         share = guided.rough_share[lane]
         if share > 0.0:
             pdf = eval_guide(guide, lane, load(samples.direction, lane))
-            samples.guide_pdf[lane] = share * guiding.guiding_probability * pdf
-            samples.bsdf_share[lane] = 1.0 - guiding.guiding_probability
+            samples.guide_pdf[lane] = share * guided.probability[lane] * pdf
+            samples.bsdf_share[lane] = 1.0 - guided.probability[lane]
         else:
             samples.guide_pdf[lane] = 0.0
             samples.bsdf_share[lane] = 1.0

@@ -16,7 +16,9 @@ _MOST_UNGUIDED = 1e6
 
 
 @kernel
-def guide_resample(guiding, options, paths, points, closures, log, candidates, vertex_count, row_count, before):
+def guide_resample(
+    guiding, options, paths, points, closures, guided, log, candidates, vertex_count, row_count, before
+):
     """Resample (see `engine.ris.resample`) and update throughput, depths and flags.
 
     Parameters
@@ -74,6 +76,6 @@ def guide_resample(guiding, options, paths, points, closures, log, candidates, v
             log_vertex(
                 log, paths, lane, real_3(points, lane, POINT_P), wi, ns, 1.0 / weight, candidates.roughness[row],
                 distance_scale(ns, wo, wi, candidates.eta[row]), paths.mis_distance[lane] + paths.hit_distance[lane],
-                benefit, before,
+                benefit, bsdf_pdf, guided.rough_share[lane] * candidates.guide_pdf[row], before,
             )
         scatter_path(options, paths, points, closures, lane, wi, candidates.label[row], source_pdf, bsdf_pdf)

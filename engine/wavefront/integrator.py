@@ -263,19 +263,19 @@ class Integrator:
         """Call every guided stage on no lanes."""
         b.follow(guidance)
         prepare_guides(
-            b.guiding, guidance.field, guidance.allocation, b.paths, b.points, b.closures, b.guided, b.guide,
+            b.guiding, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points, b.closures, b.guided, b.guide,
             guidance.pixel_weight, b.surface, 0,
         )
-        guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, 0)
+        guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         draw_candidates(
-            b.guiding, b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0
+            b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0
         )
         if guidance.table is not None:
             predict_by_table(guidance.table, b.guided, b.candidates, 0)
         else:
             predict_by_mixture(b.guide, b.candidates, 0)
         guide_resample(
-            b.guiding, self.options, b.paths, b.points, b.closures, b.log, b.candidates, 0, 0, b.f_cos
+            b.guiding, self.options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
         )
         collect_records(b.log, b.paths, b.active, 0, _FAR, b.records, 0)
 
@@ -360,7 +360,7 @@ class Integrator:
 
             if is_guided:
                 prepare_guides(
-                    b.guiding, guidance.field, guidance.allocation, paths, points, closures, b.guided, b.guide,
+                    b.guiding, guidance.field, guidance.allocation, guidance.probability, paths, points, closures, b.guided, b.guide,
                     pixel_weight, b.surface, surface_count,
                 )
                 b.end("prepare_guides")
@@ -406,7 +406,7 @@ class Integrator:
             )
             b.end("evaluate_light_shaders")
         if self.guidance is not None and self.guidance.field is not None:
-            guide_lights(b.guiding, b.guided, b.guide, b.samples, b.lit, lit_count)
+            guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
             b.end("guide_lights")
         shadow_count = stages.connect_lights(
             options, tables, geometry, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit,
@@ -442,7 +442,7 @@ class Integrator:
         first = 0
         while first < lane_count:
             first, vertex_count, row_count = draw_candidates(
-                options, paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
+                paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
             )
             b.end("sample_source" if is_single else "draw_candidates")
             statistics.guided_count += vertex_count
@@ -460,6 +460,6 @@ class Integrator:
                     predict_by_mixture(b.guide, candidates, row_count)
                 b.end("predict_radiance")
             guide_resample(
-                options, self.options, paths, b.points, b.closures, b.log, candidates, vertex_count, row_count, b.f_cos
+                options, self.options, paths, b.points, b.closures, b.guided, b.log, candidates, vertex_count, row_count, b.f_cos
             )
             b.end("sample_source" if is_single else "guide_resample")

@@ -58,7 +58,6 @@ class GuidingOptions(NamedTuple):
     guided.
     """
 
-    guiding_probability: np.float32
     defensive_alpha: np.float32
     candidate_count: int
     use_scalar_target: int
@@ -72,7 +71,6 @@ _MIN_GUIDED_ALPHA = 0.05**2
 def make_guiding_options(settings: RenderSettings, *, candidate_count: int) -> GuidingOptions:
     """Guiding options from a user's settings and the iteration's rule for the number of candidates."""
     return GuidingOptions(
-        guiding_probability=np.float32(settings.guiding_probability),
         defensive_alpha=np.float32(settings.defensive_alpha),
         candidate_count=candidate_count,
         use_scalar_target=int(settings.ris_target == "SCALAR"),

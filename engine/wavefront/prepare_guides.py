@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: decide which lanes are guided, ready their mixtures, and allot candidates."""
 
+import numpy as np
+
 from engine.guiding.vmm.query import find_leaf, find_region, prepare_guide
 from engine.jit import kernel
 from engine.kernels.bsdf import rough_share
@@ -11,11 +13,13 @@ from engine.state import POINT_NS, POINT_P
 
 #: Offset of the set of numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
+#: Share of lanes for which the guide is asked, though not used, where its probability is 0.
+_TRIAL_SHARE = np.float32(0.0625)
 
 
 @kernel
 def prepare_guides(
-    guiding, field, allocation, paths, points, closures, guided, guide, pixel_weight, lanes, lane_count
+    guiding, field, allocation, probability, paths, points, closures, guided, guide, pixel_weight, lanes, lane_count
 ):
     """Fill `guided` and `guide` for the lanes; lanes outside the learned field keep BSDF sampling.
 
@@ -24,6 +28,8 @@ def prepare_guides(
     guiding : GuidingOptions
     field : VmmField
     allocation : Allocation
+    probability : float32 (R,)
+        Of guiding, by region; lanes where it is 0 are left to the BSDF, but for a few by which it can be learned anew.
     guide : GuideLobes
     pixel_weight : float32 (P,)
         Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
@@ -37,15 +43,20 @@ def prepare_guides(
         if not share > 0.0:
             continue
         p = real_3(points, lane, POINT_P)
-        u0, u1, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LOOKUP)
-        region = find_region(field, p, u0)
+        leaf = find_leaf(field, p)
+        if leaf < 0:
+            continue
+        u0, u1, u2, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LOOKUP)
+        if probability[leaf] == 0.0 and u2 >= _TRIAL_SHARE:
+            continue
+        region = find_region(field, leaf, p, u0)
         if region < 0:
             continue
         prepare_guide(field, region, p, real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
         guided.rough_share[lane] = share
         guided.region[lane] = region
-        leaf = find_leaf(field, p)
         guided.leaf[lane] = leaf
+        guided.probability[lane] = probability[leaf]
         count = guiding.candidate_count
         if count == 0:
             squared = 0.0

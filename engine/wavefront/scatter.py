@@ -94,7 +94,7 @@ def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_co
             log_vertex(
                 log, paths, lane, real_3(points, lane, POINT_P), wi, real_3(points, lane, POINT_NS), pdf, roughness,
                 distance_scale(real_3(points, lane, POINT_NS), wo, wi, eta),
-                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, f_cos,
+                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, NAN, NAN, f_cos,
             )
         scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
     return single_count, several_count

@@ -70,7 +70,7 @@ def find_leaf(field, p):
 
 
 @kernel
-def find_region(field, p, u):
+def find_region(field, leaf, p, u):
     """Region to guide with at point p: uniformly one of the four nearest of its leaf's cached neighbours.
 
     Paths that meet at a border between cells then see both mixtures, and the border does not show.
@@ -78,6 +78,7 @@ def find_region(field, p, u):
     Parameters
     ----------
     field : VmmField
+    leaf : int, of `find_leaf`
     p : float32 tuple, world
     u : float32 in [0, 1)
 
@@ -85,7 +86,6 @@ def find_region(field, p, u):
     -------
     int, -1 = none: outside the bounds, or the leaf has never been fitted.
     """
-    leaf = find_leaf(field, p)
     if leaf < 0 or field.is_ready[leaf] == 0:
         return -1
     # Nearest, next nearest and so on, up to the wanted one or the last there is.

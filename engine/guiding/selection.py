@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How often each region lets the guide propose a direction instead of the BSDF: learned, and none where it does not pay.
+
+For every region the second moment of what a vertex reflects is estimated for a row of guiding probabilities at once,
+from the same records: a sample of contribution c = f L W taken with weight W would have contributed (f L)^2 / q to the
+second moment under another density q, and c^2 / (W q) estimates the integral of that. The choice is between
+distributions and made from earlier iterations only, so the expected image does not change.
+
+Müller 2019, "Path Guiding in Production", section 10.5 learns the probability by gradient descent on a divergence; a
+row of candidates needs no step size, and the second moment is the error itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.guiding.vertices import VertexRecords
+from engine.guiding.vmm.leaves import find_leaves
+from engine.guiding.vmm.model import VmmModel
+from engine.jit import kernel
+from engine.kernels.constants import FLOAT_MAX
+from engine.scene.arrays import Float32Array, Int32Array
+
+#: Guiding probabilities to choose from; the first means: no guiding, not even a look-up.
+PROBABILITIES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], np.float32)
+#: Second moment without guiding over that with it, from which guiding a region is worth its time.
+MIN_GAIN = 1.15
+#: What an iteration's estimates count for in the next: fields change.
+DECAY = 0.6
+#: Records that the mean of all regions stands for in each.
+_PRIOR_COUNT = 24.0
+#: Largest share of a region's sum that a single record may have.
+_OUTLIER_SHARE = 0.05
+#: The probability by whose estimate outliers are told, and sums compared.
+_REFERENCE = 5
+#: Densities below this share of the other one's count as this: estimates, not bounds.
+_LEAST_SHARE = np.float32(1e-3)
+
+
+@kernel
+def _second_moment(records, row, probability):
+    """Estimate for one record under a guiding probability: float32."""
+    guide_pdf = records.guide_pdf[row]
+    bsdf_pdf = max(records.bsdf_pdf[row], _LEAST_SHARE * guide_pdf)
+    source_pdf = probability * guide_pdf + (1.0 - probability) * bsdf_pdf
+    return records.reflected_squared[row] * records.pdf[row] / source_pdf
+
+
+@kernel
+def _add_records(records, leaf, probabilities, totals, sums):
+    """Add records to their regions' sums, none with more than its share.
+
+    Parameters
+    ----------
+    leaf : int32 (R,), -1 = none
+    probabilities : float32 (J,)
+    totals : float64 (regions, 3)
+        Scratch, zeroed: sum of estimates, of their squares, limit of one.
+    sums : float64 (regions, J + 1)
+        Sum of estimates by probability, effective number of records.
+    """
+    for round_ in range(2):
+        for region in range(totals.shape[0]):
+            limit = FLOAT_MAX
+            if round_ == 1:
+                limit = _OUTLIER_SHARE * totals[region, 0]
+            totals[region, 0] = 0.0
+            totals[region, 1] = 0.0
+            totals[region, 2] = limit
+        for row in range(leaf.shape[0]):
+            region = leaf[row]
+            # Written so that NaN fails: vertices that were not guided.
+            if region < 0 or not records.guide_pdf[row] >= 0.0:
+                continue
+            estimate = _second_moment(records, row, probabilities[_REFERENCE])
+            if estimate > 0.0 and estimate < 1e30:
+                estimate = min(np.float64(estimate), totals[region, 2])
+                totals[region, 0] += estimate
+                totals[region, 1] += estimate * estimate
+    for row in range(leaf.shape[0]):
+        region = leaf[row]
+        if region < 0 or not records.guide_pdf[row] >= 0.0:
+            continue
+        estimate = _second_moment(records, row, probabilities[_REFERENCE])
+        if not (estimate > 0.0 and estimate < 1e30):
+            continue
+        kept = min(1.0, totals[region, 2] / estimate)
+        for j in range(probabilities.shape[0]):
+            sums[region, j] += kept * _second_moment(records, row, probabilities[j])
+    last = probabilities.shape[0]
+    for region in range(totals.shape[0]):
+        if totals[region, 1] > 0.0:
+            sums[region, last] += totals[region, 0] * totals[region, 0] / totals[region, 1]
+
+
+class SelectionModel:
+    """Learns a guiding probability for the regions of a `VmmModel`; update it after every update of that model.
+
+    Parameters
+    ----------
+    first : float
+        Probability of regions of which nothing is known, where no region knows anything.
+
+    Attributes
+    ----------
+    probability : float32 (R,), by region
+    """
+
+    def __init__(self, first: float) -> None:
+        self._first = np.float32(first)
+        self._sums = np.zeros((1, len(PROBABILITIES) + 1))
+        self.probability: Float32Array = np.full(1, first, np.float32)
+
+    def update(self, model: VmmModel, records: VertexRecords, row_count: int) -> None:
+        """Learn from the first `row_count` records, the ones that the model's last update took."""
+        count = model.region_count
+        sums = np.zeros((count, self._sums.shape[1]))
+        sums[: self._sums.shape[0]] = DECAY * self._sums
+        for region, parent in model.split_log:
+            sums[parent] *= 0.5
+            sums[region] = sums[parent]
+        leaf: Int32Array = np.full(row_count, -1, np.int32)
+        find_leaves(model.field, records.position[:row_count], leaf)
+        _add_records(records, leaf, PROBABILITIES, np.zeros((count, 3)), sums)
+        self._sums = sums
+        self.probability = self._choose(sums)
+
+    def _choose(self, sums: np.ndarray) -> Float32Array:
+        """The best probability of each region, the mean of all standing in where little is known."""
+        known = sums[:, -1]
+        if not known.any():
+            return np.full(len(sums), self._first, np.float32)
+        ratio = sums[:, :-1] / np.maximum(sums[:, _REFERENCE, None], 1e-300)
+        mean = (known[:, None] * ratio).sum(0) / known.sum()
+        ratio = (known[:, None] * ratio + _PRIOR_COUNT * mean) / (known[:, None] + _PRIOR_COUNT)
+        best = ratio[:, 1:].argmin(1) + 1
+        is_worth = ratio[:, 0] >= MIN_GAIN * ratio[np.arange(len(best)), best]
+        return np.where(is_worth, PROBABILITIES[best], PROBABILITIES[0]).astype(np.float32)
