@@ -43,7 +43,7 @@ _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
 #: Samples a pixel after which an iteration counts fully.
-_FULL_WEIGHT_SAMPLES = 32
+_FULL_WEIGHT_SAMPLES = 8
 
 
 def iteration_lengths(samples: int) -> list[int]:
@@ -197,7 +197,7 @@ class Learner:
             column[:] = 1.0
         vmm = VmmModel(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
         vmm.update(as_records(records), 256)
-        SelectionModel(0.5).update(vmm, records, 256)
+        SelectionModel(0.5).update(vmm, records, 256, variance=1.0, ray_count=1.0)
         table = None
         if self.settings.guiding_method == "TABLE_RIS":
             model = TableModel()
@@ -247,6 +247,10 @@ class Learner:
         weights = pixel_weights(
             mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
         )
+        ray_count = costs.ray_count / max(costs.path_count, 1)
+        variance = image_variance(mean, sums.square / weight, weights)
+        if row_count and self.settings.learn_guiding_probability:
+            self._selection.update(self._vmm, records, row_count, variance=variance, ray_count=ray_count)
         fixed = self._fixed_count()
         position, estimate = self._deltas.gathered()
         region_count = len(self._vmm.field.is_ready)
@@ -256,13 +260,11 @@ class Learner:
         self._measure(costs)
         allocation = make_allocation(
             mean_by_region(leaf, estimate, region_count),
-            ray_count=costs.ray_count / max(costs.path_count, 1),
-            variance=image_variance(mean, sums.square / weight, weights),
-            costs=self._costs,
+            ray_count=ray_count, variance=variance, costs=self._costs,
         )
         return Guidance(
-            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), fixed, allocation, weights,
-            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
+            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), fixed, allocation,
+            weights, self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
         )
 
     def _probability(self) -> np.ndarray:
@@ -295,8 +297,6 @@ class Learner:
                 self._table = TableModel()
         np.minimum(records.distance, self._max_distance, out=records.distance)
         self._vmm.update(as_records(records), row_count, self._executor, self._thread_count)
-        if self.settings.learn_guiding_probability:
-            self._selection.update(self._vmm, records, row_count)
         if self._table is not None:
             self._table.update(self._vmm, self._executor, self._thread_count)
         self.report.region_count = len(self._vmm.field.is_ready)

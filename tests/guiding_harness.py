@@ -104,6 +104,7 @@ def field_of(lobes, pivot=(0.0, 0.0, 0.0), extent=10.0, fluence=1.0) -> VmmField
         np.array([pivot], np.float32),
         np.array([fluence], np.float32),
         np.ones(1, np.uint8),
+        np.zeros(1, np.float32),
         neighbors,
         np.full((1, 3, NEIGHBOR_COUNT), 1e18, np.float32),
     )
@@ -160,7 +161,8 @@ def samples(guide, rng, count):
 def regions(field, points, u):
     """`find_leaf` and `find_region` at points: two int (N,)."""
     out = np.zeros((len(points), 2), np.int32)
-    _regions(field, np.asarray(points, np.float32).reshape(-1, 3), np.asarray(u, np.float32), out)
+    bits = (np.asarray(u, np.float64) * 2**30).astype(np.uint32)
+    _regions(field, np.asarray(points, np.float32).reshape(-1, 3), bits, out)
     return out[:, 0], out[:, 1]
 
 

@@ -296,18 +296,23 @@ def test_leaves_are_cut_by_their_samples():
     assert np.linalg.norm(points - field.pivot[leaf], axis=1).mean() < 0.8
 
 
-def test_look_ups_pick_uniformly_among_the_nearest():
+def test_look_ups_blend_over_borders():
+    """Regions change gradually with the point: where cells meet both are found, each as often as it is near."""
     model = learn(np.random.default_rng(14), constant, 40_000, 1, VmmSettings(4000))
     field = model.field
-    point = np.array([0.21, -0.33, 0.4], np.float32)
     count = 4000
-    leaf, region = regions(field, np.repeat(point[None], count, 0), (np.arange(count) + 0.5) / count)
-    candidates = field.neighbors[leaf[0]]
-    assert candidates[0] == leaf[0]
-    nearest = candidates[np.argsort(((field.pivot[candidates] - point) ** 2).sum(1))[:4]]
-    values, counts = np.unique(region, return_counts=True)
-    assert set(values) == set(nearest)
-    assert (counts == count // 4).all()
+    rng = np.random.default_rng(18)
+    for point in rng.uniform(-0.8, 0.8, (8, 3)).astype(np.float32):
+        leaf, region = regions(field, np.repeat(point[None], count, 0), rng.random(count))
+        # What must come out: the nearest of the leaf's neighbours to points spread over the box of its reach.
+        near = point + rng.uniform(-1, 1, (100_000, 3)) * field.reach[leaf[0]]
+        candidates = field.neighbors[leaf[0]]
+        nearest = candidates[((near[:, None] - field.pivot[candidates][None]) ** 2).sum(2).argmin(1)]
+        expected = np.bincount(nearest, minlength=model.region_count) / len(near)
+        share = np.bincount(region, minlength=model.region_count) / count
+        # Six standard errors of a share.
+        assert np.abs(share - expected).max() < 6 * 0.5 / np.sqrt(count)
+        assert 2 <= (expected > 0).sum() <= len(candidates)
 
 
 def test_nothing_is_found_outside_or_before_learning():

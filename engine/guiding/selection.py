@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How often each region lets the guide propose a direction instead of the BSDF: learned, and none where it does not pay.
+"""How often each region lets the guide propose a direction instead of the BSDF: learned, none where it does not pay.
 
-For every region the second moment of what a vertex reflects is estimated for a row of guiding probabilities at once,
-from the same records: a sample of contribution c = f L W taken with weight W would have contributed (f L)^2 / q to the
-second moment under another density q, and c^2 / (W q) estimates the integral of that. The choice is between
-distributions and made from earlier iterations only, so the expected image does not change.
+For every region the second moment of what its vertices bring to the image is estimated for a row of guiding
+probabilities at once, from the same records: a sample of contribution c = T f L W taken with weight W would have added
+(T f L)^2 / q to the second moment under another density q, and c^2 / (W q) estimates the integral of that. A region is
+guided where the variance it saves, over that of the image, is more than the time it takes, over that of the image. The
+choice is between distributions and made from earlier iterations only, so the expected image does not change.
 
 Müller 2019, "Path Guiding in Production", section 10.5 learns the probability by gradient descent on a divergence; a
 row of candidates needs no step size, and the second moment is the error itself.
@@ -23,12 +24,13 @@ from engine.scene.arrays import Float32Array, Int32Array
 
 #: Guiding probabilities to choose from; the first means: no guiding, not even a look-up.
 PROBABILITIES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], np.float32)
-#: Second moment without guiding over that with it, from which guiding a region is worth its time.
-MIN_GAIN = 1.15
+#: What guiding a vertex costs, in rays: the time it takes over that of tracing and shading one.
+GUIDED_COST = 0.8
 #: What an iteration's estimates count for in the next: fields change.
 DECAY = 0.6
-#: Records that the mean of all regions stands for in each.
+#: Records that the mean of all regions stands for in each: of those with a contribution, and of all.
 _PRIOR_COUNT = 24.0
+_PRIOR_VERTICES = 64.0
 #: Largest share of a region's sum that a single record may have.
 _OUTLIER_SHARE = 0.05
 #: The probability by whose estimate outliers are told, and sums compared.
@@ -43,7 +45,7 @@ def _second_moment(records, row, probability):
     guide_pdf = records.guide_pdf[row]
     bsdf_pdf = max(records.bsdf_pdf[row], _LEAST_SHARE * guide_pdf)
     source_pdf = probability * guide_pdf + (1.0 - probability) * bsdf_pdf
-    return records.reflected_squared[row] * records.pdf[row] / source_pdf
+    return records.contribution_squared[row] * records.pdf[row] / source_pdf
 
 
 @kernel
@@ -56,8 +58,8 @@ def _add_records(records, leaf, probabilities, totals, sums):
     probabilities : float32 (J,)
     totals : float64 (regions, 3)
         Scratch, zeroed: sum of estimates, of their squares, limit of one.
-    sums : float64 (regions, J + 1)
-        Sum of estimates by probability, effective number of records.
+    sums : float64 (regions, J + 2)
+        Sum of estimates by probability, effective number of them, number of records.
     """
     for round_ in range(2):
         for region in range(totals.shape[0]):
@@ -77,17 +79,18 @@ def _add_records(records, leaf, probabilities, totals, sums):
                 estimate = min(np.float64(estimate), totals[region, 2])
                 totals[region, 0] += estimate
                 totals[region, 1] += estimate * estimate
+    last = probabilities.shape[0]
     for row in range(leaf.shape[0]):
         region = leaf[row]
         if region < 0 or not records.guide_pdf[row] >= 0.0:
             continue
+        sums[region, last + 1] += 1.0
         estimate = _second_moment(records, row, probabilities[_REFERENCE])
         if not (estimate > 0.0 and estimate < 1e30):
             continue
         kept = min(1.0, totals[region, 2] / estimate)
         for j in range(probabilities.shape[0]):
             sums[region, j] += kept * _second_moment(records, row, probabilities[j])
-    last = probabilities.shape[0]
     for region in range(totals.shape[0]):
         if totals[region, 1] > 0.0:
             sums[region, last] += totals[region, 0] * totals[region, 0] / totals[region, 1]
@@ -99,7 +102,7 @@ class SelectionModel:
     Parameters
     ----------
     first : float
-        Probability of regions of which nothing is known, where no region knows anything.
+        Probability of all regions while nothing is known.
 
     Attributes
     ----------
@@ -108,11 +111,21 @@ class SelectionModel:
 
     def __init__(self, first: float) -> None:
         self._first = np.float32(first)
-        self._sums = np.zeros((1, len(PROBABILITIES) + 1))
+        self._sums = np.zeros((1, len(PROBABILITIES) + 2))
         self.probability: Float32Array = np.full(1, first, np.float32)
 
-    def update(self, model: VmmModel, records: VertexRecords, row_count: int) -> None:
-        """Learn from the first `row_count` records, the ones that the model's last update took."""
+    def update(
+        self, model: VmmModel, records: VertexRecords, row_count: int, *, variance: float, ray_count: float
+    ) -> None:
+        """Learn from the first `row_count` records, the ones that the model's last update took.
+
+        Parameters
+        ----------
+        variance : float
+            Of a sample of a pixel, mean over the image, weighted as the records' contributions are.
+        ray_count : float
+            Cost of a path in rays.
+        """
         count = model.region_count
         sums = np.zeros((count, self._sums.shape[1]))
         sums[: self._sums.shape[0]] = DECAY * self._sums
@@ -123,16 +136,24 @@ class SelectionModel:
         find_leaves(model.field, records.position[:row_count], leaf)
         _add_records(records, leaf, PROBABILITIES, np.zeros((count, 3)), sums)
         self._sums = sums
-        self.probability = self._choose(sums)
+        self.probability = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))
 
-    def _choose(self, sums: np.ndarray) -> Float32Array:
-        """The best probability of each region, the mean of all standing in where little is known."""
-        known = sums[:, -1]
+    def _choose(self, least_benefit: float) -> Float32Array:
+        """The best probability of each region, the mean of all standing in where little is known.
+
+        Parameters
+        ----------
+        least_benefit : float
+            Variance that a guided vertex must save.
+        """
+        moments, known, vertices = self._sums[:, :-2], self._sums[:, -2], self._sums[:, -1]
         if not known.any():
-            return np.full(len(sums), self._first, np.float32)
-        ratio = sums[:, :-1] / np.maximum(sums[:, _REFERENCE, None], 1e-300)
+            return np.full(len(known), self._first, np.float32)
+        reference = moments[:, _REFERENCE]
+        ratio = moments / np.maximum(reference, 1e-300)[:, None]
         mean = (known[:, None] * ratio).sum(0) / known.sum()
         ratio = (known[:, None] * ratio + _PRIOR_COUNT * mean) / (known[:, None] + _PRIOR_COUNT)
+        by_vertex = (reference + _PRIOR_VERTICES * reference.sum() / vertices.sum()) / (vertices + _PRIOR_VERTICES)
         best = ratio[:, 1:].argmin(1) + 1
-        is_worth = ratio[:, 0] >= MIN_GAIN * ratio[np.arange(len(best)), best]
-        return np.where(is_worth, PROBABILITIES[best], PROBABILITIES[0]).astype(np.float32)
+        saved = by_vertex * (ratio[:, 0] - ratio[np.arange(len(best)), best])
+        return np.where(saved > least_benefit, PROBABILITIES[best], PROBABILITIES[0]).astype(np.float32)

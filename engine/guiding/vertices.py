@@ -58,7 +58,8 @@ class VertexRecords(Bundle):
 
     benefit : float32 (R,), estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none
     bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
-    reflected_squared : float32 (R,), squared contribution of the direction to the reflected radiance, mean over channels
+    contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
+        channels, times the pixel's weight
     """
 
     position: Float32Array
@@ -72,7 +73,7 @@ class VertexRecords(Bundle):
     benefit: Float32Array
     bsdf_pdf: Float32Array
     guide_pdf: Float32Array
-    reflected_squared: Float32Array
+    contribution_squared: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -128,13 +129,15 @@ def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benef
 
 
 @kernel
-def collect_records(log, paths, lanes, lane_count, max_distance, records, record_count):
+def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, records, record_count):
     """Turn the vertices of ended paths among `lanes` into records; call before their lanes are freed.
 
     A channel that the scattering swallowed tells nothing of the light that came in: it gets the mean of the others.
 
     Parameters
     ----------
+    pixel_weight : float32 (P,)
+        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     max_distance : float32 [m]
         Distances are cut off here; light from outside the scene has this one.
     records : VertexRecords; record_count : int
@@ -154,6 +157,7 @@ def collect_records(log, paths, lanes, lane_count, max_distance, records, record
         lane = lanes[k]
         if paths.alive[lane] != 0 or log.is_recording[lane] == 0:
             continue
+        weight = pixel_weight[paths.pixel[lane]]
         distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
         vertex = log.count[lane] - 1
         log.count[lane] = 0
@@ -165,11 +169,13 @@ def collect_records(log, paths, lanes, lane_count, max_distance, records, record
                 total = 0.0
                 known_count = 0
                 squared = 0.0
+                contribution = 0.0
                 for c in range(channel_count):
                     # Rounding of the long sum may leave a little less than before.
                     gain = max(paths.radiance[lane, c] - real[row, VERTEX_RADIANCE + c], 0.0)
                     throughput = real[row, VERTEX_THROUGHPUT + c]
                     before = real[row, VERTEX_BEFORE + c]
+                    contribution += gain * gain
                     value = -1.0
                     if throughput > 0.0:
                         value = gain / throughput
@@ -194,7 +200,7 @@ def collect_records(log, paths, lanes, lane_count, max_distance, records, record
                     records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared
                     records.bsdf_pdf[record_count] = real[row, VERTEX_BSDF_PDF]
                     records.guide_pdf[record_count] = real[row, VERTEX_GUIDE_PDF]
-                    records.reflected_squared[record_count] = squared
+                    records.contribution_squared[record_count] = contribution * weight / channel_count
                     record_count += 1
                 else:
                     reject_count += 1

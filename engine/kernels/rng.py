@@ -109,6 +109,12 @@ def laine_karras(x, seed):
     return np.uint32(x ^ np.uint32(x * np.uint32(0x53A22864)))
 
 
+@kernel
+def unit_float(bits):
+    """Upper 24 bits of a uint32 as float32 in [0, 1)."""
+    return np.float32(np.uint32(bits) >> np.uint32(8)) * 5.9604644775390625e-08
+
+
 @intrinsic
 def _scrambled_point(typing_context: Any, table: Any, index: Any, seed: Any) -> Any:
     """The four coordinates of Sobol point `index`, each Owen-scrambled with a seed of its own, as float32 in [0, 1).

@@ -18,8 +18,8 @@ SET_CANDIDATES = 1 << 16
 def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
     """Fill `candidates` for lanes from the `first`-th on, as many as fit.
 
-    Each candidate comes from the guide with the lane's guiding probability, else from the BSDF's rough lobes; its density is
-    that of the mixture, Eq. (7). The candidates of a vertex are a stratified set.
+    Each candidate comes from the guide with the lane's guiding probability, else from the BSDF's rough lobes; its
+    density is that of the mixture, Eq. (7). The candidates of a vertex are a stratified set.
 
     Parameters
     ----------

@@ -263,8 +263,8 @@ class Integrator:
         """Call every guided stage on no lanes."""
         b.follow(guidance)
         prepare_guides(
-            b.guiding, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points, b.closures, b.guided, b.guide,
-            guidance.pixel_weight, b.surface, 0,
+            b.guiding, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points, b.closures,
+            b.guided, b.guide, guidance.pixel_weight, b.surface, 0,
         )
         guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         draw_candidates(
@@ -277,7 +277,7 @@ class Integrator:
         guide_resample(
             b.guiding, self.options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
         )
-        collect_records(b.log, b.paths, b.active, 0, _FAR, b.records, 0)
+        collect_records(b.log, b.paths, guidance.pixel_weight, b.active, 0, _FAR, b.records, 0)
 
     def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
         """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
@@ -293,7 +293,8 @@ class Integrator:
         b.follow(guidance)
         is_guided = guidance is not None and guidance.field is not None
         record_threshold = guidance.record_threshold if guidance is not None else 0
-        pixel_weight = guidance.pixel_weight[unit.film_index] if is_guided else None
+        weights = guidance.pixel_weight if guidance is not None else None
+        pixel_weight = weights[unit.film_index] if weights is not None else np.zeros(len(unit.pixels), np.float32)
         b.record_count = 0
         path_count = len(unit.pixels) * unit.sample_count
         next_path, active_count, free_count = 0, 0, LANE_COUNT
@@ -360,8 +361,8 @@ class Integrator:
 
             if is_guided:
                 prepare_guides(
-                    b.guiding, guidance.field, guidance.allocation, guidance.probability, paths, points, closures, b.guided, b.guide,
-                    pixel_weight, b.surface, surface_count,
+                    b.guiding, guidance.field, guidance.allocation, guidance.probability, paths, points,
+                    closures, b.guided, b.guide, pixel_weight, b.surface, surface_count,
                 )
                 b.end("prepare_guides")
 
@@ -380,7 +381,7 @@ class Integrator:
 
             if record_threshold:
                 b.record_count, _ = collect_records(
-                    b.log, paths, b.active, active_count, _FAR, b.records, b.record_count
+                    b.log, paths, pixel_weight, b.active, active_count, _FAR, b.records, b.record_count
                 )
                 b.end("collect_records")
             active_count, free_count, reject_count = stages.accumulate(
@@ -460,6 +461,7 @@ class Integrator:
                     predict_by_mixture(b.guide, candidates, row_count)
                 b.end("predict_radiance")
             guide_resample(
-                options, self.options, paths, b.points, b.closures, b.guided, b.log, candidates, vertex_count, row_count, b.f_cos
+                options, self.options, paths, b.points, b.closures, b.guided, b.log, candidates,
+                vertex_count, row_count, b.f_cos,
             )
             b.end("sample_source" if is_single else "guide_resample")

@@ -7,14 +7,14 @@ from engine.guiding.vmm.query import find_leaf, find_region, prepare_guide
 from engine.jit import kernel
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
-from engine.kernels.rng import sample_4d
+from engine.kernels.rng import hash_combine, unit_float
 from engine.ris.orca import candidate_count
 from engine.state import POINT_NS, POINT_P
 
-#: Offset of the set of numbers for look-ups among a path's dimensions, far from those of its vertices.
+#: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
-#: Share of lanes for which the guide is asked, though not used, where its probability is 0.
-_TRIAL_SHARE = np.float32(0.0625)
+#: Share (of 2^32) of lanes for which the guide is asked, though not used, where its probability is 0.
+_TRIAL_BITS = np.uint32(1 << 28)
 
 
 @kernel
@@ -46,10 +46,13 @@ def prepare_guides(
         leaf = find_leaf(field, p)
         if leaf < 0:
             continue
-        u0, u1, u2, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LOOKUP)
-        if probability[leaf] == 0.0 and u2 >= _TRIAL_SHARE:
+        bits = hash_combine(
+            hash_combine(paths.rng[lane], paths.sample[lane]), np.uint32(paths.dimension[lane] + SET_LOOKUP)
+        )
+        if probability[leaf] == 0.0 and bits >= _TRIAL_BITS:
             continue
-        region = find_region(field, leaf, p, u0)
+        bits = hash_combine(bits, np.uint32(1))
+        region = find_region(field, leaf, p, bits)
         if region < 0:
             continue
         prepare_guide(field, region, p, real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
@@ -63,5 +66,5 @@ def prepare_guides(
             for c in range(len(paths.channels)):
                 squared += paths.throughput[lane, c] * paths.throughput[lane, c]
             squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
-            count = candidate_count(allocation, leaf, squared, u1)
+            count = candidate_count(allocation, leaf, squared, unit_float(hash_combine(bits, np.uint32(2))))
         guided.candidate_count[lane] = count

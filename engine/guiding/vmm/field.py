@@ -46,6 +46,7 @@ class VmmField(Bundle):
     pivot : float32 (R, 3), mean position of the region's samples
     fluence : float32 (R,), incident radiance (mean over channels) integrated over all directions
     is_ready : uint8 (R,), 0 = never fitted: use the BSDF
+    reach : float32 (R,), how far from a point the region to guide it with is looked for, along each axis [m]
     neighbors : int32 (R, NEIGHBOR_COUNT), ready regions with the closest pivots, itself first if ready, -1 = no more
     neighbor_pivots : float32 (R, 3, NEIGHBOR_COUNT), their pivots by axis; far away where there is none
     """
@@ -58,6 +59,7 @@ class VmmField(Bundle):
     pivot: Float32Array
     fluence: Float32Array
     is_ready: Uint8Array
+    reach: Float32Array
     neighbors: Int32Array
     neighbor_pivots: Float32Array
 

@@ -27,14 +27,19 @@ _CHUNK = 16384
 #: Work is handed out in pieces: this many a thread, so that none waits long for another.
 _PIECES_PER_THREAD = 4
 _FIRST_CAPACITY = 64
+#: Look-ups reach for half the distance to the neighbour of this rank.
+_REACH_RANK = 3
+REACH = 0.5
+#: Records after which leaves are cut later, by the square root of how many more there are.
+_EARLY_RECORDS = 1 << 20
 
 
 @dataclass(frozen=True)
 class VmmSettings:
     """How the field learns. Numbers are Open PGL's unless a comment says otherwise."""
 
-    #: A leaf that has seen more samples than this is cut (Open PGL: 32000; our renders are short).
-    samples_per_region: int = 16000
+    #: A leaf that has seen more samples than this is cut (Open PGL: 32000; our renders are short, docs/experiments.md).
+    samples_per_region: int = 2000
     max_depth: int = 32
     max_region_count: int = 16384
     #: What a child keeps of its parent's statistics.
@@ -43,7 +48,8 @@ class VmmSettings:
     #: Later iterations of a render come by themselves (two cost 2 to 4% more divergence than four, and half the time).
     max_iterations: int = 2
     tolerance: float = 0.005
-    initial_lobes: int = 16
+    #: Open PGL: 16; in small cells fewer do as well, at half the cost of a look-up.
+    initial_lobes: int = 8
     #: Wide lobes of 0.5 all stay alike for long, and end in worse optima.
     initial_kappa: float = 5.0
     weight_prior: float = 0.01
@@ -52,8 +58,7 @@ class VmmSettings:
     max_kappa: float = 32000.0
     split_threshold: float = 0.5
     split_interval: int = 4000
-    #: Open PGL: 0.025, which leaves too few lobes for edges.
-    merge_threshold: float = 0.005
+    merge_threshold: float = 0.025
     merge_interval: int = 8000
     refit_iterations: int = 4
     min_samples: int = 8
@@ -71,6 +76,14 @@ def _parameters(settings: VmmSettings) -> npt.NDArray[np.float64]:
         if index is not None:
             parameters[index] = getattr(settings, field.name)
     return parameters
+
+
+def _reach(pivot: Float32Array, neighbors: Int32Array, neighbor_pivots: Float32Array) -> Float32Array:
+    """Half the distance to a region's third neighbour (the last, if there are fewer)."""
+    last = np.clip((neighbors >= 0).sum(1) - 1, 0, _REACH_RANK)
+    farthest = np.take_along_axis(neighbor_pivots, last[:, None, None], 2)[:, :, 0]
+    distance = np.linalg.norm(farthest - pivot, axis=1)
+    return np.where(last > 0, REACH * distance, 0.0).astype(np.float32)
 
 
 @dataclass
@@ -217,7 +230,8 @@ class VmmModel:
         rows = np.zeros((self._store.lobe_count.shape[0], 2), np.int64)
         rows[: self.region_count] = self.batch_rows
         parents = np.full(rows.shape[0], -1, np.int32)
-        limits = np.array([settings.samples_per_region, settings.max_depth], np.float64)
+        growth = max(self._totals.record_count / _EARLY_RECORDS, 1.0) ** 0.5
+        limits = np.array([growth * settings.samples_per_region, settings.max_depth], np.float64)
         old_count = self.region_count
         self._node_count, self.region_count = tree.split_leaves(
             self.batch, self._tree, self._node_count, self._store.moments, rows, self._region_leaf, old_count,
@@ -299,6 +313,7 @@ class VmmModel:
             pivot,
             fluence.astype(np.float32),
             is_ready,
+            _reach(pivot, neighbors, neighbor_pivots),
             neighbors,
             neighbor_pivots,
         )

@@ -43,8 +43,7 @@ _COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.1
 #: Squared distance [m^2] beyond which a cached neighbour is none.
 _NO_NEIGHBOR = np.float32(1e35)
 
-#: A look-up takes one of this many nearest neighbours.
-_NEAREST_COUNT = 4
+_TEN_BITS = np.float32(1.0 / 512.0)
 
 
 @kernel
@@ -71,7 +70,7 @@ def find_leaf(field, p):
 
 @kernel
 def find_region(field, leaf, p, u):
-    """Region to guide with at point p: uniformly one of the four nearest of its leaf's cached neighbours.
+    """Region to guide with at point p: the one closest to a point drawn near p.
 
     Paths that meet at a border between cells then see both mixtures, and the border does not show.
 
@@ -80,7 +79,8 @@ def find_region(field, leaf, p, u):
     field : VmmField
     leaf : int, of `find_leaf`
     p : float32 tuple, world
-    u : float32 in [0, 1)
+    u : uint32
+        Random bits, ten for each coordinate.
 
     Returns
     -------
@@ -88,22 +88,21 @@ def find_region(field, leaf, p, u):
     """
     if leaf < 0 or field.is_ready[leaf] == 0:
         return -1
-    # Nearest, next nearest and so on, up to the wanted one or the last there is.
-    wanted = np.int64(u * np.float32(_NEAREST_COUNT))
-    chosen = leaf
-    passed = np.float32(-1.0)
-    for _rank in range(wanted + 1):
-        nearest = _NO_NEIGHBOR
-        for k in range(NEIGHBOR_COUNT):
-            x = field.neighbor_pivots[leaf, 0, k] - p[0]
-            y = field.neighbor_pivots[leaf, 1, k] - p[1]
-            z = field.neighbor_pivots[leaf, 2, k] - p[2]
-            squared = x * x + y * y + z * z
-            if squared > passed and squared < nearest:
-                nearest = squared
-                chosen = np.int64(field.neighbors[leaf, k])
-        passed = nearest
-    return chosen
+    step = field.reach[leaf] * _TEN_BITS
+    x = p[0] + (np.float32(u & 1023) - 511.5) * step
+    y = p[1] + (np.float32((u >> 10) & 1023) - 511.5) * step
+    z = p[2] + (np.float32((u >> 20) & 1023) - 511.5) * step
+    chosen = 0
+    nearest = _NO_NEIGHBOR
+    for k in range(NEIGHBOR_COUNT):
+        to_x = field.neighbor_pivots[leaf, 0, k] - x
+        to_y = field.neighbor_pivots[leaf, 1, k] - y
+        to_z = field.neighbor_pivots[leaf, 2, k] - z
+        squared = to_x * to_x + to_y * to_y + to_z * to_z
+        if squared < nearest:
+            nearest = squared
+            chosen = k
+    return np.int64(field.neighbors[leaf, chosen])
 
 
 @kernel
