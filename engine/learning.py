@@ -264,7 +264,8 @@ class Learner:
         )
         return Guidance(
             self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), fixed, allocation,
-            weights, self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
+            weights, self._table.field if method == "TABLE_RIS" and self._table is not None else None,
+            self._new_predictor,
         )
 
     def _probability(self) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from engine.guiding.records import Records, allocate_records
 from engine.guiding.vmm import query
 from engine.guiding.vmm.field import (
+    GRID_SIDE,
     LEAF,
     LOBE_COEFFICIENT,
     LOBE_INVERSE_DISTANCE,
@@ -99,6 +100,8 @@ def field_of(lobes, pivot=(0.0, 0.0, 0.0), extent=10.0, fluence=1.0) -> VmmField
         np.zeros(1, np.float32),
         np.array([[LEAF, 0]], np.int32),
         np.array([[-extent] * 3, [extent] * 3], np.float32),
+        np.zeros(GRID_SIDE**3, np.int32),
+        np.full(3, 0.5 * GRID_SIDE / extent, np.float32),
         stored,
         np.array([len(lobes)], np.int32),
         np.array([pivot], np.float32),
@@ -132,6 +135,7 @@ def _regions(field, points, u, out):
     for k in range(points.shape[0]):
         p = (points[k, 0], points[k, 1], points[k, 2])
         out[k, 0] = query.find_leaf(field, p)
+        out[k, 2] = query.locate_leaf(field, p)
         out[k, 1] = query.find_region(field, out[k, 0], p, u[k])
 
 
@@ -160,9 +164,10 @@ def samples(guide, rng, count):
 
 def regions(field, points, u):
     """`find_leaf` and `find_region` at points: two int (N,)."""
-    out = np.zeros((len(points), 2), np.int32)
+    out = np.zeros((len(points), 3), np.int32)
     bits = (np.asarray(u, np.float64) * 2**30).astype(np.uint32)
     _regions(field, np.asarray(points, np.float32).reshape(-1, 3), bits, out)
+    np.testing.assert_array_equal(out[:, 2], out[:, 0])
     return out[:, 0], out[:, 1]
 
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from engine.guiding.vmm.query import find_leaf, find_region, prepare_guide
+from engine.guiding.vmm.query import find_region, locate_leaf, prepare_guide
 from engine.jit import kernel
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
@@ -39,17 +39,17 @@ def prepare_guides(
         guided.rough_share[lane] = 0.0
         if paths.alive[lane] == 0:
             continue
-        share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
-        if not share > 0.0:
-            continue
         p = real_3(points, lane, POINT_P)
-        leaf = find_leaf(field, p)
+        leaf = locate_leaf(field, p)
         if leaf < 0:
             continue
         bits = hash_combine(
             hash_combine(paths.rng[lane], paths.sample[lane]), np.uint32(paths.dimension[lane] + SET_LOOKUP)
         )
         if probability[leaf] == 0.0 and bits >= _TRIAL_BITS:
+            continue
+        share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
+        if not share > 0.0:
             continue
         bits = hash_combine(bits, np.uint32(1))
         region = find_region(field, leaf, p, bits)

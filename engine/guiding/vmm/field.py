@@ -13,6 +13,8 @@ from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
 
 MAX_LOBES = 32
 NEIGHBOR_COUNT = 8
+#: Cells along each axis of the grid by which leaves are found.
+GRID_SIDE = 32
 
 # Rows of VmmField.lobes and of the model's own lobes. Unused lobes have weight and coefficient 0.
 LOBE_WEIGHT = 0
@@ -41,6 +43,8 @@ class VmmField(Bundle):
     node_split : float32 (N,), world coordinate along the axis: below it left, else right
     node_link : int32 (N, 2), NODE_*; node 0 is the root
     bounds : float32 (2, 3), lowest and highest corner in which the field is defined
+    grid : int32 (GRID_SIDE**3,), the smallest node that contains a cell of the bounds, in C order of x, y, z
+    grid_scale : float32 (3,), cells per metre
     lobes : float32 (R, LOBE_ROWS, MAX_LOBES), incident radiance at the pivot as a density [sr^-1]
     lobe_count : int32 (R,)
     pivot : float32 (R, 3), mean position of the region's samples
@@ -54,6 +58,8 @@ class VmmField(Bundle):
     node_split: Float32Array
     node_link: Int32Array
     bounds: Float32Array
+    grid: Int32Array
+    grid_scale: Float32Array
     lobes: Float32Array
     lobe_count: Int32Array
     pivot: Float32Array

@@ -303,11 +303,14 @@ class VmmModel:
 
             run(work, pieces.size - 1)
         totals = store.totals[:count]
+        grid, grid_scale = tree.make_grid(self._tree)
         fluence = totals[:, fit.TOTAL_FLUENCE] / np.maximum(totals[:, fit.TOTAL_COUNT], 1.0)
         return VmmField(
             self._tree.node_split[:nodes].copy(),
             self._tree.node_link[:nodes].copy(),
             self._tree.bounds,
+            grid,
+            grid_scale,
             store.lobes[:count].copy(),
             store.lobe_count[:count].copy(),
             pivot,

@@ -12,6 +12,7 @@ from engine.guiding.vmm.field import (
     COSINE_KAPPA,
     COSINE_NORMAL,
     COSINE_RADIANCE,
+    GRID_SIDE,
     GUIDE_COEFFICIENT,
     GUIDE_KAPPA,
     GUIDE_WEIGHT,
@@ -49,7 +50,27 @@ _TEN_BITS = np.float32(1.0 / 512.0)
 @kernel
 def find_leaf(field, p):
     """Region whose cell holds point p: int, -1 = outside the field's bounds (or p is NaN)."""
-    inside = (
+    if not _is_inside(field, p):
+        return -1
+    return _descend(field, 0, p)
+
+
+@kernel
+def locate_leaf(field, p):
+    """The same as `find_leaf`, of a published field: from the grid's cell on, not from the root."""
+    if not _is_inside(field, p):
+        return -1
+    cell = 0
+    for axis in range(3):
+        steps = int((p[axis] - field.bounds[0, axis]) * field.grid_scale[axis])
+        cell = cell * GRID_SIDE + min(max(steps, 0), GRID_SIDE - 1)
+    return _descend(field, np.int64(field.grid[cell]), p)
+
+
+@kernel
+def _is_inside(field, p):
+    """Whether a point lies within the bounds; NaN does not."""
+    return (
         p[0] >= field.bounds[0, 0]
         and p[1] >= field.bounds[0, 1]
         and p[2] >= field.bounds[0, 2]
@@ -57,10 +78,12 @@ def find_leaf(field, p):
         and p[1] <= field.bounds[1, 1]
         and p[2] <= field.bounds[1, 2]
     )
-    if not inside:
-        return -1
-    node = 0
-    axis = field.node_link[0, NODE_AXIS]
+
+
+@kernel
+def _descend(field, node, p):
+    """Region of the leaf below a node that holds point p."""
+    axis = field.node_link[node, NODE_AXIS]
     while axis != LEAF:
         coordinate = p[0] if axis == 0 else (p[1] if axis == 1 else p[2])
         node = field.node_link[node, NODE_CHILD] + (1 if coordinate >= field.node_split[node] else 0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.bundle import Bundle
-from engine.guiding.vmm.field import LEAF, NEIGHBOR_COUNT, NODE_AXIS, NODE_CHILD
+from engine.guiding.vmm.field import GRID_SIDE, LEAF, NEIGHBOR_COUNT, NODE_AXIS, NODE_CHILD
 from engine.guiding.vmm.fit import (
     MOMENT_COUNT,
     MOMENT_MEAN,
@@ -35,6 +35,9 @@ _UNIT_TOLERANCE = np.float32(1e-3)
 
 #: A cell is never cut where its samples vary by less than this share of the coordinate itself.
 _RELATIVE_DEVIATION = np.float32(1e-6)
+
+#: Distance of a split from a cell [cells] from which it is beyond doubt on which side the cell lies.
+_GRID_MARGIN = np.float32(1e-2)
 
 #: What became of a record, columns of the counts.
 REJECT_NOT_FINITE = 0
@@ -254,6 +257,37 @@ def split_leaves(batch, tree, node_count, moments, starts, region_leaf, region_c
                 add_moments(batch, starts[child, 0], starts[child, 1], moments, child)
         region += 1
     return node_count, region_count
+
+
+def make_grid(tree: TreeNodes) -> tuple[Int32Array, Float32Array]:
+    """`VmmField.grid` and `grid_scale` of a tree."""
+    extent = tree.bounds[1] - tree.bounds[0]
+    scale = (GRID_SIDE / np.maximum(extent, np.finfo(np.float32).tiny)).astype(np.float32)
+    grid = np.zeros(GRID_SIDE**3, np.int32)
+    _fill_grid(tree, scale, grid)
+    return grid, scale
+
+
+@kernel
+def _fill_grid(tree, scale, grid):
+    """Descend for every cell as long as it lies on one side, by more than rounding could move a point."""
+    for cell in range(grid.shape[0]):
+        index = (cell // (GRID_SIDE * GRID_SIDE), cell // GRID_SIDE % GRID_SIDE, cell % GRID_SIDE)
+        node = 0
+        axis = tree.node_link[0, NODE_AXIS]
+        while axis != LEAF:
+            step = index[0] if axis == 0 else (index[1] if axis == 1 else index[2])
+            split = (tree.node_split[node] - tree.bounds[0, axis]) * scale[axis]
+            side = -1
+            if split < step - _GRID_MARGIN:
+                side = 1
+            elif split > step + 1 + _GRID_MARGIN:
+                side = 0
+            if side < 0:
+                break
+            node = np.int64(tree.node_link[node, NODE_CHILD]) + side
+            axis = tree.node_link[node, NODE_AXIS]
+        grid[cell] = node
 
 
 @kernel
