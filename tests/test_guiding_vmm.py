@@ -316,7 +316,7 @@ def test_look_ups_blend_over_borders():
 
 
 def test_nothing_is_found_outside_or_before_learning():
-    model = VmmModel(BOX)
+    model = VmmModel(BOX, VmmSettings(16_000))
     assert regions(model.field, [(0, 0, 0)], [0.5])[1][0] == -1
     model.update(uniform_records(np.random.default_rng(15), 4000, constant), 4000)
     points = [(0, 0, 0), (2, 0, 0), (0, -1.5, 0), (np.nan, 0, 0), (np.inf, 0, 0), (0, 0, -1e30)]
