@@ -103,6 +103,11 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         max=0.95,
         default=_DEFAULTS.guiding_probability,
     )
+    learn_guiding_probability: BoolProperty(  # type: ignore[valid-type]
+        name="Learn Probability",
+        description="Learn the share by region, and leave the lobes alone where they do not pay; off: the same everywhere",
+        default=_DEFAULTS.learn_guiding_probability,
+    )
     candidate_allocation: EnumProperty(  # type: ignore[valid-type]
         name="Candidates",
         description="How many directions are weighed at each surface",

@@ -102,6 +102,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
         column.active = settings.guiding_method != "OFF"
         for name in (
             "guiding_probability",
+            "learn_guiding_probability",
             "candidate_allocation",
             "candidate_count",
             "defensive_alpha",

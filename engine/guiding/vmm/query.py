@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from engine.guiding.vmm.field import (
+    COSINE_FLUENCE,
     COSINE_KAPPA,
     COSINE_NORMAL,
     COSINE_RADIANCE,
@@ -44,6 +45,8 @@ _COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.1
 #: Squared distance [m^2] beyond which a cached neighbour is none.
 _NO_NEIGHBOR = np.float32(1e35)
 
+#: Part of the predicted radiance that comes evenly from all directions.
+_EVEN_SHARE = np.float32(0.3)
 _TEN_BITS = np.float32(1.0 / 512.0)
 
 
@@ -204,6 +207,7 @@ def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
     guide.cosine[row, COSINE_NORMAL + 1] = n[1]
     guide.cosine[row, COSINE_NORMAL + 2] = n[2]
     guide.cosine[row, COSINE_KAPPA] = kappa_b
+    guide.cosine[row, COSINE_FLUENCE] = field.fluence[region]
     guide.cosine[row, COSINE_RADIANCE] = field.fluence[region] * total / norm_b
 
 
@@ -266,10 +270,12 @@ def sample_guide(guide, row, u0, u1, u2):
 def predict_vmm(guide, row, wi, guide_pdf):
     """Incident radiance (mean over channels) along unit direction wi, given `guide_pdf` = `eval_guide` there.
 
-    The cosine lobe is divided out again: fluence times the density of incident radiance alone. Estimates, not bounds.
+    The cosine lobe is divided out again: fluence times the density of incident radiance alone, part of it taken as even:
+    where no lobe reaches, little is known, and a target of nothing there would leave what comes to rare, heavy samples.
     """
     x = wi[0] - guide.cosine[row, COSINE_NORMAL]
     y = wi[1] - guide.cosine[row, COSINE_NORMAL + 1]
     z = wi[2] - guide.cosine[row, COSINE_NORMAL + 2]
     exponent = -0.5 * guide.cosine[row, COSINE_KAPPA] * (x * x + y * y + z * z)
-    return guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
+    density = guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
+    return (1.0 - _EVEN_SHARE) * density + _EVEN_SHARE / _FOUR_PI * guide.cosine[row, COSINE_FLUENCE]
