@@ -105,7 +105,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     )
     learn_guiding_probability: BoolProperty(  # type: ignore[valid-type]
         name="Learn Probability",
-        description="Learn the share by region, and leave the lobes alone where they do not pay; off: the same everywhere",
+        description="Learn the share by region, none where the lobes do not pay; off: the same everywhere",
         default=_DEFAULTS.learn_guiding_probability,
     )
     candidate_allocation: EnumProperty(  # type: ignore[valid-type]

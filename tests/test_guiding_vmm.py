@@ -104,13 +104,14 @@ def test_density_is_the_mixture_at_the_pivot_and_the_product_elsewhere():
     assert np.allclose(product, expected, rtol=3e-3, atol=1e-5)
 
 
-def test_prediction_is_fluence_times_density_without_the_cosine():
+def test_prediction_is_fluence_times_density_without_the_cosine_and_partly_even():
     directions = sphere_grid(100, 200)
     field = field_of(MIXTURE, fluence=7.0)
     plain, _ = densities(guide_at(field, (0.1, 0.2, 0.0)), directions)
     for cosine_lobe in (False, True):
         _, predicted = densities(guide_at(field, (0.1, 0.2, 0.0), (0.2, 0.5, 0.7), cosine_lobe), directions)
-        assert np.allclose(predicted, 7.0 * plain, rtol=1e-3, atol=1e-5)
+        expected = 7.0 * (0.7 * plain + 0.3 / (4 * np.pi))
+        assert np.allclose(predicted, expected, rtol=1e-3, atol=1e-5)
 
 
 def test_lobes_turn_towards_their_light():

@@ -278,4 +278,5 @@ def predict_vmm(guide, row, wi, guide_pdf):
     z = wi[2] - guide.cosine[row, COSINE_NORMAL + 2]
     exponent = -0.5 * guide.cosine[row, COSINE_KAPPA] * (x * x + y * y + z * z)
     density = guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
-    return (1.0 - _EVEN_SHARE) * density + _EVEN_SHARE / _FOUR_PI * guide.cosine[row, COSINE_FLUENCE]
+    even = guide.cosine[row, COSINE_FLUENCE] / _FOUR_PI
+    return (1.0 - _EVEN_SHARE) * density + _EVEN_SHARE * even
