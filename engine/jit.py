@@ -14,9 +14,9 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib.util
+import re
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -51,20 +51,33 @@ def _module_file(name: str) -> Path | None:
     return None
 
 
+#: Import statements, in functions too; text of a docstring that reads like one does no harm.
+_IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
+_COMMENT = re.compile(r"#[^\n]*")
+
+
 @cache
 def _imports(name: str, file: Path) -> frozenset[str]:
-    """Engine modules that module `name` imports, read from its source without running it."""
+    """Engine modules that module `name` imports, read from its source without running it.
+
+    By regular expression: to parse all sources at every start would take longer than to load all kernels.
+    """
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     found: set[str] = set()
-    for node in ast.walk(ast.parse(file.read_bytes())):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            relative = "." * node.level + (node.module or "")
-            base = importlib.util.resolve_name(relative, package) if node.level else node.module or ""
-            found.add(base)
-            found.update(f"{base}.{alias.name}" for alias in node.names)
+    for source, names in _IMPORT.findall(_text(file).decode()):
+        imported = [item.split()[0] for item in _COMMENT.sub("", names).strip("() \t").split(",") if item.split()]
+        if not source:
+            found.update(imported)
+            continue
+        base = importlib.util.resolve_name(source, package) if source.startswith(".") else source
+        found.add(base)
+        found.update(f"{base}.{item}" for item in imported)
     return frozenset(module for module in found if _module_file(module) is not None)
+
+
+@cache
+def _text(file: Path) -> bytes:
+    return file.read_bytes()
 
 
 @cache
@@ -85,7 +98,7 @@ def source_hash(name: str, file: Path) -> str:
                     pending.append((imported, imported_file))
     digest = hashlib.sha256(f"{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
     for module in sorted(seen):
-        digest.update(seen[module].read_bytes())
+        digest.update(_text(seen[module]))
     return digest.hexdigest()[:16]
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 import os
 import subprocess
 import sys
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from engine import kernel_cache, session
+from engine import jit, kernel_cache, session
 from engine.scene.description import Notice
 
 ROOT = Path(__file__).parents[1]
@@ -119,6 +121,24 @@ def test_without_any_writable_folder_nothing_is_raised(tmp_path: Path, monkeypat
     monkeypatch.setattr(kernel_cache, "_problems", [])
     assert kernel_cache._usable(tmp_path) == tmp_path
     assert "Read-only file system" in kernel_cache.problem()
+
+
+def test_imports_are_those_that_the_parser_finds() -> None:
+    """An import that goes unseen would leave stale machine code in use."""
+    count = 0
+    for file in (ROOT / "engine").rglob("*.py"):
+        name = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        expected: set[str] = set()
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Import):
+                expected.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+                expected.update((base, *(f"{base}.{alias.name}" for alias in node.names)))
+        assert jit._imports(name, file) == {module for module in expected if jit._module_file(module)}, name
+        count += len(jit._imports(name, file))
+    assert count > 300
 
 
 def test_the_user_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
