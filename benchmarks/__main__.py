@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
 
 #: What runs where no scene is named.
-SHORT_SET = ["diffuse", "glossy-sharp", "glass-rough", "principled-everything", "many-lights", "world-image-sun"]
+SHORT_SET = ["diffuse", "glass-rough", "principled-everything", "many-lights", "world-image-sun", "evening-room"]
 
 
 def _parser() -> argparse.ArgumentParser:

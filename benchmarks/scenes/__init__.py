@@ -4,7 +4,9 @@
 Importing this package fills the registry; `bpy` is needed only to build.
 """
 
-from benchmarks.scenes import cameras, closures, geometry, lights, principled, textures
+from benchmarks.scenes import cameras, closures, geometry, lights, principled, rooms, textures
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
-__all__ = ["SCENES", "BuiltinScene", "build", "cameras", "closures", "geometry", "lights", "principled", "textures"]
+__all__ = [
+    "SCENES", "BuiltinScene", "build", "cameras", "closures", "geometry", "lights", "principled", "rooms", "textures",
+]  # fmt: skip

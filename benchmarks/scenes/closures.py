@@ -5,10 +5,22 @@ from __future__ import annotations
 
 from benchmarks.scenes import registry
 from benchmarks.scenes.registry import scene
-from benchmarks.scenes.studio import Nodes, Socket, Surface, add_object, aim, light, lit_stage, material, quad, show
+from benchmarks.scenes.studio import (
+    Nodes,
+    Socket,
+    Surface,
+    add_object,
+    aim,
+    light,
+    lit_stage,
+    material,
+    quad,
+    show,
+    stage,
+)
 
 #: Measured on one interface of roughness 0.6 at 60 degrees: a white emitter gets 1.08 by light sampling in Cycles,
-#: 0.966 by scattering and here.
+#: 0.966 by scattering and here. In the scenes below it is 0.1% of the image or less, but for 0.5% in glass-multi-ggx.
 ROUGH_REFRACTION = "Cycles' light sampling adds light for impossible refractions"
 
 
@@ -65,7 +77,7 @@ def glossy_multi_ggx(nodes: Nodes) -> Socket:
     return nodes("BsdfAnisotropic", {"distribution": "MULTI_GGX"}, Color=(0.9, 0.8, 0.6), Roughness=0.8)
 
 
-@closure_scene("glossy-beckmann", note="Beckmann is shown as GGX", allowance=0.2)
+@closure_scene("glossy-beckmann", note="Beckmann is shown as GGX", allowance=0.12)
 def glossy_beckmann(nodes: Nodes) -> Socket:
     """Beckmann glossy."""
     return nodes("BsdfAnisotropic", {"distribution": "BECKMANN"}, Color=(0.9, 0.8, 0.6), Roughness=0.5)
@@ -99,7 +111,7 @@ def refraction_smooth(nodes: Nodes) -> Socket:
     return nodes("BsdfRefraction", {"distribution": "GGX"}, Color=(0.9, 0.95, 1.0), Roughness=0.0, IOR=1.45)
 
 
-@closure_scene("refraction-rough", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
+@closure_scene("refraction-rough", samples=128, note=ROUGH_REFRACTION)
 def refraction_rough(nodes: Nodes) -> Socket:
     """Refraction through a rough interface."""
     return nodes("BsdfRefraction", {"distribution": "GGX"}, Color=(0.9, 0.95, 1.0), Roughness=0.3, IOR=1.45)
@@ -111,13 +123,13 @@ def glass_smooth(nodes: Nodes) -> Socket:
     return nodes("BsdfGlass", {"distribution": "GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.0, IOR=1.5)
 
 
-@closure_scene("glass-rough", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
+@closure_scene("glass-rough", samples=128, note=ROUGH_REFRACTION)
 def glass_rough(nodes: Nodes) -> Socket:
     """Rough glass."""
     return nodes("BsdfGlass", {"distribution": "GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.35, IOR=1.5)
 
 
-@closure_scene("glass-multi-ggx", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
+@closure_scene("glass-multi-ggx", samples=128, note=ROUGH_REFRACTION, allowance=0.01)
 def glass_multi_ggx(nodes: Nodes) -> Socket:
     """Rough glass with energy compensation."""
     return nodes("BsdfGlass", {"distribution": "MULTI_GGX"}, Color=(0.95, 1.0, 0.97), Roughness=0.6, IOR=1.5)
@@ -214,14 +226,26 @@ def caustic_free_glass() -> None:
     bpy.context.scene.cycles.caustics_refractive = False
 
 
-@scene("clamped", note="clamping acts on samples, so it depends on how lights are chosen", allowance=0.05)
-def clamped() -> None:
-    """Direct and indirect light clamped, over a mirror lit by a small lamp."""
+def _clamp() -> None:
     import bpy
 
-    lit_stage()
-    show(material("mirror", glossy_sharp))
-    lamp = light("POINT", 300.0, (-1.5, -1.5, 3.0), shadow_soft_size=0.1)
-    aim(lamp, (0, 0, 0))
     bpy.context.scene.cycles.sample_clamp_direct = 2.0
     bpy.context.scene.cycles.sample_clamp_indirect = 0.5
+
+
+@scene("clamped")
+def clamped() -> None:
+    """Direct and indirect light clamped, over a mirror lit by a small lamp alone."""
+    stage()
+    show(material("mirror", glossy_sharp))
+    aim(light("POINT", 300.0, (-1.5, -1.5, 3.0), shadow_soft_size=0.1), (0, 0, 0))
+    _clamp()
+
+
+@scene("clamped-several", note="clamping acts on samples, so it depends on how lights are chosen", allowance=0.03)
+def clamped_several() -> None:
+    """Direct and indirect light clamped, from a lamp, an area light and the world."""
+    lit_stage()
+    show(material("mirror", glossy_sharp))
+    aim(light("POINT", 300.0, (-1.5, -1.5, 3.0), shadow_soft_size=0.1), (0, 0, 0))
+    _clamp()

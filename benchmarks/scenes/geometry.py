@@ -155,7 +155,7 @@ def low_poly() -> None:
     add_object("B", sphere("B", shiny, 0.8, 10, 6), (0.9, 0, 0.8))
 
 
-@scene("low-poly-glass", samples=128, note=ROUGH_REFRACTION, allowance=0.06)
+@scene("low-poly-glass", samples=128, note=ROUGH_REFRACTION)
 def low_poly_glass() -> None:
     """Smooth normals on coarse rough glass."""
     lit_stage()

@@ -64,7 +64,6 @@ def _register(name: str, inputs: dict[str, Any], description: str) -> None:
         f"principled-{name}",
         samples=128 if "transmission" in name or is_rough_glass else 64,
         note=ROUGH_REFRACTION if is_rough_glass else "",
-        allowance=0.04 if is_rough_glass else 0.0,
     )(surface)
 
 

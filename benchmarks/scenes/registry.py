@@ -83,6 +83,7 @@ def build(name: str) -> None:
 def source_hash() -> str:
     """Hash of every builder's source: the identity of built-in scenes."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
+    here = Path(__file__).parent
+    for file in [*sorted(here.glob("*.py")), *sorted((here.parents[1] / "demo").glob("*.py"))]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
