@@ -270,7 +270,7 @@ def sample_guide(guide, row, u0, u1, u2):
 def predict_vmm(guide, row, wi, guide_pdf):
     """Incident radiance (mean over channels) along unit direction wi, given `guide_pdf` = `eval_guide` there.
 
-    The cosine lobe is divided out again: fluence times the density of incident radiance alone, part of it taken as even:
+    The cosine lobe is divided out again: fluence times the density of incident radiance alone, part of it held even:
     where no lobe reaches, little is known, and a target of nothing there would leave what comes to rare, heavy samples.
     """
     x = wi[0] - guide.cosine[row, COSINE_NORMAL]
