@@ -11,7 +11,7 @@ import numpy as np
 from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
 
-MAX_LOBES = 32
+MAX_LOBES = 16
 NEIGHBOR_COUNT = 8
 #: Cells along each axis of the grid by which leaves are found.
 GRID_SIDE = 32
