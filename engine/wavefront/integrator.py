@@ -72,7 +72,7 @@ LANE_COUNT = 2048
 RECORD_ROWS = 1 << 15
 
 
-#: Stages of every render; those of guided ones are called by their names.
+#: Stages, those of guided renders last.
 _STAGES = (
     init_from_camera,
     play_roulette,
@@ -91,6 +91,13 @@ _STAGES = (
     pass_transparent,
     scatter,
     accumulate,
+    prepare_guides,
+    guide_lights,
+    draw_candidates,
+    predict_by_mixture,
+    predict_by_table,
+    guide_resample,
+    collect_records,
 )
 
 
@@ -261,23 +268,24 @@ class Integrator:
 
     def _rehearse(self, b: Batch, guidance: Guidance) -> None:
         """Call every guided stage on no lanes."""
+        stages = self.stages
         b.follow(guidance)
-        prepare_guides(
+        stages.prepare_guides(
             b.guiding, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points, b.closures,
             b.guided, b.guide, guidance.pixel_weight, b.surface, 0,
         )
-        guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
-        draw_candidates(
+        stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
+        stages.draw_candidates(
             b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0
         )
         if guidance.table is not None:
-            predict_by_table(guidance.table, b.guided, b.candidates, 0)
+            stages.predict_by_table(guidance.table, b.guided, b.candidates, 0)
         else:
-            predict_by_mixture(b.guide, b.candidates, 0)
-        guide_resample(
+            stages.predict_by_mixture(b.guide, b.candidates, 0)
+        stages.guide_resample(
             b.guiding, self.options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
         )
-        collect_records(b.log, b.paths, guidance.pixel_weight, b.active, 0, _FAR, b.records, 0)
+        stages.collect_records(b.log, b.paths, guidance.pixel_weight, b.active, 0, _FAR, b.records, 0)
 
     def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
         """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
@@ -360,7 +368,7 @@ class Integrator:
                 b.end("write_features")
 
             if is_guided:
-                prepare_guides(
+                stages.prepare_guides(
                     b.guiding, guidance.field, guidance.allocation, guidance.probability, paths, points,
                     closures, b.guided, b.guide, pixel_weight, b.surface, surface_count,
                 )
@@ -380,7 +388,7 @@ class Integrator:
                 self._resample(b, b.several, several_count, is_single=False)
 
             if record_threshold:
-                b.record_count, _ = collect_records(
+                b.record_count, _ = stages.collect_records(
                     b.log, paths, pixel_weight, b.active, active_count, _FAR, b.records, b.record_count
                 )
                 b.end("collect_records")
@@ -407,7 +415,7 @@ class Integrator:
             )
             b.end("evaluate_light_shaders")
         if self.guidance is not None and self.guidance.field is not None:
-            guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
+            stages.guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
             b.end("guide_lights")
         shadow_count = stages.connect_lights(
             options, tables, geometry, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit,
@@ -439,10 +447,10 @@ class Integrator:
         """Draw candidates for the lanes, predict what arrives along them if there are several, and pick one each."""
         guidance = self.guidance
         assert guidance is not None
-        paths, candidates, options, statistics = b.paths, b.candidates, b.guiding, b.statistics
+        paths, candidates, options, statistics, stages = b.paths, b.candidates, b.guiding, b.statistics, self.stages
         first = 0
         while first < lane_count:
-            first, vertex_count, row_count = draw_candidates(
+            first, vertex_count, row_count = stages.draw_candidates(
                 paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
             )
             b.end("sample_source" if is_single else "draw_candidates")
@@ -456,11 +464,11 @@ class Integrator:
                         candidates.position, candidates.vertex, candidates.direction, row_count, candidates.radiance
                     )
                 elif guidance.table is not None:
-                    predict_by_table(guidance.table, b.guided, candidates, row_count)
+                    stages.predict_by_table(guidance.table, b.guided, candidates, row_count)
                 else:
-                    predict_by_mixture(b.guide, candidates, row_count)
+                    stages.predict_by_mixture(b.guide, candidates, row_count)
                 b.end("predict_radiance")
-            guide_resample(
+            stages.guide_resample(
                 options, self.options, paths, b.points, b.closures, b.guided, b.log, candidates,
                 vertex_count, row_count, b.f_cos,
             )
