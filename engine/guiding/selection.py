@@ -7,7 +7,7 @@ probabilities at once, from the same records: a sample of contribution c = T f L
 guided where the variance it saves, over that of the image, is more than the time it takes, over that of the image. The
 choice is between distributions and made from earlier iterations only, so the expected image does not change.
 
-Müller 2019, "Path Guiding in Production", section 10.5 learns the probability by gradient descent on a divergence; a
+Müller 2019, "Path Guiding in Production", learns the probability by gradient descent on a divergence; a
 row of candidates needs no step size, and the second moment is the error itself.
 """
 
@@ -131,6 +131,7 @@ class SelectionModel:
         sums = np.zeros((count, self._sums.shape[1]))
         sums[: self._sums.shape[0]] = DECAY * self._sums
         for region, parent in model.split_log:
+            # Both halves keep the ratios, and yield to what they see themselves.
             sums[parent] *= 0.5
             sums[region] = sums[parent]
         leaf: Int32Array = np.full(row_count, -1, np.int32)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Regions of many points at once."""
 
-from engine.guiding.vmm.query import find_leaf
+from engine.guiding.vmm.query import locate_leaf
 from engine.jit import kernel
 
 
@@ -16,4 +16,4 @@ def find_leaves(field, position, leaf):
     leaf : int32 (R,)
     """
     for row in range(position.shape[0]):
-        leaf[row] = find_leaf(field, (position[row, 0], position[row, 1], position[row, 2]))
+        leaf[row] = locate_leaf(field, (position[row, 0], position[row, 1], position[row, 2]))
