@@ -139,9 +139,13 @@ CLOSURE_N = 4  # unit normal, on the viewer's side
 CLOSURE_SAMPLE_WEIGHT = 7  # unnormalised selection probability
 _CLOSURE_KIND = 8  # Closures.kind
 CLOSURE_KIND_PARAMS = 9
-#: Lanes between a lane's closures in memory at least (all first closures lie together, then all second ones); not a
-#: power of two, or they would compete for the same places in the cache.
-_CLOSURE_LANES = 2056
+#: Paths in flight per thread, and the most lanes any batch may have: the distance between a lane's closures is part of
+#: their type, so that another would compile the kernels again. Their state has to stay near the core; fewer make the
+#: calls between stages show.
+LANE_COUNT = 2048
+#: Lanes between a lane's closures in memory (all first closures lie together, then all second ones); not a power of
+#: two, or they would compete for the same places in the cache.
+_CLOSURE_LANES = LANE_COUNT + 8
 
 
 class Closures(Bundle):
@@ -178,11 +182,12 @@ def allocate_points(lane_count: int) -> ShadePoints:
 
 
 def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
-    """Zeroed `Closures` for `lane_count` lanes of a spectrum of `channel_count`."""
+    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`."""
+    if lane_count > LANE_COUNT:
+        raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
     real, integer = np.float32, np.int32
-    apart = max(lane_count, _CLOSURE_LANES)
-    memory = _aligned(MAX_CLOSURES * apart * CLOSURE_WIDTH * 4).view(real).reshape(MAX_CLOSURES, apart, CLOSURE_WIDTH)
-    param = memory[:, :lane_count].transpose(1, 0, 2)
+    memory = _aligned(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(real)
+    param = memory.reshape(MAX_CLOSURES, _CLOSURE_LANES, CLOSURE_WIDTH)[:, :lane_count].transpose(1, 0, 2)
     fields = _records(
         lane_count,
         [

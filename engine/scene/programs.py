@@ -22,6 +22,7 @@ from engine.shaders.arrays import (
 )
 from engine.shaders.compiler import ProgramSource, compile_programs
 from engine.state import (
+    LANE_COUNT,
     POINT_INSTANCE,
     POINT_LIGHT,
     POINT_NG,
@@ -41,8 +42,6 @@ from engine.wavefront.evaluate_shaders import evaluate_shaders
 #: Width of the map a procedural world is sampled by, and the largest that an image gets.
 _DEFAULT_MAP_WIDTH = 1024
 _LARGEST_MAP_WIDTH = 4096
-#: Directions evaluated at a time.
-_GRID_BATCH = 1 << 14
 
 
 @dataclass
@@ -97,15 +96,15 @@ class Programs:
             axis=-1,
         ).reshape(-1, 3)
         radiance = np.empty((len(directions), 3), np.float32)
-        points, closures = allocate_points(_GRID_BATCH), allocate_closures(_GRID_BATCH)
-        lanes = np.arange(_GRID_BATCH, dtype=np.int32)
+        points, closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
+        lanes = np.arange(LANE_COUNT, dtype=np.int32)
         memory = allocate_memory(self.arrays)
         points.real[:, POINT_RAY_LENGTH] = 1e30
         points.integer[:, [POINT_INSTANCE, POINT_TRIANGLE, POINT_LIGHT]] = -1
         points.integer[:, POINT_PROGRAM] = self.world_program
         points.integer[:, POINT_RAY_FLAGS] = RAY_EMISSION
-        for start in range(0, len(directions), _GRID_BATCH):
-            part = directions[start : start + _GRID_BATCH]
+        for start in range(0, len(directions), LANE_COUNT):
+            part = directions[start : start + LANE_COUNT]
             count = len(part)
             points.real[:count, POINT_P : POINT_P + 3] = part
             for column in (POINT_WO, POINT_NG, POINT_NS):

@@ -37,6 +37,7 @@ from engine.shaders.arrays import (
     allocate_memory,
 )
 from engine.state import (
+    LANE_COUNT,
     allocate_closures,
     allocate_guided_lanes,
     allocate_light_samples,
@@ -66,8 +67,6 @@ from engine.wavefront.write_features import write_features
 
 #: Distances of light from outside the scene [m].
 _FAR = np.float32(1e30)
-#: Paths in flight per thread. Their state has to stay near the core; fewer make the calls between stages show.
-LANE_COUNT = 2048
 #: Records that a unit of work may make.
 RECORD_ROWS = 1 << 15
 
