@@ -6,7 +6,8 @@ hundred stores before the first useful instruction, and a reference count for ea
 a field loads the array's address from a table; the loads are marked invariant, so LLVM hoists them out of loops. Sizes
 of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
 
-In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays.
+In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays. A
+field may be a bundle too: what a compiled loop hands to many stages comes as one.
 
 A bundle of lanes (`_rows` set) goes further, for data read by lane in every stage: its fields may be strided views of
 one array of records, so that a lane's data lie in few cache lines, and in kernels they are bare pointers (`RowsType`)
@@ -35,8 +36,8 @@ _FIELD_WORDS = 4
 class Bundle:
     """Base class: annotate fields in the subclass, construct by position or keyword.
 
-    A field is a C-contiguous array of at most three dimensions, or a tuple of ints (`channels`), which becomes part of
-    the type.
+    A field is a C-contiguous array of at most three dimensions, another bundle, or a tuple of ints (`channels`), which
+    becomes part of the type.
     """
 
     _fields: ClassVar[tuple[str, ...]] = ()
@@ -45,6 +46,7 @@ class Bundle:
     #: Whether fields are `RowsType` in kernels.
     _rows: ClassVar[bool] = False
     _address: int
+    _numba_type_: BundleType
 
     def __init_subclass__(cls) -> None:
         cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
@@ -60,6 +62,10 @@ class Bundle:
             object.__setattr__(self, name, value)
             if isinstance(value, tuple):
                 described.append((name, value))
+                continue
+            if isinstance(value, Bundle):
+                table[index * _FIELD_WORDS] = value._address
+                described.append((name, value._numba_type_))
                 continue
             is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
             if not (is_array and (self._rows or value.flags.c_contiguous)):
@@ -103,7 +109,7 @@ class RowsType(types.Type):
 
 
 class BundleType(types.Type):
-    """Numba's type of a bundle: its name, and per field a tuple, rows, or (dtype, dimensions, inner shape)."""
+    """Numba's type of a bundle: its name; per field a tuple, a bundle, rows, or (dtype, dimensions, inner shape)."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
         self.fields = fields
@@ -117,7 +123,7 @@ class BundleType(types.Type):
         described = self.fields[self.index[name]][1]
         if _is_tuple_field(described):
             return types.UniTuple(types.int64, len(described))
-        if isinstance(described, RowsType):
+        if isinstance(described, RowsType | BundleType):
             return described
         dtype, dimensions, _inner = described
         return types.Array(dtype, dimensions, "C")
@@ -168,6 +174,8 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
 
     if isinstance(described, RowsType):
         return builder.inttoptr(word(0), context.get_value_type(described))
+    if isinstance(described, BundleType):
+        return word(0)
     dtype, dimensions, inner = described
     array_type = typ.field_type(attr)
     array = make_array(array_type)(context, builder)

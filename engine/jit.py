@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -122,7 +123,8 @@ def _float32_constants(value: Any) -> Any:
     return value
 
 
-def _general_type(argument: Any) -> Any:
+def call_type(argument: Any) -> Any:
+    """Type by which an argument is passed to other kernels."""
     general = types.unliteral(argument)  # type: ignore[attr-defined]
     return types.int64 if general == types.int32 else general
 
@@ -139,8 +141,8 @@ def _serve_callers(dispatcher: Any, callee: Any) -> Any:
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return callee.get_call_template(
-            tuple(_general_type(argument) for argument in args),
-            {name: _general_type(argument) for name, argument in kws.items()},
+            tuple(call_type(argument) for argument in args),
+            {name: call_type(argument) for name, argument in kws.items()},
         )
 
     def get_overload(signature: Any) -> object:
@@ -210,10 +212,45 @@ class BoundKernel:
     def __init__(self, dispatcher: Any) -> None:
         self._dispatcher = dispatcher
         self._entry: Callable[..., Any] | None = None
+        self._compiled: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
         if self._entry is None:
-            self._entry = self._dispatcher.compile(
-                tuple(self._dispatcher.typeof_pyval(argument) for argument in arguments)
-            )
+            self.bind(*arguments)
+            assert self._entry is not None
         return self._entry(*arguments)
+
+    def bind(self, *arguments: Any) -> None:
+        """Load or compile the kernel for arguments of these types, without calling it."""
+        argument_types = tuple(self._dispatcher.typeof_pyval(argument) for argument in arguments)
+        self._entry = self._dispatcher.compile(argument_types)
+        self._compiled = self._dispatcher.overloads[argument_types]
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether it was called or bound."""
+        return self._entry is not None
+
+    @property
+    def signature(self) -> Any:
+        """Numba's signature of a bound kernel."""
+        return self._compiled.signature
+
+    @property
+    def address(self) -> int:
+        """Where a bound kernel's machine code is, in numba's calling convention."""
+        return self._compiled.library.get_pointer_to_function(self._compiled.fndesc.llvm_func_name)
+
+
+def in_python(dispatcher: Any) -> Callable[..., Any]:
+    """A kernel as the Python it was made from, and so the kernels of its own module that it calls."""
+    function = getattr(dispatcher, "py_func", dispatcher)
+    module = {
+        name: value
+        for name, value in function.__globals__.items()
+        if getattr(getattr(value, "py_func", None), "__module__", None) == function.__module__
+    }
+    plain = dict(function.__globals__)
+    for name, value in module.items():
+        plain[name] = FunctionType(value.py_func.__code__, plain, name)
+    return FunctionType(function.__code__, plain, function.__name__, function.__defaults__)

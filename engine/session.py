@@ -358,7 +358,8 @@ class _Job:
         self._queue = deque((tile, 0) for tile in range(len(self._tiles)))
         self._queue_changed = threading.Condition()
         self._busy = 0
-        self._stop = False
+        #: Read by kernels: not 0 ends them after the round in work.
+        self._stop_flag = np.zeros(1, np.int32)
         self._batches: list[Batch] = []
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
@@ -374,12 +375,13 @@ class _Job:
     def stop(self) -> None:
         """Ask all threads to stop at the next stage."""
         with self._queue_changed:
-            self._stop = True
+            self._stop_flag[0] = 1
             self._queue_changed.notify_all()
 
-    def should_stop(self) -> bool:
+    @property
+    def _stop(self) -> bool:
         """True once `stop` was called."""
-        return self._stop
+        return bool(self._stop_flag[0])
 
     def wait(self, seconds: float) -> bool:
         """Wait a little; True once all is done. Raises what a thread raised."""
@@ -453,7 +455,7 @@ class _Job:
             pixels, film_index = self._tiles[len(self._tiles) // 2]
             rehearsal = self.learner.rehearse() if self.learner is not None else None
             unit = Unit(pixels[:1], film_index[:1], 0, 1)
-            self.integrator.warm_up(self._batches[0], unit, self.should_stop, rehearsal)
+            self.integrator.warm_up(self._batches[0], unit, self._stop_flag, rehearsal)
         if self.learner is not None:
             self.integrator.guidance = self.learner.first()
         self.prepare_seconds = time.perf_counter() - self._created
@@ -484,7 +486,7 @@ class _Job:
                 tile, step = item
                 pixels, film_index = self._tiles[tile]
                 first, count = self._ranges[step]
-                finished = self.integrator.trace_unit(batch, Unit(pixels, film_index, first, count), self.should_stop)
+                finished = self.integrator.trace_unit(batch, Unit(pixels, film_index, first, count), self._stop_flag)
                 if finished:
                     weight = 1.0
                     if self.learner is not None:

@@ -48,6 +48,11 @@ class TableField(Bundle):
     values: Float32Array
 
 
+def no_table(channel_count: int = 3) -> TableField:
+    """A table of one black region, to stand where there is none."""
+    return TableField(np.zeros((1, TABLE_SIDE * TABLE_SIDE, channel_count), np.float32))
+
+
 @kernel
 def direction_to_cell(wi):
     """Cell of the equal-area map that holds a unit direction.

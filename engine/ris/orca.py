@@ -41,6 +41,11 @@ class Allocation(Bundle):
     constants: Float32Array
 
 
+def no_allocation() -> Allocation:
+    """An allocation without estimates, to stand where there is none."""
+    return Allocation(np.full(1, np.nan, np.float32), np.zeros(2, np.float32))
+
+
 @kernel
 def candidate_count(allocation, leaf, throughput_squared, u):
     """Candidates of a vertex: the fixed point of Eq. (13), the switch of Eq. (22), stochastic rounding.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The path tracer: `Integrator.trace_unit` reads as the list of stages."""
+"""The path tracer: what `trace_rounds` needs, made from scene, settings and what has been learned."""
 
 from __future__ import annotations
 
@@ -15,27 +15,25 @@ import numpy as np
 from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
 from engine.guidance import Guidance, Predictor
-from engine.guiding.vertices import (
-    allocate_log,
-    allocate_vertex_records,
-    collect_records,
-)
-from engine.guiding.vmm.field import allocate_guide
-from engine.jit import BoundKernel
-from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
+from engine.guiding.table import no_table
+from engine.guiding.vertices import allocate_log, allocate_vertex_records, collect_records
+from engine.guiding.vmm.field import allocate_guide, no_field
+from engine.jit import BoundKernel, in_python
+from engine.kernels.clock import begin
+from engine.ris.candidates import CANDIDATE_ROWS, Candidates, allocate_candidates
+from engine.ris.orca import no_allocation
 from engine.scene.build import Scene
 from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
 from engine.settings import RenderSettings
 from engine.shaders.arrays import (
     MODE_CLOSURES,
-    MODE_EMISSION,
     MODE_NO_REFLECTIVE_CAUSTICS,
     MODE_NO_REFRACTIVE_CAUSTICS,
-    MODE_TRANSPARENCY,
     PROGRAM_EMISSION_CONSTANT,
     PROGRAM_FLAGS,
     allocate_memory,
 )
+from engine.stage_table import StageTable
 from engine.state import (
     LANE_COUNT,
     allocate_closures,
@@ -63,49 +61,73 @@ from engine.wavefront.scatter import scatter
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.trace_rounds import FAR, trace_rounds
 from engine.wavefront.write_features import write_features
+from engine.work import (
+    CANDIDATES,
+    CLOCK_ENTRIES,
+    CLOSEST_RAYS,
+    COUNT_WIDTH,
+    FREE,
+    GUIDED_VERTICES,
+    LANE_LISTS,
+    RECORDS,
+    REJECTS,
+    RESAMPLED_CANDIDATES,
+    RESAMPLED_VERTICES,
+    SCENE_HANDLE,
+    SCENE_HAS_EMITTERS,
+    SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HEADER_WIDTH,
+    SCENE_WIDTH,
+    SCENE_WORLD_IS_CONSTANT,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    SHADOW_RAYS,
+    TRANSPARENT_SHADOW_RAYS,
+    UNIT_HEADER_WIDTH,
+    UNIT_IS_GUIDED,
+    UNIT_PATH_COUNT,
+    UNIT_RECORD_THRESHOLD,
+    UNIT_SAMPLE_FIRST,
+    UNIT_SEED,
+    UNIT_SHADER_MODE,
+    UNIT_USE_FEATURES,
+    GuidanceView,
+    SceneView,
+    UnitView,
+    Work,
+)
 
-#: Distances of light from outside the scene [m].
-_FAR = np.float32(1e30)
 #: Records that a unit of work may make.
 RECORD_ROWS = 1 << 15
 
-
-#: Stages, those of guided renders last.
-_STAGES = (
-    init_from_camera,
-    play_roulette,
-    intersect_closest,
-    shade_lights,
-    prepare_surface,
-    fill_background,
-    prepare_background,
-    shade_background,
-    evaluate_shaders,
-    shade_emission,
-    write_features,
-    choose_lights,
-    connect_lights,
-    intersect_shadow,
-    pass_transparent,
-    scatter,
-    accumulate,
-    prepare_guides,
-    guide_lights,
-    draw_candidates,
-    predict_by_mixture,
-    predict_by_table,
-    guide_resample,
-    collect_records,
-)
-
-
-def _bind(stage: Callable[..., Any]) -> Callable[..., Any]:
-    """A stage to be called with arguments of the same types every time; a plain function as it is.
-
-    Stages are plain where nothing is compiled, and where a process that fills the cache leaves one out.
-    """
-    return BoundKernel(stage) if hasattr(stage, "overloads") else stage
+#: Stages and how many int64 they return, but `predict_radiance`, which depends on the method.
+_STAGES: dict[str, tuple[Callable[..., Any], int]] = {
+    "init_from_camera": (init_from_camera, 3),
+    "play_roulette": (play_roulette, 1),
+    "intersect_closest": (intersect_closest, 0),
+    "shade_lights": (shade_lights, 0),
+    "prepare_surface": (prepare_surface, 2),
+    "fill_background": (fill_background, 0),
+    "prepare_background": (prepare_background, 0),
+    "shade_background": (shade_background, 0),
+    "evaluate_shaders": (evaluate_shaders, 0),
+    "shade_emission": (shade_emission, 0),
+    "write_features": (write_features, 0),
+    "choose_lights": (choose_lights, 2),
+    "connect_lights": (connect_lights, 1),
+    "intersect_shadow": (intersect_shadow, 1),
+    "pass_transparent": (pass_transparent, 1),
+    "scatter": (scatter, 2),
+    "accumulate": (accumulate, 3),
+    "prepare_guides": (prepare_guides, 0),
+    "guide_lights": (guide_lights, 0),
+    "draw_candidates": (draw_candidates, 3),
+    "guide_resample": (guide_resample, 0),
+    "collect_records": (collect_records, 2),
+}
 
 
 @dataclass(frozen=True)
@@ -155,54 +177,75 @@ class Batch:
         self, scene: Scene, pixel_count: int, *, use_features: bool, is_guided: bool = False, channel_count: int = 3
     ) -> None:
         lanes = LANE_COUNT
-        self.paths = allocate_paths(lanes, channel_count)
-        self.points = allocate_points(lanes)
-        self.closures = allocate_closures(lanes, channel_count)
-        self.samples = allocate_light_samples(lanes, channel_count)
-        self.shadows = allocate_shadow_rays(lanes, channel_count)
-        #: Points and closures of lights and of shadow rays' blockers.
-        self.light_points = allocate_points(lanes)
-        self.light_closures = allocate_closures(lanes, channel_count)
-        self.f_cos = np.zeros((lanes, channel_count), np.float32)
-        self.active, self.free, self.traced, self.surface, self.missed, self.lit, self.programs, self.pending = (
-            np.zeros(lanes, np.int32) for _ in range(8)
+        self._scratch = RayScratch()
+        self.records = allocate_vertex_records(RECORD_ROWS if is_guided else 1, channel_count)
+        self.work = Work(
+            counts=np.zeros(COUNT_WIDTH, np.int64),
+            clock=np.zeros(len(CLOCK_ENTRIES) + 1, np.int64),
+            ray=self._scratch.ray,
+            ray_bits=self._scratch.bits,
+            ray_address=np.array([self._scratch.address], np.int64),
+            registers=allocate_memory(scene.shaders),
+            **{name: np.zeros(lanes, np.int32) for name in LANE_LISTS},
+            f_cos=np.zeros((lanes, channel_count), np.float32),
+            paths=allocate_paths(lanes, channel_count),
+            points=allocate_points(lanes),
+            closures=allocate_closures(lanes, channel_count),
+            samples=allocate_light_samples(lanes, channel_count),
+            shadows=allocate_shadow_rays(lanes, channel_count),
+            light_points=allocate_points(lanes),
+            light_closures=allocate_closures(lanes, channel_count),
+            guided=allocate_guided_lanes(lanes),
+            log=allocate_log(lanes, use_vertices=is_guided),
+            guide=allocate_guide(lanes if is_guided else 1),
+            candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
+            records=self.records,
         )
-        #: Guided lanes with one candidate, and with several.
-        self.single, self.several = (np.zeros(lanes, np.int32) for _ in range(2))
-        self.guided = allocate_guided_lanes(lanes)
-        self.log = allocate_log(lanes, use_vertices=is_guided)
-        if is_guided:
-            self.guide = allocate_guide(lanes)
-            self.candidates = allocate_candidates(CANDIDATE_ROWS, channel_count)
-            self.records = allocate_vertex_records(RECORD_ROWS, channel_count)
-        #: Records of the unit in work.
-        self.record_count = 0
+        self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
+        self.no_weight = np.zeros(pixel_count, np.float32)
+        self.statistics = Statistics()
         self._guidance: Guidance | None = None
         self.predictor: Predictor | None = None
-        self.scratch = RayScratch()
-        self.memory = allocate_memory(scene.shaders)
-        self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
-        self.statistics = Statistics()
-        self._mark = 0.0
+
+    @property
+    def record_count(self) -> int:
+        """Records of the unit in work."""
+        return int(self.work.counts[RECORDS])
 
     def follow(self, guidance: Guidance | None) -> None:
         """Use what an iteration has learned."""
         if guidance is not self._guidance:
             self._guidance = guidance
-            if guidance is not None:
-                self.guiding = make_guiding_options(guidance.settings, candidate_count=guidance.candidate_count)
             make = guidance.new_predictor if guidance is not None else None
             self.predictor = make() if make is not None else None
 
     def begin(self) -> None:
-        """Start the stage clock."""
-        self._mark = time.perf_counter()
+        """All lanes free, nothing counted, the film black."""
+        work = self.work
+        for array in self.film:
+            array.fill(0)
+        work.free[:] = np.arange(LANE_COUNT - 1, -1, -1)
+        work.counts[:] = 0
+        work.counts[FREE] = LANE_COUNT
+        work.clock[:] = 0
+        begin(work.clock)
 
-    def end(self, stage: str) -> None:
-        """Charge the time since the last mark to `stage`."""
-        now = time.perf_counter()
-        self.statistics.stage_seconds[stage] += now - self._mark
-        self._mark = now
+    def count(self, seconds: float, path_count: int) -> None:
+        """Add what the unit counted to the statistics; it took so many seconds."""
+        statistics, counts, clock = self.statistics, self.work.counts.tolist(), self.work.clock[:-1]
+        per_tick = seconds / max(int(clock.sum()), 1)
+        for entry, ticks in zip(CLOCK_ENTRIES, clock.tolist(), strict=True):
+            if ticks:
+                statistics.stage_seconds[entry] += ticks * per_tick
+        statistics.rays["closest"] += counts[CLOSEST_RAYS]
+        statistics.rays["shadow"] += counts[SHADOW_RAYS]
+        statistics.rays["transparent_shadow"] += counts[TRANSPARENT_SHADOW_RAYS]
+        statistics.path_count += path_count
+        statistics.reject_count += counts[REJECTS]
+        statistics.guided_count += counts[GUIDED_VERTICES]
+        statistics.several_count += counts[RESAMPLED_VERTICES]
+        statistics.candidate_count += counts[CANDIDATES]
+        statistics.several_candidate_count += counts[RESAMPLED_CANDIDATES]
 
 
 class Integrator:
@@ -215,260 +258,173 @@ class Integrator:
         self.scene = scene
         self.options = make_options(settings, scene.description.frame.exposure)
         self.seed = settings.seed
-        self.guidance: Guidance | None = None
         self.use_features = use_features
         header = scene.lights.header
-        self.has_emitters = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
-        self.has_hittable_lights = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         self.mode = MODE_CLOSURES
         if not settings.use_caustics_reflective:
             self.mode |= MODE_NO_REFLECTIVE_CAUSTICS
         if not settings.use_caustics_refractive:
             self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
-        self.world_is_constant = world < 0 or bool(
-            scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT
+        world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
+        numbers[SCENE_HANDLE] = scene.accelerator.handle
+        numbers[SCENE_WIDTH] = scene.description.frame.width
+        numbers[SCENE_WORLD_PROGRAM] = world
+        numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
+        numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
+        numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
+        numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
+        numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
+        self.view = SceneView(
+            numbers, scene.camera.real, scene.camera.filter, scene.geometry, scene.shaders, scene.tables, scene.lights
         )
-        self.world_visibility = scene.description.world.visibility if scene.description.world else 0
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
-        #: Bound here, since the types of their arguments follow from scene and settings.
-        self.stages = SimpleNamespace(**{stage.__name__: _bind(stage) for stage in _STAGES})
+        predict = predict_by_table if settings.guiding_method == "TABLE_RIS" else predict_by_mixture
+        #: Made here, since the types of the stages' arguments follow from scene and settings.
+        self.stages = StageTable({**_STAGES, "predict_radiance": (predict, 0)})
+        self._compiled_loop: BoundKernel | None = None
+        self._python_loop = in_python(trace_rounds)
+        self._no_guidance = GuidanceView(no_field(), no_table(), no_allocation(), np.zeros(1, np.float32))
+        self._guiding_options = make_guiding_options(settings, candidate_count=1)
+        self._settings = settings
+        self.guidance: Guidance | None = None
 
-    def warm_up(
-        self, batch: Batch, unit: Unit, should_stop: Callable[[], bool], rehearsal: Guidance | None = None
-    ) -> None:
+    @property
+    def guidance(self) -> Guidance | None:
+        """What paths are guided by."""
+        return self._guidance
+
+    @guidance.setter
+    def guidance(self, guidance: Guidance | None) -> None:
+        self._guidance = guidance
+        self._guidance_view = self._no_guidance
+        if guidance is not None and guidance.field is not None:
+            assert guidance.allocation is not None and guidance.probability is not None
+            table = guidance.table if guidance.table is not None else self._no_guidance.table
+            self._guidance_view = GuidanceView(guidance.field, table, guidance.allocation, guidance.probability)
+            self._guiding_options = make_guiding_options(self._settings, candidate_count=guidance.candidate_count)
+        if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
+            raise TypeError("what was learned is not of the shape that kernels were compiled for")
+
+    def warm_up(self, batch: Batch, unit: Unit, stop: np.ndarray, rehearsal: Guidance | None = None) -> None:
         """Load (or compile) every kernel this scene can need, by one path and by calls on nothing.
 
         `rehearsal` is any guidance with a field, if the render is guided.
         """
         observer, self.ray_observer = self.ray_observer, None
-        scene, stages, b = self.scene, self.stages, batch
-        embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
-        self.trace_unit(b, unit, should_stop)
-        if self.world_is_constant:
-            stages.fill_background(scene.shaders.program_values, scene.world_program, b.closures, b.missed, 0)
+        view, stages, options, b = self.view, self.stages, self.options, batch.work
+        self.trace_unit(batch, unit, stop)
+        world, shaders = view.header[SCENE_WORLD_PROGRAM], view.shaders
+        if view.header[SCENE_WORLD_IS_CONSTANT]:
+            stages.fill_background(shaders.program_values, world, b.closures, b.missed, 0)
         else:
-            stages.prepare_background(scene.world_program, b.paths, b.points, b.missed, 0)
+            stages.prepare_background(world, b.paths, b.points, b.missed, 0)
         stages.shade_background(
-            scene.lights, self.options, self.world_visibility, b.paths, b.closures, b.missed, 0, b.film,
+            view.lights, options, view.header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed, 0, batch.film,
             self.use_features,
         )
-        if self.has_emitters and scene.has_transparent_shadows:
+        if view.header[SCENE_HAS_EMITTERS] and view.header[SCENE_HAS_TRANSPARENT_SHADOWS]:
             stages.pass_transparent(
-                *embree, self.options, scene.geometry, scene.shaders.programs, scene.shaders.program_values, b.paths,
-                b.shadows, b.light_points, b.light_closures, b.pending, 0, False,
+                view.header[SCENE_HANDLE], b.ray, b.ray_bits, b.ray_address[0], options, view.geometry,
+                shaders.programs, shaders.program_values, b.paths, b.shadows, b.light_points, b.light_closures,
+                b.pending, 0, False,
             )
         if rehearsal is not None:
-            self._rehearse(b, rehearsal)
-        b.statistics = Statistics()
+            self._rehearse(batch, rehearsal)
+        loop = BoundKernel(trace_rounds) if hasattr(trace_rounds, "overloads") else None
+        if loop is not None:
+            loop.bind(*self._arguments(stages, batch, unit, stop))
+            if stages.link():
+                self._compiled_loop = loop
+        batch.statistics = Statistics()
         self.ray_observer = observer
 
-    def _rehearse(self, b: Batch, guidance: Guidance) -> None:
+    def _rehearse(self, batch: Batch, guidance: Guidance) -> None:
         """Call every guided stage on no lanes."""
-        stages = self.stages
-        b.follow(guidance)
+        self.guidance = guidance
+        stages, view, learned, b = self.stages, self.view, self._guidance_view, batch.work
+        options, guiding_options = self.options, self._guiding_options
         stages.prepare_guides(
-            b.guiding, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points, b.closures,
-            b.guided, b.guide, guidance.pixel_weight, b.surface, 0,
+            guiding_options, learned.field, learned.allocation, learned.probability, b.paths, b.points, b.closures,
+            b.guided, b.guide, batch.no_weight, b.surface, 0,
         )
-        stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
-        stages.draw_candidates(
-            b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0
-        )
-        if guidance.table is not None:
-            stages.predict_by_table(guidance.table, b.guided, b.candidates, 0)
-        else:
-            stages.predict_by_mixture(b.guide, b.candidates, 0)
+        if view.header[SCENE_HAS_EMITTERS]:
+            stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
+        stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)
+        stages.predict_radiance(learned.table, b.guide, b.guided, b.candidates, 0)
         stages.guide_resample(
-            b.guiding, self.options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
+            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
         )
-        stages.collect_records(b.log, b.paths, guidance.pixel_weight, b.active, 0, _FAR, b.records, 0)
+        stages.collect_records(b.log, b.paths, batch.no_weight, b.active, 0, FAR, b.records, 0)
+        self.guidance = None
 
-    def trace_unit(self, batch: Batch, unit: Unit, should_stop: Callable[[], bool]) -> bool:
-        """Trace all paths of a unit into `batch.film`; False if stopped midway (the film is then incomplete)."""
-        scene, stages, options, b = self.scene, self.stages, self.options, batch
-        paths, points, closures, film = b.paths, b.points, b.closures, b.film
-        geometry, shaders, tables, lights = scene.geometry, scene.shaders, scene.tables, scene.lights
-        embree = (scene.accelerator.handle, b.scratch.ray, b.scratch.bits, b.scratch.address)
-        rays = b.statistics.rays
-        for array in film:
-            array.fill(0)
-        b.free[:] = np.arange(LANE_COUNT - 1, -1, -1)
+    def trace_unit(self, batch: Batch, unit: Unit, stop: np.ndarray) -> bool:
+        """Trace all paths of a unit into `batch.film`.
+
+        Parameters
+        ----------
+        stop : int32 (1,)
+            Set to anything but 0, from any thread, it ends the unit after the round in work.
+
+        Returns
+        -------
+        bool
+            False if it was stopped; the film is then incomplete.
+        """
+        batch.follow(self.guidance)
+        batch.begin()
+        started = time.perf_counter()
+        if self.ray_observer is None and batch.predictor is None and self._compiled_loop is not None:
+            is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
+        else:
+            is_finished = self._python_loop(*self._arguments(self._python_stages(batch), batch, unit, stop))
+        batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
+        return bool(is_finished)
+
+    def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
+        """What `trace_rounds` takes."""
         guidance = self.guidance
-        b.follow(guidance)
-        is_guided = guidance is not None and guidance.field is not None
-        record_threshold = guidance.record_threshold if guidance is not None else 0
         weights = guidance.pixel_weight if guidance is not None else None
-        pixel_weight = weights[unit.film_index] if weights is not None else np.zeros(len(unit.pixels), np.float32)
-        b.record_count = 0
-        path_count = len(unit.pixels) * unit.sample_count
-        next_path, active_count, free_count = 0, 0, LANE_COUNT
-        b.begin()
-        while not should_stop():
-            next_path, active_count, free_count = stages.init_from_camera(
-                scene.camera.real, scene.camera.filter, self.seed, unit.pixels, scene.description.frame.width,
-                unit.sample_first, path_count, next_path, paths, b.log, record_threshold, b.active, active_count,
-                b.free, free_count,
-            )
-            b.end("init_from_camera")
-            if active_count == 0:
-                b.statistics.path_count += path_count
-                return True
-
-            traced_count = stages.play_roulette(lights, options, paths, b.log, b.active, active_count, b.traced)
-            b.end("play_roulette")
-
-            if self.ray_observer:
-                self.ray_observer("closest", paths, b.traced, traced_count)
-            stages.intersect_closest(*embree, geometry, paths, b.traced, traced_count)
-            rays["closest"] += traced_count
-            b.end("intersect_closest")
-
-            if self.has_hittable_lights:
-                stages.shade_lights(lights, options, paths, b.traced, traced_count)
-                b.end("shade_lights")
-
-            surface_count, missed_count = stages.prepare_surface(
-                geometry, shaders.programs, paths, points, b.traced, traced_count, b.surface, b.missed
-            )
-            b.end("prepare_surface")
-
-            if missed_count:
-                if self.world_is_constant:
-                    stages.fill_background(
-                        shaders.program_values, scene.world_program, closures, b.missed, missed_count
-                    )
-                else:
-                    stages.prepare_background(scene.world_program, paths, points, b.missed, missed_count)
-                    stages.evaluate_shaders(
-                        shaders, geometry, tables, points, closures, b.missed, missed_count, b.memory, MODE_EMISSION
-                    )
-                stages.shade_background(
-                    lights, options, self.world_visibility, paths, closures, b.missed, missed_count, film,
-                    self.use_features,
-                )
-                b.end("shade_background")
-
-            stages.evaluate_shaders(
-                shaders, geometry, tables, points, closures, b.surface, surface_count, b.memory, self.mode
-            )
-            b.end("evaluate_shaders")
-            stages.shade_emission(
-                lights, geometry, options, paths, points, closures, b.surface, surface_count, film, self.use_features
-            )
-            b.end("shade_emission")
-            if self.use_features:
-                stages.write_features(
-                    scene.camera.real, geometry, tables, shaders.program_pass_index, paths, points, closures, b.f_cos,
-                    b.surface, surface_count, film,
-                )
-                b.end("write_features")
-
-            if is_guided:
-                stages.prepare_guides(
-                    b.guiding, guidance.field, guidance.allocation, guidance.probability, paths, points,
-                    closures, b.guided, b.guide, pixel_weight, b.surface, surface_count,
-                )
-                b.end("prepare_guides")
-
-            if self.has_emitters:
-                self._sample_lights(b, surface_count, embree)
-
-            single_count, several_count = stages.scatter(
-                options, paths, points, closures, b.guided, b.log, b.f_cos, b.surface, surface_count, b.single,
-                b.several,
-            )
-            b.end("scatter")
-            if single_count:
-                self._resample(b, b.single, single_count, is_single=True)
-            if several_count:
-                self._resample(b, b.several, several_count, is_single=False)
-
-            if record_threshold:
-                b.record_count, _ = stages.collect_records(
-                    b.log, paths, pixel_weight, b.active, active_count, _FAR, b.records, b.record_count
-                )
-                b.end("collect_records")
-            active_count, free_count, reject_count = stages.accumulate(
-                paths, b.active, active_count, b.free, free_count, film
-            )
-            b.statistics.reject_count += reject_count
-            b.end("accumulate")
-        return False
-
-    def _sample_lights(self, b: Batch, surface_count: int, embree: tuple) -> None:
-        """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
-        scene, stages, options = self.scene, self.stages, self.options
-        geometry, shaders, tables = scene.geometry, scene.shaders, scene.tables
-        lit_count, program_count = stages.choose_lights(
-            scene.lights, geometry, b.paths, b.points, b.closures, b.samples, b.light_points, b.surface, surface_count,
-            b.lit, b.programs,
+        header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
+        header[UNIT_SEED] = self.seed
+        header[UNIT_SAMPLE_FIRST] = unit.sample_first
+        header[UNIT_PATH_COUNT] = len(unit.pixels) * unit.sample_count
+        header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
+        header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
+        header[UNIT_SHADER_MODE] = self.mode
+        header[UNIT_USE_FEATURES] = self.use_features
+        view = UnitView(
+            header, unit.pixels, weights[unit.film_index] if weights is not None else batch.no_weight, batch.film
         )
-        b.end("choose_lights")
-        if program_count:
-            stages.evaluate_shaders(
-                shaders, geometry, tables, b.light_points, b.light_closures, b.programs, program_count, b.memory,
-                MODE_EMISSION,
-            )
-            b.end("evaluate_light_shaders")
-        if self.guidance is not None and self.guidance.field is not None:
-            stages.guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
-            b.end("guide_lights")
-        shadow_count = stages.connect_lights(
-            options, tables, geometry, b.paths, b.points, b.closures, b.samples, b.light_closures, b.f_cos, b.lit,
-            lit_count, b.shadows,
-        )
-        b.end("connect_lights")
-        if self.ray_observer:
-            self.ray_observer("shadow", b.shadows, b.paths, shadow_count)
-        pending_count = stages.intersect_shadow(
-            *embree, options, b.paths, b.shadows, shadow_count, scene.has_transparent_shadows, b.pending
-        )
-        b.statistics.rays["shadow"] += shadow_count
-        is_evaluated = False
-        while pending_count:
-            b.statistics.rays["transparent_shadow"] += pending_count
-            pending_count = stages.pass_transparent(
-                *embree, options, geometry, shaders.programs, shaders.program_values, b.paths, b.shadows,
-                b.light_points, b.light_closures, b.pending, pending_count, is_evaluated,
-            )
-            if pending_count:
-                stages.evaluate_shaders(
-                    shaders, geometry, tables, b.light_points, b.light_closures, b.pending, pending_count, b.memory,
-                    MODE_TRANSPARENCY,
-                )
-            is_evaluated = True
-        b.end("intersect_shadow")
+        return (
+            stages, self.view, self.options, self._guiding_options, self._guidance_view, view, batch.work, stop
+        )  # fmt: skip
 
-    def _resample(self, b: Batch, lanes: np.ndarray, lane_count: int, *, is_single: bool) -> None:
-        """Draw candidates for the lanes, predict what arrives along them if there are several, and pick one each."""
-        guidance = self.guidance
-        assert guidance is not None
-        paths, candidates, options, statistics, stages = b.paths, b.candidates, b.guiding, b.statistics, self.stages
-        first = 0
-        while first < lane_count:
-            first, vertex_count, row_count = stages.draw_candidates(
-                paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
-            )
-            b.end("sample_source" if is_single else "draw_candidates")
-            statistics.guided_count += vertex_count
-            statistics.candidate_count += row_count
-            if not is_single:
-                statistics.several_count += vertex_count
-                statistics.several_candidate_count += row_count
-                if b.predictor is not None:
-                    b.predictor.predict(
-                        candidates.position, candidates.vertex, candidates.direction, row_count, candidates.radiance
-                    )
-                elif guidance.table is not None:
-                    stages.predict_by_table(guidance.table, b.guided, candidates, row_count)
-                else:
-                    stages.predict_by_mixture(b.guide, candidates, row_count)
-                b.end("predict_radiance")
-            stages.guide_resample(
-                options, self.options, paths, b.points, b.closures, b.guided, b.log, candidates,
-                vertex_count, row_count, b.f_cos,
-            )
-            b.end("sample_source" if is_single else "guide_resample")
+    def _python_stages(self, batch: Batch) -> SimpleNamespace:
+        """The stages for a loop in Python: with an observer of rays, or a network to ask."""
+        stages = self.stages.as_dict()
+        observer, predictor = self.ray_observer, batch.predictor
+        if observer is not None:
+            closest, shadow = stages["intersect_closest"], stages["intersect_shadow"]
+
+            def intersect_closest(*arguments: Any) -> None:
+                observer("closest", *arguments[5:8])
+                closest(*arguments)
+
+            def intersect_shadow(*arguments: Any) -> int:
+                observer("shadow", arguments[6], arguments[5], arguments[7])
+                return shadow(*arguments)
+
+            stages |= {"intersect_closest": intersect_closest, "intersect_shadow": intersect_shadow}
+        if predictor is not None:
+
+            def predict_radiance(_table: Any, _guide: Any, _guided: Any, candidates: Candidates, count: int) -> None:
+                predictor.predict(
+                    candidates.position, candidates.vertex, candidates.direction, count, candidates.radiance
+                )
+
+            stages["predict_radiance"] = predict_radiance
+        return SimpleNamespace(**stages)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: incident radiance along candidates, from the statistical fields."""
+"""Stage: incident radiance along candidates, from the statistical fields. All that predict take the same arguments."""
 
 from engine.guiding.table import predict_table
 from engine.guiding.vmm.query import predict_vmm
@@ -8,7 +8,7 @@ from engine.kernels.vector import load
 
 
 @kernel
-def predict_by_mixture(guide, candidates, row_count):
+def predict_by_mixture(table, guide, guided, candidates, row_count):
     """Fill `candidates.radiance` with the grey radiance of the lane's mixture."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
@@ -18,7 +18,7 @@ def predict_by_mixture(guide, candidates, row_count):
 
 
 @kernel
-def predict_by_table(table, guided, candidates, row_count):
+def predict_by_table(table, guide, guided, candidates, row_count):
     """Fill `candidates.radiance` from the directional table of the lane's region."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]

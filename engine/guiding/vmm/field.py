@@ -70,6 +70,25 @@ class VmmField(Bundle):
     neighbor_pivots: Float32Array
 
 
+def no_field() -> VmmField:
+    """A field without mixtures, to stand where there is none."""
+    return VmmField(
+        node_split=np.zeros(1, np.float32),
+        node_link=np.full((1, 2), LEAF, np.int32),
+        bounds=np.zeros((2, 3), np.float32),
+        grid=np.zeros(GRID_SIDE**3, np.int32),
+        grid_scale=np.zeros(3, np.float32),
+        lobes=np.zeros((1, LOBE_ROWS, MAX_LOBES), np.float32),
+        lobe_count=np.zeros(1, np.int32),
+        pivot=np.zeros((1, 3), np.float32),
+        fluence=np.zeros(1, np.float32),
+        is_ready=np.zeros(1, np.uint8),
+        reach=np.zeros(1, np.float32),
+        neighbors=np.full((1, NEIGHBOR_COUNT), -1, np.int32),
+        neighbor_pivots=np.zeros((1, 3, NEIGHBOR_COUNT), np.float32),
+    )
+
+
 # Rows of GuideLobes.lobes
 GUIDE_COEFFICIENT = 0
 GUIDE_KAPPA = 1

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the loop over the stages works on, as bundles: scene, what has been learned, a unit, a thread's memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.bundle import Bundle
+from engine.film import FilmTile
+from engine.guiding.table import TableField
+from engine.guiding.vertices import VertexLog, VertexRecords
+from engine.guiding.vmm.field import GuideLobes, VmmField
+from engine.kernels.bsdf.tables import BsdfTables
+from engine.ris.candidates import Candidates
+from engine.ris.orca import Allocation
+from engine.scene.arrays import GeometryArrays
+from engine.scene.light_arrays import LightArrays
+from engine.shaders.arrays import ShaderArrays
+from engine.state import Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
+
+# SceneView.header
+SCENE_HANDLE = 0  # Embree's, an address
+SCENE_WIDTH = 1  # of the full image [px]
+SCENE_WORLD_PROGRAM = 2
+SCENE_WORLD_VISIBILITY = 3
+SCENE_WORLD_IS_CONSTANT = 4
+SCENE_HAS_EMITTERS = 5
+SCENE_HAS_HITTABLE_LIGHTS = 6
+SCENE_HAS_TRANSPARENT_SHADOWS = 7
+SCENE_HEADER_WIDTH = 8
+
+
+class SceneView(Bundle):
+    """A scene with the settings that no iteration changes.
+
+    header : int64 (SCENE_HEADER_WIDTH,)
+    camera, pixel_filter : float32, as `engine.scene.camera.CameraArrays`
+    """
+
+    header: np.ndarray
+    camera: np.ndarray
+    pixel_filter: np.ndarray
+    geometry: GeometryArrays
+    shaders: ShaderArrays
+    tables: BsdfTables
+    lights: LightArrays
+
+
+class GuidanceView(Bundle):
+    """`engine.guidance.Guidance` for kernels; where there is none, of its shape and never read.
+
+    probability : float32 (R,)
+    """
+
+    field: VmmField
+    table: TableField
+    allocation: Allocation
+    probability: np.ndarray
+
+
+# UnitView.header
+UNIT_SEED = 0
+UNIT_SAMPLE_FIRST = 1
+UNIT_PATH_COUNT = 2
+UNIT_RECORD_THRESHOLD = 3
+UNIT_IS_GUIDED = 4
+UNIT_SHADER_MODE = 5
+UNIT_USE_FEATURES = 6
+UNIT_HEADER_WIDTH = 7
+
+
+class UnitView(Bundle):
+    """A tile of pixels by a range of samples.
+
+    header : int64 (UNIT_HEADER_WIDTH,)
+    pixels : int32 (P, 2), column and row
+    pixel_weight : float32 (P,)
+    film : sums, as many rows or more
+    """
+
+    header: np.ndarray
+    pixels: np.ndarray
+    pixel_weight: np.ndarray
+    film: FilmTile
+
+
+# Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
+NEXT_PATH = 0
+ACTIVE = 1
+FREE = 2
+RECORDS = 3
+REJECTS = 4
+CLOSEST_RAYS = 5
+SHADOW_RAYS = 6
+TRANSPARENT_SHADOW_RAYS = 7
+GUIDED_VERTICES = 8
+RESAMPLED_VERTICES = 9
+CANDIDATES = 10
+RESAMPLED_CANDIDATES = 11
+COUNT_WIDTH = 12
+
+#: Entries of `Work.clock`, whose last element is the last mark.
+CLOCK_ENTRIES = (
+    "init_from_camera",
+    "play_roulette",
+    "intersect_closest",
+    "shade_lights",
+    "prepare_surface",
+    "shade_background",
+    "evaluate_shaders",
+    "shade_emission",
+    "write_features",
+    "prepare_guides",
+    "choose_lights",
+    "evaluate_light_shaders",
+    "guide_lights",
+    "connect_lights",
+    "intersect_shadow",
+    "scatter",
+    "sample_source",
+    "draw_candidates",
+    "predict_radiance",
+    "guide_resample",
+    "collect_records",
+    "accumulate",
+)
+
+
+#: Lists of lanes in `Work`.
+LANE_LISTS = (
+    "active", "free", "traced", "surface", "missed", "lit", "programs", "pending", "single", "several",
+)  # fmt: skip
+
+
+class Work(Bundle):
+    """A thread's memory, L lanes.
+
+    counts : int64 (COUNT_WIDTH,); clock : int64, ticks by CLOCK_ENTRIES
+    ray, ray_bits : one RTCRayHit, as float32 and as uint32; ray_address : int64 (1,)
+    registers : float32, of the shader interpreter
+    active, free : int32 (L,), lanes with a path and without
+    traced, surface, missed, lit, programs, pending : int32 (L,), lanes that a stage has left for another
+    single, several : int32 (L,), guided lanes with one candidate, and with several
+    light_points, light_closures : of lights and of what shadow rays meet
+    f_cos : float32 (L, C)
+    """
+
+    counts: np.ndarray
+    clock: np.ndarray
+    ray: np.ndarray
+    ray_bits: np.ndarray
+    ray_address: np.ndarray
+    registers: np.ndarray
+    active: np.ndarray
+    free: np.ndarray
+    traced: np.ndarray
+    surface: np.ndarray
+    missed: np.ndarray
+    lit: np.ndarray
+    programs: np.ndarray
+    pending: np.ndarray
+    single: np.ndarray
+    several: np.ndarray
+    f_cos: np.ndarray
+    paths: PathState
+    points: ShadePoints
+    closures: Closures
+    samples: LightSamples
+    shadows: ShadowRays
+    light_points: ShadePoints
+    light_closures: Closures
+    guided: GuidedLanes
+    log: VertexLog
+    guide: GuideLobes
+    candidates: Candidates
+    records: VertexRecords
