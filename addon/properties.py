@@ -108,6 +108,11 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         description="Learn the share by region, none where the lobes do not pay; off: the same everywhere",
         default=_DEFAULTS.learn_guiding_probability,
     )
+    guiding_trial: BoolProperty(  # type: ignore[valid-type]
+        name="Trial",
+        description="Render a few samples without guiding too, and go on without it where it does not pay",
+        default=_DEFAULTS.guiding_trial,
+    )
     candidate_allocation: EnumProperty(  # type: ignore[valid-type]
         name="Candidates",
         description="How many directions are weighed at each surface",

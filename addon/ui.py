@@ -103,6 +103,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
         for name in (
             "guiding_probability",
             "learn_guiding_probability",
+            "guiding_trial",
             "candidate_allocation",
             "candidate_count",
             "defensive_alpha",

@@ -97,7 +97,8 @@ def source_hash(name: str, file: Path) -> str:
                 imported_file = _module_file(imported)
                 if imported_file is not None:
                     pending.append((imported, imported_file))
-    digest = hashlib.sha256(f"{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
+    # The package's own name, since what is saved refers to classes of ours by theirs.
+    digest = hashlib.sha256(f"{_PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
     for module in sorted(seen):
         digest.update(_text(seen[module]))
     return digest.hexdigest()[:16]

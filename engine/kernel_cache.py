@@ -76,13 +76,23 @@ def _usable(chosen: Path) -> Path:
 
 
 class _Locator(caching.UserProvidedCacheLocator):
-    """Numba's folder for a source file below `numba.config.CACHE_DIR`, whether or not it can be written.
+    """The folder `numba.config.CACHE_DIR` itself, whether or not it can be written.
 
-    Numba would go on to a folder beside the sources, where its cache does not notice an edited callee.
+    Numba would go on to a folder beside the sources, where its cache does not notice an edited callee. Its own key, the
+    file's path and date, would compile all again for sources that were moved, or unpacked anew; ours is in the folder's
+    name.
     """
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        self._py_file = py_file
+        self._lineno = py_func.__code__.co_firstlineno
+        self._cache_path = config.CACHE_DIR
 
     def ensure_cache_path(self) -> None:
         pass
+
+    def get_source_stamp(self) -> str:
+        return ""
 
 
 class _Implementation(caching.CompileResultCacheImpl):
@@ -97,7 +107,7 @@ class KernelCache(caching.FunctionCache):
     function : callable
         The kernel, as Python.
     folder : Path
-        Where its sources' machine code belongs.
+        Where its machine code belongs, and that of no other sources.
     """
 
     _impl_class = _Implementation

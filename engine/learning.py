@@ -15,11 +15,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from engine.film import Film
+from engine.film import Film, FilmTile
 from engine.guidance import Guidance, Predictor
+from engine.guiding import trial
 from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import RadianceTrainer, TrainerState
+from engine.guiding.trial import GuidingTrial
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
@@ -33,6 +35,7 @@ from engine.ris.orca import (
 )
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
+from engine.work import Unit, UnitCosts
 
 #: Samples a pixel of the longest iterations.
 LONGEST_ITERATION = 16
@@ -40,6 +43,9 @@ LONGEST_ITERATION = 16
 RECORDS_PER_ITERATION = 1 << 18
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
+#: Costs in rays where no clock may be asked (docs/experiments.md): of guiding a vertex, and a factor for learning.
+_GUIDED_COST = 0.8
+_LEARNING_COST = 1.08
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
 #: Samples a pixel after which an iteration counts fully.
@@ -82,6 +88,9 @@ class GuidingReport:
     snapshot_count: int = 0
     candidates_per_vertex: float = 0.0
     worker: str = ""
+    #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
+    efficiency: float = float("nan")
+    stopped_at: int = 0
 
     lines: list[str] = field(default_factory=list)
 
@@ -96,6 +105,11 @@ class GuidingReport:
             f"{self.training_seconds / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
             f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
         ]
+        if self.stopped_at:
+            self.lines.append(
+                f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
+                f"{self.stopped_at + 1} on are not guided"
+            )
         if self.worker:
             self.lines.append(
                 f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
@@ -147,6 +161,12 @@ class Learner:
         self._costs = CandidateCosts()
         self._new_predictor: Callable[[], Predictor] | None = None
         self._iteration = 0
+        #: Parts of this iteration: first sample, samples, whether guided (`engine.guiding.trial`).
+        self.parts = [(0, 1, True)]
+        self._trial: GuidingTrial | None = None
+        self._is_over = False
+        #: The other methods' images must not depend on clocks.
+        self._uses_clock = settings.guiding_method == "NEURAL_RIS" and not settings.deterministic
         self._trainer: RadianceTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
         if settings.guiding_method == "NEURAL_RIS":
@@ -215,24 +235,42 @@ class Learner:
 
     def learn(
         self, units: Sequence[VertexRecords], recorded_share: float, film: Film, costs: IterationCosts,
-        next_samples: int, samples: int,
+        next_range: tuple[int, int],
     ) -> Guidance:
         """Learn from an iteration, and say how to go on.
 
         Parameters
         ----------
-        units : VertexRecords of each unit, in an order that does not depend on threads
-        recorded_share : float, of the paths that were recorded
+        units : VertexRecords of each tile, in an order that does not depend on threads
+        recorded_share : float, of the guided paths that were recorded
         film : Film, the image so far
         costs : IterationCosts
-        next_samples, samples : int
-            Samples a pixel of the next iteration, and of this one.
+        next_range : (int, int)
+            First sample and samples a pixel of the next iteration.
         """
         self._iteration += 1
+        # In a trial a part of the samples only.
+        samples = self.parts[0][1]
+        guided_paths = costs.path_count * samples / sum(count for _, count, _ in self.parts)
+        sums = film.sums
+        weight = np.maximum(sums.weight, 1e-20)[:, None]
+        mean = sums.radiance / weight
+        weights = pixel_weights(
+            mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
+        )
+        self._judge(weights, next_range[0])
+        if self._is_over:
+            self.parts = [(*next_range, True)]
+            return Guidance(self.settings, 0)
+        is_tried = self.settings.guiding_trial and self._vmm is not None
+        self.parts = trial.parts(self._iteration, *next_range, is_tried=is_tried)
+        if len(self.parts) > 1:
+            self._trial = GuidingTrial(self._paths_per_sample)
+        next_samples = self.parts[0][1]
         records, row_count = _joined(units)
         self.report.record_count += row_count
         if row_count:
-            self._records_per_path = max(row_count / max(recorded_share * costs.path_count, 1.0), 0.01)
+            self._records_per_path = max(row_count / max(recorded_share * guided_paths, 1.0), 0.01)
             self._fit(records, row_count)
         if self._vmm is None:
             return Guidance(self.settings, self._threshold(next_samples))
@@ -240,13 +278,7 @@ class Learner:
             self._deltas.add(records.position[:row_count], records.benefit[:row_count])
         self._train(records, row_count, samples)
 
-        sums = film.sums
-        weight = np.maximum(sums.weight, 1e-20)[:, None]
-        mean = sums.radiance / weight
         method = self.settings.guiding_method
-        weights = pixel_weights(
-            mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
-        )
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(mean, sums.square / weight, weights)
         if row_count and self.settings.learn_guiding_probability:
@@ -267,6 +299,34 @@ class Learner:
             weights, self._table.field if method == "TABLE_RIS" and self._table is not None else None,
             self._new_predictor,
         )
+
+    def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
+        """Take a finished unit's sums and costs, if guiding is on trial; no two threads at once."""
+        if self._trial is None or len(self.parts) == 1:
+            return
+        if self._uses_clock:
+            cost = costs.seconds
+        else:
+            cost = costs.ray_count + _GUIDED_COST * costs.guided_vertices
+            cost += self._costs.per_candidate * costs.resampled_candidates
+            if unit.is_guided:
+                cost *= _LEARNING_COST
+        self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, unit.is_guided)
+        self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, unit.is_guided)
+
+    def _judge(self, weights: np.ndarray, next_sample: int) -> None:
+        """After an iteration that compared: go on guiding or not."""
+        if self._trial is None or len(self.parts) == 1:
+            return
+        efficiency = self._trial.efficiency(weights)
+        self._trial = None
+        # Written so that NaN, nothing compared, goes on.
+        if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:
+            self._is_over = True
+            self.report.stopped_at = next_sample
+            if self._trainer is not None:
+                self._end_training()
+        self.report.efficiency = efficiency
 
     def _probability(self) -> np.ndarray:
         """Guiding probability of each region."""
@@ -344,7 +404,7 @@ class Learner:
 
     def _measure(self, costs: IterationCosts) -> None:
         """Costs of candidates in rays by the clock, for the method whose image depends on clocks anyway."""
-        if self.settings.deterministic or self.settings.guiding_method != "NEURAL_RIS":
+        if not self._uses_clock:
             return
         if costs.several_candidates < 4096 or costs.ray_count < 4096:
             return
@@ -359,11 +419,15 @@ class Learner:
         """End the worker."""
         self._executor.shutdown(wait=True)
         if self._trainer is not None:
-            status = self._trainer.status
-            self.report.training_seconds = status.seconds
-            self.report.worker = f"{status.state.value} {status.message}".strip()
-            self._trainer.close()
-            self._trainer = None
+            self._end_training()
+
+    def _end_training(self) -> None:
+        assert self._trainer is not None
+        status = self._trainer.status
+        self.report.training_seconds = status.seconds
+        self.report.worker = f"{status.state.value} {status.message}".strip()
+        self._trainer.close()
+        self._trainer = None
 
 
 #: Stages of vertices that have several candidates.

@@ -22,7 +22,8 @@ from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
-from engine.wavefront.integrator import Batch, Integrator, Statistics, Unit
+from engine.wavefront.integrator import Batch, Integrator, Statistics
+from engine.work import Unit
 
 try:
     import resource
@@ -355,7 +356,8 @@ class _Job:
         self._units: dict[int, VertexRecords] = {}
         self._before = Statistics()
         self._tiles = _tiles(scene.description.frame)
-        self._queue = deque((tile, 0) for tile in range(len(self._tiles)))
+        self._queue = deque((tile, 0, 0) for tile in range(len(self._tiles)))
+        self._unfinished_tiles = len(self._tiles)
         self._queue_changed = threading.Condition()
         self._busy = 0
         #: Read by kernels: not 0 ends them after the round in work.
@@ -469,7 +471,7 @@ class _Job:
         assert self._render_start is not None
         return bool(limit and self.has_image and time.perf_counter() - self._render_start >= limit)
 
-    def _next_unit(self) -> tuple[int, int] | None:
+    def _next_unit(self) -> tuple[int, int, int] | None:
         with self._queue_changed:
             while not self._queue and self._busy and not self._stop:
                 self._queue_changed.wait(0.5)
@@ -483,41 +485,56 @@ class _Job:
     def _work(self, batch: Batch) -> None:
         try:
             while (item := self._next_unit()) is not None:
-                tile, step = item
+                tile, step, part = item
                 pixels, film_index = self._tiles[tile]
-                first, count = self._ranges[step]
-                finished = self.integrator.trace_unit(batch, Unit(pixels, film_index, first, count), self._stop_flag)
-                if finished:
-                    weight = 1.0
-                    if self.learner is not None:
-                        weight = iteration_weight(first, self.settings.sample_weighting)
-                        rows = [column[: batch.record_count].copy() for column in batch.records]
-                        self._units[tile] = VertexRecords(*rows)
-                    with self.film_lock:
-                        self.film.merge(film_index, batch.film, weight)
-                        self._finished_paths += len(pixels) * count
-                if self.learner is not None and finished:
-                    self._finish_iteration()
+                parts = self.learner.parts if self.learner is not None else [(*self._ranges[step], True)]
+                unit = Unit(pixels, film_index, *parts[part])
+                if self.integrator.trace_unit(batch, unit, self._stop_flag):
+                    self._keep(batch, tile, step, unit)
+                    if part + 1 < len(parts):
+                        self._queue_unit(tile, step, part + 1)
+                    elif self.learner is not None:
+                        self._finish_iteration()
+                    elif step + 1 < len(self._ranges):
+                        self._queue_unit(tile, step + 1, 0)
                 with self._queue_changed:
                     self._busy -= 1
-                    if self.learner is None and finished and step + 1 < len(self._ranges):
-                        self._queue.append((tile, step + 1))
-                    if step > 0 or not any(queued_step == 0 for _, queued_step in self._queue):
+                    if step > 0 or not any(queued_step == 0 for _, queued_step, _ in self._queue):
                         self.has_image = True
                     self._queue_changed.notify_all()
         except BaseException:
             self.stop()
             raise
 
+    def _keep(self, batch: Batch, tile: int, step: int, unit: Unit) -> None:
+        """Put a finished unit on the film, and what it recorded aside."""
+        weight = 1.0
+        if self.learner is not None:
+            weight = iteration_weight(self._ranges[step][0], self.settings.sample_weighting)
+            if unit.is_guided:
+                rows = [column[: batch.record_count].copy() for column in batch.records]
+                self._units[tile] = VertexRecords(*rows)
+        with self.film_lock:
+            self.film.merge(unit.film_index, batch.film, weight)
+            self._finished_paths += len(unit.pixels) * unit.sample_count
+            if self.learner is not None:
+                self.learner.compare(unit, batch.film, batch.unit_costs)
+
+    def _queue_unit(self, tile: int, step: int, part: int) -> None:
+        with self._queue_changed:
+            self._queue.append((tile, step, part))
+
     def _finish_iteration(self) -> None:
         """After the last unit of an iteration: learn, and queue the next. The other threads wait meanwhile."""
         with self._queue_changed:
+            self._unfinished_tiles -= 1
             step = self._step + 1
-            if len(self._units) < len(self._tiles) or self._stop or step == len(self._ranges) or self._time_is_up():
+            if self._unfinished_tiles or self._stop or step == len(self._ranges) or self._time_is_up():
                 return
-            # One thread only: the others see no units.
+            # One thread only: the others see unfinished tiles.
             units = [self._units[tile] for tile in range(len(self._tiles))]
             self._units = {}
+            self._unfinished_tiles = len(self._tiles)
         assert self.learner is not None and self.integrator.guidance is not None
         total, before = self.statistics(), self._before
         self._before = total
@@ -529,9 +546,8 @@ class _Job:
             total.several_candidate_count - before.several_candidate_count,
         )
         self.integrator.guidance = self.learner.learn(
-            units, self.integrator.guidance.record_threshold / 2**32, self.film, costs,
-            next_samples=self._ranges[step][1], samples=self._ranges[step - 1][1],
+            units, self.integrator.guidance.record_threshold / 2**32, self.film, costs, next_range=self._ranges[step]
         )
         with self._queue_changed:
             self._step = step
-            self._queue.extend((tile, step) for tile in range(len(self._tiles)))
+            self._queue.extend((tile, step, 0) for tile in range(len(self._tiles)))

@@ -43,6 +43,7 @@ class RenderSettings:
     guiding_method: str = "OFF"
     guiding_probability: float = 0.5  # share of candidates that the guide proposes, the BSDF the others
     learn_guiding_probability: bool = True  # by region, from guiding_probability on
+    guiding_trial: bool = True  # compare with unguided samples, and go on without guiding where it does not pay
     candidate_allocation: str = "ORCA"
     candidate_count: int = 8  # with the allocation FIXED
     defensive_alpha: float = 0.9  # share of resampling by the learned target, against the source density

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from engine.bundle import Bundle
@@ -56,6 +58,32 @@ class GuidanceView(Bundle):
     table: TableField
     allocation: Allocation
     probability: np.ndarray
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A tile of pixels by a range of samples: the smallest piece of work, always done whole.
+
+    pixels : int32 (P, 2), column and row in the full image
+    film_index : int64 (P,), where they are on the film
+    """
+
+    pixels: np.ndarray
+    film_index: np.ndarray
+    sample_first: int
+    sample_count: int
+    #: Whether what has been learned is used, and paths are recorded to learn more.
+    is_guided: bool = True
+
+
+@dataclass(frozen=True)
+class UnitCosts:
+    """What a unit took: by the clock [s], and counted."""
+
+    seconds: float = 0.0
+    ray_count: int = 0
+    guided_vertices: int = 0
+    resampled_candidates: int = 0
 
 
 # UnitView.header

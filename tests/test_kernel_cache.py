@@ -68,6 +68,14 @@ def test_a_second_process_finds_what_the_first_saved(tmp_path: Path) -> None:
     assert (second["hits"], second["files"], second["problem"]) == ("2", "2", "")
 
 
+def test_sources_that_were_moved_are_found_again(tmp_path: Path) -> None:
+    """Another installation of the same version, or a folder unpacked anew, compiles nothing."""
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+    run_kernel(tmp_path / "here", tmp_path / "cache")
+    assert run_kernel(tmp_path / "there", tmp_path / "cache")["hits"] == "2"
+
+
 def test_a_temporary_folder_stands_in_for_one_that_cannot_be_written(tmp_path: Path) -> None:
     """A file where a folder should be stops even root."""
     (tmp_path / "file").write_text("no folder")

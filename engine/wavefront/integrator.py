@@ -96,6 +96,8 @@ from engine.work import (
     UNIT_USE_FEATURES,
     GuidanceView,
     SceneView,
+    Unit,
+    UnitCosts,
     UnitView,
     Work,
 )
@@ -128,20 +130,6 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "guide_resample": (guide_resample, 0),
     "collect_records": (collect_records, 2),
 }
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A tile of pixels by a range of samples: the smallest piece of work, always done whole.
-
-    pixels : int32 (P, 2), column and row in the full image
-    film_index : int64 (P,), where they are on the film
-    """
-
-    pixels: np.ndarray
-    film_index: np.ndarray
-    sample_first: int
-    sample_count: int
 
 
 @dataclass
@@ -204,6 +192,8 @@ class Batch:
         self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()
+        #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
+        self.unit_costs = UnitCosts()
         self._guidance: Guidance | None = None
         self.predictor: Predictor | None = None
 
@@ -228,12 +218,22 @@ class Batch:
         work.counts[:] = 0
         work.counts[FREE] = LANE_COUNT
         work.clock[:] = 0
+        # No lane is guided, whatever the last unit was.
+        work.guided.rough_share[:] = 0.0
+        work.samples.guide_pdf[:] = 0.0
+        work.samples.bsdf_share[:] = 1.0
         begin(work.clock)
 
     def count(self, seconds: float, path_count: int) -> None:
         """Add what the unit counted to the statistics; it took so many seconds."""
         statistics, counts, clock = self.statistics, self.work.counts.tolist(), self.work.clock[:-1]
         per_tick = seconds / max(int(clock.sum()), 1)
+        self.unit_costs = UnitCosts(
+            seconds,
+            counts[CLOSEST_RAYS] + counts[SHADOW_RAYS],
+            counts[GUIDED_VERTICES],
+            counts[RESAMPLED_CANDIDATES],
+        )
         for entry, ticks in zip(CLOCK_ENTRIES, clock.tolist(), strict=True):
             if ticks:
                 statistics.stage_seconds[entry] += ticks * per_tick
@@ -377,7 +377,8 @@ class Integrator:
         batch.follow(self.guidance)
         batch.begin()
         started = time.perf_counter()
-        if self.ray_observer is None and batch.predictor is None and self._compiled_loop is not None:
+        asks_network = batch.predictor is not None and unit.is_guided
+        if self.ray_observer is None and not asks_network and self._compiled_loop is not None:
             is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
         else:
             is_finished = self._python_loop(*self._arguments(self._python_stages(batch), batch, unit, stop))
@@ -386,7 +387,7 @@ class Integrator:
 
     def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
         """What `trace_rounds` takes."""
-        guidance = self.guidance
+        guidance = self.guidance if unit.is_guided else None
         weights = guidance.pixel_weight if guidance is not None else None
         header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
         header[UNIT_SEED] = self.seed

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Does guiding pay in this image? Some iterations render half of their samples without it, and compare.
+
+What regions promise (`engine.guiding.selection`) does not add up along paths, and where light is easy to find guiding
+costs more than it brings. The same pixels rendered both ways tell: efficiency is 1 / (variance x cost). Where guiding
+loses, the rest of the image is rendered without. Both ways have the same expected image, and what is chosen depends on
+samples already taken only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+#: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
+#: them: it still learns, and at first gets the benefit of the doubt.
+LEAST_EFFICIENCY = {3: 0.6, 4: 0.8, 5: 0.95}
+#: Share of the pixels, those of the largest variance, that a comparison leaves out: single bright samples.
+_TRIMMED = 0.005
+
+
+def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tuple[int, int, bool]]:
+    """(first sample, samples, whether guided) of an iteration's parts.
+
+    Parameters
+    ----------
+    is_tried : bool
+        Whether there is anything to compare.
+    """
+    if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
+        return [(first, count, True)]
+    half = count // 2
+    return [(first, half, True), (first + half, count - half, False)]
+
+
+class GuidingTrial:
+    """Moments of the samples of one iteration, with guiding and without.
+
+    Parameters
+    ----------
+    pixel_count : int
+    """
+
+    def __init__(self, pixel_count: int) -> None:
+        #: By guided (1) or not (0): variance of a sample, mean over channels, by pixel; NaN where there is none.
+        self._variance = np.full((2, pixel_count), np.nan, np.float32)
+        self._costs: tuple[list[float], list[float]] = ([], [])
+        self._paths = [0, 0]
+
+    def add(
+        self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_guided: bool
+    ) -> None:
+        """Take a unit's sums.
+
+        Parameters
+        ----------
+        pixels : int64 (P,), pixels that no other unit of this kind has
+        radiance, square : float32 (P or more, C), sums over `sample_count` samples
+        """
+        if sample_count < 2:
+            return
+        total = radiance[: len(pixels)].astype(np.float64)
+        spread = square[: len(pixels)] - total * total / sample_count
+        self._variance[int(is_guided), pixels] = np.maximum(spread, 0.0).mean(axis=1) / (sample_count - 1)
+
+    def add_cost(self, cost: float, path_count: int, is_guided: bool) -> None:
+        """Take what a unit of so many paths cost, in any unit."""
+        self._costs[int(is_guided)].append(cost)
+        self._paths[int(is_guided)] += path_count
+
+    def efficiency(self, weights: np.ndarray) -> float:
+        """Efficiency of guided over unguided rendering, 1 / (variance x cost); NaN if nothing was compared.
+
+        Parameters
+        ----------
+        weights : float32 (P,), of the pixels' variances
+        """
+        known = np.isfinite(self._variance).all(axis=0)
+        if not known.any() or 0 in self._paths:
+            return float("nan")
+        variance = self._variance[:, known].astype(np.float64) * weights[known]
+        largest = variance.max(axis=0)
+        kept = largest <= np.quantile(largest, 1.0 - _TRIMMED)
+        # Exact sums, since units finish in any order.
+        cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
+        plain, guided = variance[:, kept].sum(axis=1) * cost
+        return float(plain / guided) if guided > 0.0 else float("nan")

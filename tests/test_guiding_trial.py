@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trial of guiding: what it measures, and that the image goes on without guiding where it loses."""
+
+import numpy as np
+import pytest
+
+from engine.guiding import trial
+from engine.guiding.trial import GuidingTrial, parts
+from tests.test_guided_render import SEEDS, Z_LIMIT, render, z_score
+
+PIXELS = 4000
+
+
+def compared(plain_spread, guided_spread, *, cost_ratio=1.0, samples=8, outlier=0.0):
+    """A trial of pixels whose samples have these standard deviations, in three channels."""
+    rng = np.random.default_rng(11)
+    tried = GuidingTrial(PIXELS)
+    pixels = np.arange(PIXELS)
+    for is_guided, spread in ((False, plain_spread), (True, guided_spread)):
+        values = 1.0 + spread * rng.normal(size=(samples, PIXELS, 3))
+        values[0, 0] += outlier * is_guided
+        # In two units, with room for more pixels than they have.
+        for half in (pixels[:1500], pixels[1500:]):
+            sums = np.zeros((2, PIXELS, 3), np.float32)
+            sums[0, : len(half)] = values[:, half].sum(0)
+            sums[1, : len(half)] = (values[:, half] ** 2).sum(0)
+            tried.add(half, *sums, samples, is_guided)
+            tried.add_cost((cost_ratio if is_guided else 1.0) * len(half) * samples, len(half) * samples, is_guided)
+    return tried.efficiency(np.ones(PIXELS, np.float32))
+
+
+def test_efficiency_is_that_of_variance_times_cost():
+    assert compared(1.0, 0.5) == pytest.approx(4.0, rel=0.05)
+    assert compared(1.0, 0.5, cost_ratio=2.0) == pytest.approx(2.0, rel=0.05)
+    assert compared(1.0, 1.0, cost_ratio=1.6) == pytest.approx(1 / 1.6, rel=0.05)
+
+
+def test_single_bright_samples_do_not_decide():
+    assert compared(1.0, 0.5, outlier=1e4) == pytest.approx(4.0, rel=0.05)
+
+
+def test_nothing_compared_is_not_a_number():
+    tried = GuidingTrial(PIXELS)
+    assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
+    tried.add(np.arange(10), np.ones((10, 3), np.float32), np.ones((10, 3), np.float32), 4, True)
+    tried.add_cost(1.0, 40, True)
+    assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
+
+
+@pytest.mark.parametrize("iteration", range(8))
+@pytest.mark.parametrize("count", [1, 3, 5, 16])
+def test_parts_hold_every_sample_once(iteration, count):
+    for is_tried in (False, True):
+        pieces = parts(iteration, 7, count, is_tried=is_tried)
+        samples = [sample for first, size, _ in pieces for sample in range(first, first + size)]
+        assert samples == list(range(7, 7 + count))
+        assert pieces[0][2], "the guided part comes first"
+        is_split = is_tried and iteration in trial.LEAST_EFFICIENCY and count >= 4
+        assert len(pieces) == (2 if is_split else 1)
+
+
+@pytest.mark.parametrize("method", ["VMM", "VMM_RIS"])
+def test_guiding_ends_where_it_does_not_pay(method):
+    """Two sunlit planes: light sampling finds all there is, and half of the directions come from the guide."""
+    size, samples = (32, 28), 47
+    tried = [
+        render(method, seed, size=size, samples=samples, learn_guiding_probability=False) for seed in range(SEEDS)
+    ]
+    for result in tried:
+        assert 0.0 < result.report.guiding.efficiency < 1.0
+        assert 15 <= result.report.guiding.stopped_at < samples
+        assert any("did not pay" in line for line in result.report.guiding.lines)
+    plain = [render("OFF", seed, size=size, samples=samples) for seed in range(SEEDS)]
+    means = [np.array([r.passes["Combined"][..., :3].mean() for r in results]) for results in (tried, plain)]
+    assert z_score(*means) < Z_LIMIT
+    assert z_score(means[0] * 1.05, means[1]) > Z_LIMIT
+
+
+def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
+    untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
+    assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    won = render("VMM", 1, samples=31).report.guiding
+    assert won.stopped_at == 0 and won.efficiency > 0.0
+    assert won.record_count > 0
+
+
+def test_the_trial_does_not_depend_on_threads():
+    one, two = (
+        render("VMM", 3, size=(40, 40), samples=40, threads=threads, learn_guiding_probability=False)
+        for threads in (1, 2)
+    )
+    assert one.report.guiding.stopped_at == two.report.guiding.stopped_at > 0
+    assert one.report.guiding.efficiency == two.report.guiding.efficiency
+    assert np.array_equal(one.passes["Combined"], two.passes["Combined"])
