@@ -17,7 +17,8 @@ import numpy as np
 #: them: it still learns, and at first gets the benefit of the doubt.
 LEAST_EFFICIENCY = {3: 0.6, 4: 0.8, 5: 0.95}
 #: Share of the pixels that a comparison leaves out, for each way those of its largest variances: single bright
-#: samples. Few, for where guiding is worth the most, unguided rendering hides its variance in such samples (docs/experiments.md).
+#: samples. No more, for where guiding is worth the most, unguided rendering hides its variance in such samples
+#: (docs/experiments.md).
 _TRIMMED = 0.001
 
 
