@@ -11,6 +11,7 @@ import pytest
 from engine import state
 from engine.scene.description import Image
 from engine.shaders.arrays import PROGRAM_AHEAD_IMAGE, PROGRAM_AHEAD_SLOT
+from engine.shaders.image_pool import build_image_pool
 from tests.shader_harness import Graph, compile_one, emitted, square_points
 
 
@@ -178,3 +179,20 @@ def test_box_projection_takes_the_facing_side() -> None:
     found = emitted(graph.emit(texture), points, [image])
     # Image coordinates (y, z), (1 - y, z), (1 - x, z), (1 - y, x) on a 4 x 2 grid.
     np.testing.assert_allclose(found[:, :2], [(1, 1), (2, 1), (3, 1), (2, 0)])
+
+
+def test_images_are_in_memory_once_unless_they_have_to_change() -> None:
+    plain, straight, broken = (gradient_image() for _ in range(3))
+    straight.pixels[0, 0, 3] = 0.5
+    straight.alpha_mode = "STRAIGHT"
+    broken.pixels[1, 1] = np.nan
+    wrong_shape = Image("w", "wrong", np.zeros((2, 2, 3), np.uint8))
+    originals = [image.pixels for image in (straight, broken, wrong_shape)]
+    expected = plain.pixels.copy()
+    for _ in range(2):  # the second time from the first pool
+        _, bytes_, floats, notices = build_image_pool([plain, straight, broken, wrong_shape])
+        assert np.shares_memory(plain.pixels, floats) and not np.shares_memory(plain.pixels, bytes_)
+        np.testing.assert_array_equal(plain.pixels, expected)
+        assert len(notices) == 1
+    for image, original in zip((straight, broken, wrong_shape), originals, strict=True):
+        assert image.pixels is original

@@ -16,6 +16,8 @@ from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext
 
 _PINK = "Blender's pink"
+#: Rows of pixels converted at a time.
+_ROWS = 64
 
 
 @dataclass
@@ -111,10 +113,12 @@ def _read(context: ExportContext, image: bpy.types.Image) -> Image | None:
 
 
 def _bytes(pixels: Float32Array) -> np.ndarray:
-    """Blender hands byte images out as multiples of 1/255."""
-    scaled = pixels * np.float32(255.0)
-    scaled += np.float32(0.5)
-    return scaled.astype(np.uint8)
+    """Blender hands byte images out as multiples of 1/255. By rows: an image is large enough once as floats."""
+    result = np.empty(pixels.shape, np.uint8)
+    for row in range(0, len(pixels), _ROWS):
+        part = slice(row, row + _ROWS)
+        result[part] = pixels[part] * np.float32(255.0) + np.float32(0.5)
+    return result
 
 
 def _four_channels(pixels: Float32Array) -> Float32Array:

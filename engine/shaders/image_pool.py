@@ -36,7 +36,10 @@ def is_associated(image: Image) -> bool:
 
 
 def build_image_pool(images: Sequence[Image]) -> tuple[Int64Array, Uint8Array, Float32Array, list[Notice]]:
-    """Table of images and the two pools; an image without pixels becomes one transparent black texel."""
+    """Table of images and the two pools; an image without pixels becomes one transparent black texel.
+
+    Images that stand in a pool as they are get their pixels from there, so that they are in memory once.
+    """
     notices: list[Notice] = []
     table = np.zeros((max(len(images), 1), IMAGE_WIDTH), np.int64)
     usable = [_usable(image, notices) for image in images]
@@ -52,7 +55,8 @@ def build_image_pool(images: Sequence[Image]) -> tuple[Int64Array, Uint8Array, F
         start = ends[is_float[row]]
         ends[is_float[row]] = start + pixels.size
         view = pool[start : start + pixels.size].reshape(pixels.shape)
-        _copy(image, pixels, view)
+        if _copy(image, pixels, view) and pixels is image.pixels:
+            image.pixels = view
         table[row, IMAGE_X] = pixels.shape[1]
         table[row, IMAGE_Y] = pixels.shape[0]
         table[row, IMAGE_OFFSET] = start
@@ -72,21 +76,26 @@ def _usable(image: Image, notices: list[Notice]) -> np.ndarray:
     return pixels
 
 
-def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> None:
-    """Copy pixels, bringing alpha to what the image's alpha mode asks for."""
+def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
+    """Copy pixels, bringing alpha to what the image's alpha mode asks for; True if they stayed the same."""
     view[...] = pixels
     opaque = 255 if view.dtype == np.uint8 else 1.0
+    is_opaque = bool((view[..., 3] == opaque).all())
     if image.alpha_mode == "NONE":
         view[..., 3] = opaque
-        return
+        return is_opaque
+    is_finite = True
     if view.dtype != np.uint8:
         # A texel that is not finite would spread through every filter.
-        view[~np.isfinite(view).all(axis=2)] = 0.0
-    if image.is_associated == is_associated(image) or (view[..., 3] == opaque).all():
-        return
+        finite = np.isfinite(view).all(axis=2)
+        is_finite = bool(finite.all())
+        view[~finite] = 0.0
+    if image.is_associated == is_associated(image) or is_opaque:
+        return is_finite
     if not image.is_associated:
         alpha = view[..., 3:4]
         if view.dtype == np.uint8:
             view[..., :3] = (view[..., :3].astype(np.uint16) * alpha) // 255
         else:
             view[..., :3] *= alpha
+    return False
