@@ -44,8 +44,8 @@ RECORDS_PER_ITERATION = 1 << 18
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Costs in rays where no clock may be asked (docs/experiments.md): of guiding a vertex, and a factor for learning.
-_GUIDED_COST = 0.8
-_LEARNING_COST = 1.08
+_GUIDED_COST = 1.0
+_LEARNING_COST = 1.15
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
 #: Samples a pixel after which an iteration counts fully.
@@ -165,8 +165,10 @@ class Learner:
         self.parts = [(0, 1, True)]
         self._trial: GuidingTrial | None = None
         self._is_over = False
-        #: The other methods' images must not depend on clocks.
-        self._uses_clock = settings.guiding_method == "NEURAL_RIS" and not settings.deterministic
+        #: Where samples are given, the images of statistical methods do not depend on clocks.
+        depends_on_clock = settings.guiding_method == "NEURAL_RIS" or settings.time_limit > 0.0
+        self._uses_clock = depends_on_clock and not settings.deterministic
+        self._learning_seconds = 0.0
         self._trainer: RadianceTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
         if settings.guiding_method == "NEURAL_RIS":
@@ -248,6 +250,7 @@ class Learner:
         next_range : (int, int)
             First sample and samples a pixel of the next iteration.
         """
+        started = time.perf_counter()
         self._iteration += 1
         # In a trial a part of the samples only.
         samples = self.parts[0][1]
@@ -258,7 +261,7 @@ class Learner:
         weights = pixel_weights(
             mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
         )
-        self._judge(weights, next_range[0])
+        self._judge(weights, next_range[0], costs)
         if self._is_over:
             self.parts = [(*next_range, True)]
             return Guidance(self.settings, 0)
@@ -290,6 +293,7 @@ class Learner:
         if len(position):
             find_leaves(self._vmm.field, position, leaf)
         self._measure(costs)
+        self._learning_seconds = time.perf_counter() - started
         allocation = make_allocation(
             mean_by_region(leaf, estimate, region_count),
             ray_count=ray_count, variance=variance, costs=self._costs,
@@ -314,11 +318,14 @@ class Learner:
         self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, unit.is_guided)
         self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, unit.is_guided)
 
-    def _judge(self, weights: np.ndarray, next_sample: int) -> None:
+    def _judge(self, weights: np.ndarray, next_sample: int, costs: IterationCosts) -> None:
         """After an iteration that compared: go on guiding or not."""
         if self._trial is None or len(self.parts) == 1:
             return
         efficiency = self._trial.efficiency(weights)
+        if self._uses_clock:
+            tracing = sum(costs.stage_seconds.values()) * self.parts[0][1] / sum(count for _, count, _ in self.parts)
+            efficiency /= 1.0 + self._learning_seconds * self._thread_count / max(tracing, 1e-9)
         self._trial = None
         # Written so that NaN, nothing compared, goes on.
         if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:
@@ -403,7 +410,7 @@ class Learner:
             self._trainer = None
 
     def _measure(self, costs: IterationCosts) -> None:
-        """Costs of candidates in rays by the clock, for the method whose image depends on clocks anyway."""
+        """Costs of candidates in rays by the clock, where the image depends on clocks anyway."""
         if not self._uses_clock:
             return
         if costs.several_candidates < 4096 or costs.ray_count < 4096:

@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import llvmlite.binding as llvm
@@ -31,6 +31,8 @@ except ImportError:  # Windows
 
 #: What helpers compile, about the same work each: the shader interpreter, and all other stages.
 PARTS = ("shaders", "tracing")
+#: What one more compiles for guided renders, with the others in place.
+GUIDED_PARTS = ("guiding",)
 
 _PACKAGE = __package__ or "engine"
 _POLL_SECONDS = 0.05
@@ -57,33 +59,39 @@ def stamp_file(part: str) -> Path:
     return cache_root() / f"{part}-{digest}.complete"
 
 
-def is_cold() -> bool:
+def is_cold(parts: Sequence[str] = PARTS) -> bool:
     """Whether kernels are to be compiled before the first render."""
-    return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in PARTS)
+    return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in parts)
 
 
-def compile_ahead(poll: Callable[[float], None]) -> None:
+def compile_ahead(poll: Callable[[float], None], *, is_guided: bool = False) -> None:
     """Fill the cache, if it is cold; does nothing where that is impossible.
 
     Parameters
     ----------
     poll : callable
         Called often with the seconds so far. What it raises ends the helpers and is raised again.
+    is_guided : bool
+        Whether the kernels of guiding are needed too.
     """
-    if not is_cold():
-        return
+    started = time.monotonic()
+    for parts in (PARTS, GUIDED_PARTS) if is_guided else (PARTS,):
+        if is_cold(parts):
+            _compile_parts(parts, lambda: poll(time.monotonic() - started))
+
+
+def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
     python = _interpreter()
     if python is None or not os.access(cache_root(), os.W_OK):
         return
-    started = time.monotonic()
     helpers: list[subprocess.Popen] = []
     try:
         with contextlib.suppress(OSError):
-            for part in PARTS:
+            for part in parts:
                 if not stamp_file(part).is_file():
                     helpers.append(_start(python, part))
         while any(helper.poll() is None for helper in helpers):
-            poll(time.monotonic() - started)
+            poll()
             time.sleep(_POLL_SECONDS)
     finally:
         for helper in helpers:

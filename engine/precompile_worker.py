@@ -31,7 +31,7 @@ def compile_part(part: str) -> None:
     Parameters
     ----------
     part : str
-        One of `precompile.PARTS`.
+        One of `precompile.PARTS` and `precompile.GUIDED_PARTS`.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def compile_part(part: str) -> None:
     with precompile.exclusive(part):
         stamp = precompile.stamp_file(part)
         if not stamp.is_file():
-            {"shaders": _compile_shaders, "tracing": _compile_tracing}[part]()
+            {"shaders": _compile_shaders, "tracing": _compile_tracing, "guiding": _compile_guiding}[part]()
             stamp.touch()
 
 
@@ -59,11 +59,21 @@ def _compile_tracing() -> None:
     # The other helper has this kernel. It must go before any module imports it by name.
     interpreter.evaluate_shaders = _nothing_in_place_of("evaluate_shaders")
 
+    _render("OFF")
+
+
+def _compile_guiding() -> None:
+    # Every method has a stage of its own; the rest is the same.
+    _render("VMM_RIS")
+    _render("TABLE_RIS")
+
+
+def _render(guiding_method: str) -> None:
     from engine.scene.build import SceneCache, build_scene
     from engine.session import Session
     from engine.settings import RenderSettings
 
-    settings = RenderSettings(samples=1, threads=1)
+    settings = RenderSettings(samples=3, threads=1, guiding_method=guiding_method)
     session = Session(settings)
     session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
     session.render(passes=("Combined", "Normal"))

@@ -190,7 +190,8 @@ class Session:
                 on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
 
         start = time.perf_counter()
-        compile_ahead(lambda seconds: poll(_COMPILING, seconds))
+        is_guided = self.settings.guiding_method != "OFF"
+        compile_ahead(lambda seconds: poll(_COMPILING, seconds), is_guided=is_guided)
         self._compile_seconds = time.perf_counter() - start
         start = time.perf_counter()
         self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))

@@ -15,11 +15,12 @@ import numpy as np
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
 #: them: it still learns, and at first gets the benefit of the doubt.
-LEAST_EFFICIENCY = {3: 0.6, 4: 0.8, 5: 0.95}
-#: Share of the pixels that a comparison leaves out, for each way those of its largest variances: single bright
-#: samples. No more, for where guiding is worth the most, unguided rendering hides its variance in such samples
-#: (docs/experiments.md).
-_TRIMMED = 0.001
+LEAST_EFFICIENCY = {3: 0.5, 4: 0.7, 5: 0.9, 6: 0.95}
+#: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
+#: most, unguided rendering hides its variance in few bright samples (docs/experiments.md).
+_OUTLIER_SHARE = 0.05
+#: Rounds of cutting: each brings a single outlier down to a twentieth.
+_ROUNDS = 8
 
 
 def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tuple[int, int, bool]]:
@@ -81,9 +82,11 @@ class GuidingTrial:
         known = np.isfinite(self._variance).all(axis=0)
         if not known.any() or 0 in self._paths:
             return float("nan")
-        variance = np.sort(self._variance[:, known].astype(np.float64) * weights[known], axis=1)
-        kept = math.ceil((1.0 - _TRIMMED) * variance.shape[1])
+        variance = self._variance[:, known].astype(np.float64) * weights[known]
+        total = variance.sum(axis=1)
+        for _ in range(_ROUNDS):
+            total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
-        plain, guided = variance[:, :kept].sum(axis=1) * cost
+        plain, guided = total * cost
         return float(plain / guided) if guided > 0.0 else float("nan")

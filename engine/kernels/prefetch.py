@@ -16,13 +16,15 @@ from engine.bundle import RowsType
 from engine.jit import kernel
 
 _READ, _KEEP, _DATA = 0, 3, 1
+#: Bytes of a cache line.
+LINE_BYTES = 64
 #: How many lanes ahead a stage asks for what it will read of one.
 _LANES_AHEAD = 4
 
 
 @intrinsic
-def prefetch(typing_context: Any, array: Any, row: Any) -> Any:
-    """Have the processor fetch the start of a row of a C-contiguous array or of a field of lanes.
+def prefetch_line(typing_context: Any, array: Any, row: Any, line: Any) -> Any:
+    """Have the processor fetch the cache line, by number, of a row of a C-contiguous array or of a field of lanes.
 
     Rows out of range do no harm.
     """
@@ -34,14 +36,30 @@ def prefetch(typing_context: Any, array: Any, row: Any) -> Any:
         else:
             fields = make_array(signature.args[0])(context, builder, arguments[0])
             start, stride = fields.data, builder.extract_value(fields.strides, 0)
-        address = builder.gep(builder.bitcast(start, pointer), [builder.mul(arguments[1], stride)])
+        offset = builder.add(
+            builder.mul(arguments[1], stride), builder.mul(arguments[2], ir.Constant(ir.IntType(64), LINE_BYTES))
+        )
+        address = builder.gep(builder.bitcast(start, pointer), [offset])
         function = cgutils.get_or_insert_function(
             builder.module, ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag]), "llvm.prefetch.p0"
         )
         builder.call(function, [address, *(ir.Constant(flag, value) for value in (_READ, _KEEP, _DATA))])
         return context.get_dummy_value()
 
-    return types.void(array, types.intp), generate
+    return types.void(array, types.intp, types.intp), generate
+
+
+@kernel
+def prefetch(array, row):
+    """Fetch the start of a row."""
+    prefetch_line(array, row, 0)
+
+
+@kernel
+def prefetch_lines(array, row, line_count):
+    """Fetch the first lines of a row."""
+    for line in range(line_count):
+        prefetch_line(array, row, line)
 
 
 @kernel

@@ -1,10 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: propose directions by the guide and by the BSDF."""
 
+from engine.guiding.vmm.field import GUIDE_LINES
 from engine.guiding.vmm.query import eval_guide, sample_guide
 from engine.jit import kernel
 from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, sample_among
 from engine.kernels.path import real_3
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_point,
+    ask_for_throughput,
+    lane_ahead,
+    prefetch_lines,
+)
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import normalize, store
 from engine.ris.candidates import MAX_CANDIDATES
@@ -38,6 +46,11 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
     capacity = candidates.label.shape[0]
     while k < lane_count and row + guided.candidate_count[lanes[k]] <= capacity:
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_throughput(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
+        prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
         k += 1
         wo = real_3(points, lane, POINT_WO)
         ng = real_3(points, lane, POINT_NG)

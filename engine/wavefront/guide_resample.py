@@ -5,6 +5,7 @@ from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
 from engine.kernels.constants import NAN
 from engine.kernels.path import real_3, scatter_path
+from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import load
 from engine.ris.resample import product_target, resample
@@ -31,6 +32,11 @@ def guide_resample(
     """
     for vertex in range(vertex_count):
         lane = candidates.lane[vertex]
+        ahead = lane_ahead(candidates.lane, vertex, vertex_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(points, ahead)
         first = candidates.first[vertex]
         last = candidates.first[vertex + 1] if vertex + 1 < vertex_count else row_count
         count = last - first

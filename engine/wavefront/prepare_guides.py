@@ -7,6 +7,7 @@ from engine.guiding.vmm.query import find_region, locate_leaf, prepare_guide
 from engine.jit import kernel
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
+from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine, unit_float
 from engine.ris.orca import candidate_count
 from engine.state import POINT_NS, POINT_P
@@ -36,6 +37,11 @@ def prepare_guides(
     """
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
         guided.rough_share[lane] = 0.0
         if paths.alive[lane] == 0:
             continue

@@ -97,6 +97,8 @@ GUIDE_Y = 3
 GUIDE_Z = 4
 GUIDE_WEIGHT = 5
 GUIDE_ROWS = 6
+#: Cache lines of a lane's lobes.
+GUIDE_LINES = GUIDE_ROWS * MAX_LOBES * 4 // 64
 
 # Columns of GuideLobes.cosine: the lobe multiplied in, and what turns the density back into incident radiance.
 COSINE_NORMAL = 0
