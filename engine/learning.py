@@ -164,7 +164,7 @@ class Learner:
         #: Parts of this iteration: first sample, samples, whether guided (`engine.guiding.trial`).
         self.parts = [(0, 1, True)]
         self._trial: GuidingTrial | None = None
-        self._is_over = False
+        self._has_won = self._is_over = False
         #: Where samples are given, the images of statistical methods do not depend on clocks.
         depends_on_clock = settings.guiding_method == "NEURAL_RIS" or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
@@ -265,7 +265,7 @@ class Learner:
         if self._is_over:
             self.parts = [(*next_range, True)]
             return Guidance(self.settings, 0)
-        is_tried = self.settings.guiding_trial and self._vmm is not None
+        is_tried = self.settings.guiding_trial and self._vmm is not None and not self._has_won
         self.parts = trial.parts(self._iteration, *next_range, is_tried=is_tried)
         if len(self.parts) > 1:
             self._trial = GuidingTrial(self._paths_per_sample)
@@ -327,6 +327,7 @@ class Learner:
             tracing = sum(costs.stage_seconds.values()) * self.parts[0][1] / sum(count for _, count, _ in self.parts)
             efficiency /= 1.0 + self._learning_seconds * self._thread_count / max(tracing, 1e-9)
         self._trial = None
+        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
         # Written so that NaN, nothing compared, goes on.
         if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:
             self._is_over = True

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from engine.film import FEATURE_PASSES, Film
+from engine.guiding import trial
 from engine.guiding.vertices import VertexRecords
 from engine.kernel_cache import problem as cache_problem
 from engine.learning import GuidingReport, IterationCosts, Learner, iteration_lengths, iteration_weight
@@ -512,7 +513,9 @@ class _Job:
         weight = 1.0
         if self.learner is not None:
             weight = iteration_weight(self._ranges[step][0], self.settings.sample_weighting)
-            if unit.is_guided:
+            if not unit.is_guided:
+                weight *= trial.PLAIN_WEIGHT
+            else:
                 rows = [column[: batch.record_count].copy() for column in batch.records]
                 self._units[tile] = VertexRecords(*rows)
         with self.film_lock:

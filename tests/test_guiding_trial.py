@@ -57,6 +57,7 @@ def test_parts_hold_every_sample_once(iteration, count):
         assert pieces[0][2], "the guided part comes first"
         is_split = is_tried and iteration in trial.LEAST_EFFICIENCY and count >= 4
         assert len(pieces) == (2 if is_split else 1)
+        assert not is_split or pieces[1][1] >= 2, "a variance takes two"
 
 
 @pytest.mark.parametrize("method", ["VMM", "VMM_RIS"])
@@ -80,6 +81,7 @@ def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
     untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
     assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", 0.0)
     won = render("VMM", 1, samples=31).report.guiding
     assert won.stopped_at == 0 and won.efficiency > 0.0
     assert won.record_count > 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Does guiding pay in this image? Some iterations render half of their samples without it, and compare.
+"""Does guiding pay in this image? Some iterations render a quarter of their samples without it, and compare.
 
 What regions promise (`engine.guiding.selection`) does not add up along paths, and where light is easy to find guiding
 costs more than it brings. The same pixels rendered both ways tell: efficiency is 1 / (variance x cost). Where guiding
@@ -16,6 +16,10 @@ import numpy as np
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
 #: them: it still learns, and at first gets the benefit of the doubt.
 LEAST_EFFICIENCY = {3: 0.5, 4: 0.7, 5: 0.9, 6: 0.95}
+#: Efficiency that needs no more comparing.
+CLEAR_EFFICIENCY = 1.25
+#: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
+PLAIN_WEIGHT = 0.5
 #: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
 #: most, unguided rendering hides its variance in few bright samples (docs/experiments.md).
 _OUTLIER_SHARE = 0.05
@@ -33,8 +37,8 @@ def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tup
     """
     if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
         return [(first, count, True)]
-    half = count // 2
-    return [(first, half, True), (first + half, count - half, False)]
+    plain = max(count // 4, 2)  # a variance takes two
+    return [(first, count - plain, True), (first + count - plain, plain, False)]
 
 
 class GuidingTrial:
