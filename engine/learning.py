@@ -254,26 +254,30 @@ class Learner:
         self._iteration += 1
         # In a trial a part of the samples only.
         samples = self.parts[0][1]
-        guided_paths = costs.path_count * samples / sum(count for _, count, _ in self.parts)
+        guided_share = samples / sum(count for _, count, _ in self.parts)
         sums = film.sums
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(
             mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
         )
-        self._judge(weights, next_range[0], costs)
+        if self._trial is not None:
+            tracing = guided_share * sum(costs.stage_seconds.values())
+            self._judge(self._trial, weights, next_range[0], tracing)
         if self._is_over:
+            self._trial = None
             self.parts = [(*next_range, True)]
             return Guidance(self.settings, 0)
         is_tried = self.settings.guiding_trial and self._vmm is not None and not self._has_won
         self.parts = trial.parts(self._iteration, *next_range, is_tried=is_tried)
-        if len(self.parts) > 1:
-            self._trial = GuidingTrial(self._paths_per_sample)
+        self._trial = GuidingTrial(self._paths_per_sample) if len(self.parts) > 1 else None
         next_samples = self.parts[0][1]
         records, row_count = _joined(units)
         self.report.record_count += row_count
         if row_count:
-            self._records_per_path = max(row_count / max(recorded_share * guided_paths, 1.0), 0.01)
+            self._records_per_path = max(
+                row_count / max(recorded_share * guided_share * costs.path_count, 1.0), 0.01
+            )
             self._fit(records, row_count)
         if self._vmm is None:
             return Guidance(self.settings, self._threshold(next_samples))
@@ -306,7 +310,7 @@ class Learner:
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs, if guiding is on trial; no two threads at once."""
-        if self._trial is None or len(self.parts) == 1:
+        if self._trial is None:
             return
         if self._uses_clock:
             cost = costs.seconds
@@ -318,15 +322,11 @@ class Learner:
         self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, unit.is_guided)
         self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, unit.is_guided)
 
-    def _judge(self, weights: np.ndarray, next_sample: int, costs: IterationCosts) -> None:
-        """After an iteration that compared: go on guiding or not."""
-        if self._trial is None or len(self.parts) == 1:
-            return
-        efficiency = self._trial.efficiency(weights)
+    def _judge(self, tried: GuidingTrial, weights: np.ndarray, next_sample: int, tracing: float) -> None:
+        """After an iteration that compared: go on guiding or not. Its guided part took threads `tracing` seconds."""
+        efficiency = tried.efficiency(weights)
         if self._uses_clock:
-            tracing = sum(costs.stage_seconds.values()) * self.parts[0][1] / sum(count for _, count, _ in self.parts)
             efficiency /= 1.0 + self._learning_seconds * self._thread_count / max(tracing, 1e-9)
-        self._trial = None
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
         # Written so that NaN, nothing compared, goes on.
         if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:

@@ -80,17 +80,17 @@ def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
     """Copy pixels, bringing alpha to what the image's alpha mode asks for; True if they stayed the same."""
     view[...] = pixels
     opaque = 255 if view.dtype == np.uint8 else 1.0
-    is_opaque = bool((view[..., 3] == opaque).all())
     if image.alpha_mode == "NONE":
+        is_same = bool((view[..., 3] == opaque).all())
         view[..., 3] = opaque
-        return is_opaque
+        return is_same
     is_finite = True
     if view.dtype != np.uint8:
         # A texel that is not finite would spread through every filter.
         finite = np.isfinite(view).all(axis=2)
         is_finite = bool(finite.all())
         view[~finite] = 0.0
-    if image.is_associated == is_associated(image) or is_opaque:
+    if image.is_associated == is_associated(image) or (view[..., 3] == opaque).all():
         return is_finite
     if not image.is_associated:
         alpha = view[..., 3:4]
