@@ -39,6 +39,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
     parity = add("parity", "is it Cycles' picture?", 256, 4, "out/parity")
     parity.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
+    parity.add_argument(
+        "--most-seeds", type=int, default=0, help="while too noisy to tell, double the seeds up to so many"
+    )
+    parity.add_argument(
+        "--without-lamps", action="store_true", help="hide lamps from the camera: their edges are most of the noise"
+    )
     profile = add("profile", "time and rays per stage, and how near to bare Embree", 32, 1, "out/profile")
     profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
@@ -84,7 +90,8 @@ def main(arguments: list[str] | None = None) -> int:
             from benchmarks.parity import parity
 
             scenes = _scenes(chosen, ["*"])
-            return 1 if parity(scenes, find_rival(chosen.rival), chosen.samples, chosen.seeds, **common) else 0
+            more = {"most_seeds": chosen.most_seeds, "without_lamps": chosen.without_lamps}
+            return 1 if parity(scenes, find_rival(chosen.rival), chosen.samples, chosen.seeds, **common, **more) else 0
         if chosen.command == "profile":
             from benchmarks.profiling import profile
 

@@ -42,6 +42,7 @@ class ParityResult:
     cell_worst, cell_worst_sigmas : largest difference of a cell, and the largest in standard errors
     cells_beyond : cells outside the allowance; cells_noisy : share of cells whose standard error is above 1%
     error_ratio : trimmed error over seeds, ours over Cycles'; nan with fewer than 3 seeds
+    is_noisy : standard errors are too large for a pass to say anything
     verdict : 'same', 'as documented', 'noisy' (nothing found, but too noisy to tell), or 'differs: ' and why
     """
 
@@ -55,6 +56,7 @@ class ParityResult:
     cells_beyond: int
     cells_noisy: float
     error_ratio: float
+    is_noisy: bool
     verdict: str
     note: str = ""
 
@@ -74,7 +76,7 @@ def compare(
     """
     if ours[0].shape != theirs[0].shape:
         return ParityResult(
-            scene, samples, len(ours), math.nan, math.nan, math.nan, math.nan, 0, math.nan, math.nan,
+            scene, samples, len(ours), math.nan, math.nan, math.nan, math.nan, 0, math.nan, math.nan, False,
             f"differs: size {ours[0].shape[1]}x{ours[0].shape[0]} for {theirs[0].shape[1]}x{theirs[0].shape[0]}", note,
         )  # fmt: skip
     problems, is_noisy = [], False
@@ -126,6 +128,7 @@ def compare(
         int(beyond.sum()),
         noisy_share,
         float(error_ratio),
+        is_noisy,
         verdict,
         note,
     )
@@ -136,7 +139,7 @@ def parity_table(results: Sequence[ParityResult]) -> str:
     rows = [
         [
             r.scene,
-            r.samples,
+            f"{r.samples} x {r.seed_count}",
             f"{100 * r.mean_difference:+.2f} ± {100 * r.mean_error:.2f}",
             100 * r.cell_worst,
             r.cell_worst_sigmas,
@@ -161,8 +164,13 @@ def parity(
     pixels: int = 0,
     threads: int = 0,
     resume: bool = False,
+    most_seeds: int = 0,
+    without_lamps: bool = False,
 ) -> int:
     """Compare every scene, print the table, write JSON; returns how many differ or failed.
+
+    While standard errors are too large to tell, seeds are doubled, up to `most_seeds`. `without_lamps` hides
+    them from the camera (`hide_lamps`).
 
     Raises
     ------
@@ -175,17 +183,33 @@ def parity(
     results: list[ParityResult] = []
     failed: list[str] = []
     for source in sources:
-        renders, failures = render_scene(
-            source, rivals, Budget(samples), seed_count, out=out, pixels=pixels, threads=threads, resume=resume
-        )
+        seeds, keep = seed_count, resume
+        while True:
+            renders, failures = render_scene(
+                source,
+                rivals,
+                Budget(samples),
+                seeds,
+                out=out,
+                pixels=pixels,
+                threads=threads,
+                resume=keep,
+                without_lamps=without_lamps,
+            )
+            if failures:
+                break
+            ours, theirs = image_stack(renders[rival.name]), image_stack(renders["cycles"])
+            result = compare(source.name, ours, theirs, samples, source.note(), source.allowance())
+            if not result.is_noisy or 2 * seeds > most_seeds:
+                break
+            seeds, keep = 2 * seeds, True
         if failures:
             failed += [f"{source.name}, {failure.rival}: {failure.message}" for failure in failures]
             continue
-        ours, theirs = image_stack(renders[rival.name]), image_stack(renders["cycles"])
-        results.append(compare(source.name, ours, theirs, samples, source.note(), source.allowance()))
+        results.append(result)
         print(f"  {source.name}: {results[-1].verdict}", flush=True)
     print(
-        f"\n{rival.name} against Cycles, {samples} spp, {seed_count} seeds, commit {environment.describe()['commit']}\n"
+        f"\n{rival.name} against Cycles, samples x seeds as in the table, commit {environment.describe()['commit']}\n"
     )
     print(parity_table(results))
     for text in failed:

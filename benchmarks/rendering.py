@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks import environment
 from benchmarks.images import Float32Array, read_exr
 from benchmarks.rivals import Budget, Rival
-from benchmarks.scene_files import SceneSource, open_scene
+from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
 
 
 @dataclass
@@ -186,17 +186,22 @@ def render_scene(
     threads: int = 0,
     resume: bool = False,
     isolate: bool = False,
+    without_lamps: bool = False,
     say: Callable[[str], None] = print,
 ) -> tuple[dict[str, list[Render]], list[Failure]]:
     """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
-    touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up.
+    touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
+    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
     failures: list[Failure] = []
     scene_hash = source.content_hash()
+    if without_lamps:
+        hide_lamps(scene)
+        scene_hash += " without lamps"
     for seed in range(1, seed_count + 1):
         for rival in rivals:
             if any(failure.rival == rival.name for failure in failures):

@@ -117,3 +117,27 @@ def open_scene(source: SceneSource, pixels: int = 0, size: tuple[int, int] | Non
     render.resolution_x, render.resolution_y = size
     render.resolution_percentage = 100
     return scene
+
+
+def hide_lamps(scene: Any) -> None:
+    """Hide lights and emitting meshes of the open scene from the camera, and from it alone.
+
+    The edges of small bright lamps carry most of the noise of an image's mean, and say nothing about the transport.
+    """
+    for item in scene.objects:
+        if item.type == "LIGHT" or any(_emits(slot.material) for slot in item.material_slots):
+            item.visible_camera = False
+
+
+def _emits(material: Any) -> bool:
+    """Whether a material's tree has an Emission node, or a Principled BSDF whose emission is linked or not black."""
+    if material is None or material.node_tree is None:
+        return False
+    for node in material.node_tree.nodes:
+        if node.type == "EMISSION":
+            return True
+        if node.type == "BSDF_PRINCIPLED":
+            strength, colour = node.inputs["Emission Strength"], node.inputs["Emission Color"]
+            if strength.is_linked or (strength.default_value > 0.0 and max(colour.default_value[:3]) > 0.0):
+                return True
+    return False
