@@ -18,7 +18,7 @@ from engine.ris.orca import (
 from engine.ris.resample import product_target, resample
 from engine.session import Session
 from engine.settings import MAX_CANDIDATES, RenderSettings
-from tests.test_session import floor_scene, sun
+from tests.test_session import floor_scene, material, sun
 
 METHODS = ("VMM", "VMM_RIS", "TABLE_RIS")
 #: Standard errors: a family of three methods fails by chance once in about 5000 choices of seeds.
@@ -62,6 +62,34 @@ def test_guiding_leaves_the_mean_unchanged(method, unguided):
     assert z_score(guided, unguided) < Z_LIMIT
     # The test can see a bias of 5%.
     assert z_score(guided * 1.05, unguided) > Z_LIMIT
+
+
+def pit_scene():
+    """A floor between four walls, open to a sun: light that has met five surfaces still counts."""
+    walls = [np.array([[0, 0, x, x * 3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]], np.float32) for x in (-1, 1)]
+    walls += [np.array([[1, 0, 0, 0], [0, 0, y, y * 3], [0, -1, 0, 0], [0, 0, 0, 1]], np.float32) for y in (-1, 1)]
+    white = [material(color=(0.9, 0.9, 0.9))]
+    return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=(32, 32))
+
+
+def test_roulette_by_what_was_learned_leaves_the_mean_unchanged():
+    """Paths that go on for longer than unguided ones would: means against renders without any roulette."""
+
+    def means_of(**settings):
+        images = []
+        for seed in range(6):
+            session = Session(RenderSettings(
+                samples=63, seed=seed, max_bounces=12, diffuse_bounces=12, guiding_trial=False, **settings
+            ))  # fmt: skip
+            session.load(pit_scene())
+            images.append(session.render().passes["Combined"][..., :3].mean())
+            session.close()
+        return np.array(images)
+
+    guided, plain = means_of(guiding_method="VMM"), means_of(use_russian_roulette=False)
+    assert z_score(guided, plain) < Z_LIMIT
+    # The test can see a bias of 2%.
+    assert z_score(guided * 1.02, plain) > Z_LIMIT
 
 
 def test_guided_vertices_and_candidates_are_reported():

@@ -1,7 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: pick one of each vertex's candidates and send the path on."""
+"""Stage: pick one of each vertex's candidates and send the path on.
+
+References: Vorba and Krivanek 2016, "Adjoint-Driven Russian Roulette and Splitting in Light Transport Simulation": what
+is learned of the radiance says what a path may still bring. Here only the least probability of going on comes of it,
+without splitting.
+"""
+
+import math
+
+import numpy as np
 
 from engine.guiding.vertices import distance_scale, log_vertex
+from engine.guiding.vmm.query import predict_vmm
 from engine.jit import kernel
 from engine.kernels.constants import NAN
 from engine.kernels.path import real_3, scatter_path
@@ -14,17 +24,26 @@ from engine.state import POINT_NS, POINT_P, POINT_WO
 #: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
 _LEAST_UNGUIDED = 1e-6
 _MOST_UNGUIDED = 1e6
+#: Roulette lets a path go on for sure where it is expected to bring a quarter of its pixel's value, less often where it
+#: brings less. What is expected is uncertain, and ending paths that mattered costs more than tracing some that do not
+#: (docs/experiments.md).
+_SURE_SHARE = np.float32(4.0)
+_LEAST_SURVIVAL = np.float32(0.2)
 
 
 @kernel
 def guide_resample(
-    guiding, options, paths, points, closures, guided, log, candidates, vertex_count, row_count, before
+    guiding, options, paths, points, closures, guided, guide, log, pixel_weight, candidates, vertex_count, row_count,
+    before,
 ):
     """Resample (see `engine.ris.resample`) and update throughput, depths and flags.
 
     Parameters
     ----------
     guiding : GuidingOptions
+    guide : GuideLobes
+    pixel_weight : float32 (P,)
+        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     candidates : Candidates
         With `radiance` predicted where a vertex has more than one.
     before : float32 (L, C)
@@ -56,11 +75,13 @@ def guide_resample(
             paths.alive[lane] = 0
             continue
         largest = 0.0
+        total = 0.0
         for c in range(len(paths.channels)):
             throughput = paths.throughput[lane, c]
             before[lane, c] = throughput
             throughput *= candidates.f_cos[row, c] * weight
             paths.throughput[lane, c] = throughput
+            total += abs(throughput)
             largest = max(largest, abs(throughput))
         if not largest > 0.0:
             paths.alive[lane] = 0
@@ -72,6 +93,10 @@ def guide_resample(
             paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)
         paths.dimension[lane] += SETS_PER_VERTEX
         wi = load(candidates.direction, row)
+        # What the path is expected to bring to its pixel, over the pixel's value.
+        expected = predict_vmm(guide, lane, wi, candidates.guide_pdf[row]) * math.sqrt(pixel_weight[paths.pixel[lane]])
+        expected *= total / len(paths.channels)
+        paths.survival[lane] = min(max(_SURE_SHARE * expected, _LEAST_SURVIVAL), 1.0)
         if log.is_recording[lane] != 0:
             # Eq. (19), but for the squared radiance that the path has yet to find.
             benefit = NAN

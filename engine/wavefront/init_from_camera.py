@@ -70,6 +70,7 @@ def init_from_camera(
             paths.throughput[lane, c] = 1.0
             paths.radiance[lane, c] = 0.0
         paths.unguided[lane] = 1.0
+        paths.survival[lane] = -1.0
         paths.mis_pdf[lane] = 0.0
         store(paths.mis_origin, lane, origin)
         store(paths.mis_normal, lane, direction)

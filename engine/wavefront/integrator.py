@@ -356,7 +356,8 @@ class Integrator:
         stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)
         stages.predict_radiance(learned.table, b.guide, b.guided, b.candidates, 0)
         stages.guide_resample(
-            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.log, b.candidates, 0, 0, b.f_cos
+            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.log, batch.no_weight,
+            b.candidates, 0, 0, b.f_cos,
         )
         stages.collect_records(b.log, b.paths, batch.no_weight, b.active, 0, FAR, b.records, 0)
         self.guidance = None

@@ -2,9 +2,10 @@
 """Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
 
 The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
-the path, as in Cycles; the throughput is divided by it in `shade_emission`, behind the emission that is found either
-way. Nothing of it depends on what the ray will hit, so it comes before the tracing: a path that ends at the next
-surface can only find emission there, and needs no ray where there is none along its line.
+the path, as in Cycles, or what guiding asks for if that is more (`guide_resample`); the throughput is divided by it in
+`shade_emission`, behind the emission that is found either way. Nothing of it depends on what the ray will hit, so it
+comes before the tracing: a path that ends at the next surface can only find emission there, and needs no ray where
+there is none along its line.
 """
 
 import math
@@ -75,7 +76,7 @@ def play_roulette(lights, options, paths, log, active, active_count, traced):
                 largest = 0.0
                 for c in range(len(paths.channels)):
                     largest = max(largest, abs(paths.throughput[lane, c]))
-                survival = min(math.sqrt(largest * paths.unguided[lane]), 1.0)
+                survival = max(paths.survival[lane], min(math.sqrt(largest * paths.unguided[lane]), 1.0))
                 if u3 >= survival:
                     flags |= RAY_TERMINATE_ON_NEXT_SURFACE
                     paths.flags[lane] = flags

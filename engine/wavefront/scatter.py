@@ -50,6 +50,7 @@ def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_co
         ask_for_closures(closures, ahead)
         if paths.alive[lane] == 0:
             continue
+        paths.survival[lane] = -1.0
         u0 = paths.random[lane, 0]
         is_guided = guided.rough_share[lane] > 0.0
         if is_guided:

@@ -41,30 +41,28 @@ from engine.work import (
     UNIT_USE_FEATURES,
 )
 
-(
-    _INIT_FROM_CAMERA,
-    _PLAY_ROULETTE,
-    _INTERSECT_CLOSEST,
-    _SHADE_LIGHTS,
-    _PREPARE_SURFACE,
-    _SHADE_BACKGROUND,
-    _EVALUATE_SHADERS,
-    _SHADE_EMISSION,
-    _WRITE_FEATURES,
-    _PREPARE_GUIDES,
-    _CHOOSE_LIGHTS,
-    _EVALUATE_LIGHT_SHADERS,
-    _GUIDE_LIGHTS,
-    _CONNECT_LIGHTS,
-    _INTERSECT_SHADOW,
-    _SCATTER,
-    _SAMPLE_SOURCE,
-    _DRAW_CANDIDATES,
-    _PREDICT_RADIANCE,
-    _GUIDE_RESAMPLE,
-    _COLLECT_RECORDS,
-    _ACCUMULATE,
-) = range(len(CLOCK_ENTRIES))
+_INIT_FROM_CAMERA = CLOCK_ENTRIES.index("init_from_camera")
+_PLAY_ROULETTE = CLOCK_ENTRIES.index("play_roulette")
+_INTERSECT_CLOSEST = CLOCK_ENTRIES.index("intersect_closest")
+_SHADE_LIGHTS = CLOCK_ENTRIES.index("shade_lights")
+_PREPARE_SURFACE = CLOCK_ENTRIES.index("prepare_surface")
+_SHADE_BACKGROUND = CLOCK_ENTRIES.index("shade_background")
+_EVALUATE_SHADERS = CLOCK_ENTRIES.index("evaluate_shaders")
+_SHADE_EMISSION = CLOCK_ENTRIES.index("shade_emission")
+_WRITE_FEATURES = CLOCK_ENTRIES.index("write_features")
+_PREPARE_GUIDES = CLOCK_ENTRIES.index("prepare_guides")
+_CHOOSE_LIGHTS = CLOCK_ENTRIES.index("choose_lights")
+_EVALUATE_LIGHT_SHADERS = CLOCK_ENTRIES.index("evaluate_light_shaders")
+_GUIDE_LIGHTS = CLOCK_ENTRIES.index("guide_lights")
+_CONNECT_LIGHTS = CLOCK_ENTRIES.index("connect_lights")
+_INTERSECT_SHADOW = CLOCK_ENTRIES.index("intersect_shadow")
+_SCATTER = CLOCK_ENTRIES.index("scatter")
+_SAMPLE_SOURCE = CLOCK_ENTRIES.index("sample_source")
+_DRAW_CANDIDATES = CLOCK_ENTRIES.index("draw_candidates")
+_PREDICT_RADIANCE = CLOCK_ENTRIES.index("predict_radiance")
+_GUIDE_RESAMPLE = CLOCK_ENTRIES.index("guide_resample")
+_COLLECT_RECORDS = CLOCK_ENTRIES.index("collect_records")
+_ACCUMULATE = CLOCK_ENTRIES.index("accumulate")
 
 #: Distance of light from outside the scene [m].
 FAR = np.float32(1e30)
@@ -140,7 +138,7 @@ def _sample_lights(stages, scene, options, unit, b, surface_count):
 
 
 @kernel
-def _resample(stages, options, guiding_options, guidance, b, lanes, lane_count, is_single):
+def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes, lane_count, is_single):
     """Draw candidates for the lanes, predict what arrives along them if there are several, and pick one each."""
     counts, candidates = b.counts, b.candidates
     first = 0
@@ -157,8 +155,8 @@ def _resample(stages, options, guiding_options, guidance, b, lanes, lane_count, 
             stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
             mark(b.clock, _PREDICT_RADIANCE)
         stages.guide_resample(
-            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.log, candidates, vertex_count,
-            row_count, b.f_cos,
+            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.log, pixel_weight, candidates,
+            vertex_count, row_count, b.f_cos,
         )
         mark(b.clock, _SAMPLE_SOURCE if is_single else _GUIDE_RESAMPLE)
 
@@ -246,9 +244,9 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         )
         mark(b.clock, _SCATTER)
         if single_count > 0:
-            _resample(stages, options, guiding_options, guidance, b, b.single, single_count, True)
+            _resample(stages, options, guiding_options, guidance, unit.pixel_weight, b, b.single, single_count, True)
         if several_count > 0:
-            _resample(stages, options, guiding_options, guidance, b, b.several, several_count, False)
+            _resample(stages, options, guiding_options, guidance, unit.pixel_weight, b, b.several, several_count, False)
 
         if records_paths:
             counts[RECORDS], _ = stages.collect_records(
