@@ -36,6 +36,7 @@ class Guidance:
     record_threshold : int, paths whose hash is below are recorded: 0 none, 2**32 all
     probability : float32 (R,), of guiding by region of the field (`engine.guiding.selection`)
     field : VmmField or None, while nothing is known
+    light_share : float32 (R,), of sampling a light by region (`engine.guiding.light_share`)
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
@@ -46,6 +47,7 @@ class Guidance:
     record_threshold: int
     field: VmmField | None = None
     probability: np.ndarray | None = None
+    light_share: np.ndarray | None = None
     candidate_count: int = 1
     allocation: Allocation | None = None
     pixel_weight: np.ndarray | None = None

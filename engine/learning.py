@@ -18,6 +18,7 @@ import numpy as np
 from engine.film import Film, FilmTile
 from engine.guidance import Guidance, Predictor
 from engine.guiding import trial
+from engine.guiding.light_share import LightShareModel
 from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import RadianceTrainer, TrainerState
@@ -155,6 +156,7 @@ class Learner:
         self._vmm: VmmModel | None = None
         self._table: TableModel | None = None
         self._selection = SelectionModel(settings.guiding_probability)
+        self._light_share = LightShareModel()
         self._max_distance = 0.0
         self._records_per_path = _EXPECTED_RECORDS_PER_PATH
         self._deltas = VarianceDeltas()
@@ -219,16 +221,19 @@ class Learner:
             column[:] = 1.0
         vmm = VmmModel(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
         vmm.update(as_records(records), 256)
-        SelectionModel(0.5).update(vmm, records, 256, variance=1.0, ray_count=1.0)
+        leaf = np.zeros(256, np.int32)
+        find_leaves(vmm.field, records.position, leaf)
+        SelectionModel(0.5).update(vmm, records, leaf, variance=1.0, ray_count=1.0)
         table = None
         if self.settings.guiding_method == "TABLE_RIS":
             model = TableModel()
             model.update(vmm)
             table = model.field
-        find_leaves(vmm.field, records.position, np.zeros(256, np.int32))
         allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs)
-        return Guidance(self.settings, 0, vmm.field, np.ones(1, np.float32), 1, allocation,
-            np.ones(self._paths_per_sample, np.float32), table)
+        ones = np.ones(1, np.float32)
+        return Guidance(
+            self.settings, 0, vmm.field, ones, ones, 1, allocation, np.ones(self._paths_per_sample, np.float32), table
+        )
 
     def _threshold(self, samples: int) -> int:
         """Record so many of the next iteration's paths that about RECORDS_PER_ITERATION records come of them."""
@@ -288,8 +293,12 @@ class Learner:
         method = self.settings.guiding_method
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(mean, sums.square / weight, weights)
-        if row_count and self.settings.learn_guiding_probability:
-            self._selection.update(self._vmm, records, row_count, variance=variance, ray_count=ray_count)
+        if row_count:
+            leaf = np.full(row_count, -1, np.int32)
+            find_leaves(self._vmm.field, records.position[:row_count], leaf)
+            if self.settings.learn_guiding_probability:
+                self._selection.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
+            self._light_share.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
         fixed = self._fixed_count()
         position, estimate = self._deltas.gathered()
         region_count = len(self._vmm.field.is_ready)
@@ -303,9 +312,9 @@ class Learner:
             ray_count=ray_count, variance=variance, costs=self._costs,
         )
         return Guidance(
-            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), fixed, allocation,
-            weights, self._table.field if method == "TABLE_RIS" and self._table is not None else None,
-            self._new_predictor,
+            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
+            fixed, allocation, weights,
+            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
         )
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:

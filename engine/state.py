@@ -329,6 +329,7 @@ class LightSamples(Bundle):
     visibility : int32, RAY_* kinds that see this light
     guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
         BSDF's density in it (0 and 1 where the lane is not guided)
+    weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
     """
 
     _rows = True
@@ -342,6 +343,7 @@ class LightSamples(Bundle):
     visibility: Int32Array
     guide_pdf: Float32Array
     bsdf_share: Float32Array
+    weight: Float32Array
     channels: tuple[int, ...]
 
 
@@ -368,10 +370,11 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
                 ("visibility", integer),
                 ("guide_pdf", real),
                 ("bsdf_share", real),
+                ("weight", real),
             ]
         ],
     )
-    fields["bsdf_share"][:] = 1.0
+    fields["bsdf_share"][:] = fields["weight"][:] = 1.0
     return LightSamples(**fields, channels=tuple(range(channel_count)))
 
 

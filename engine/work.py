@@ -51,13 +51,14 @@ class SceneView(Bundle):
 class GuidanceView(Bundle):
     """`engine.guidance.Guidance` for kernels; where there is none, of its shape and never read.
 
-    probability : float32 (R,)
+    probability : float32 (R,), of guiding; light_share : float32 (R,), of sampling a light
     """
 
     field: VmmField
     table: TableField
     allocation: Allocation
     probability: np.ndarray
+    light_share: np.ndarray
 
 
 @dataclass(frozen=True)

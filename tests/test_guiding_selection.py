@@ -23,6 +23,13 @@ def draw(rng, integrand, guide_pdf, bsdf_pdf, probability, count):
     return (integrand[x] / source[x]) ** 2, guide_pdf[x], bsdf_pdf[x], source[x]
 
 
+def leaves(vmm, records):
+    """Region of every record."""
+    leaf = np.zeros(len(records.position), np.int32)
+    find_leaves(vmm.field, records.position, leaf)
+    return leaf
+
+
 def learn(behaviours, **update):
     """A model of two cells, below and above x = 0, that sees records of the two (integrand, guide, BSDF)."""
     rng = np.random.default_rng(5)
@@ -42,7 +49,7 @@ def learn(behaviours, **update):
     vmm.update(as_records(records), 2 * COUNT)
     assert vmm.region_count == 2
     model = SelectionModel(0.5)
-    model.update(vmm, records, 2 * COUNT, **{"variance": 1e-6, "ray_count": 1.0, **update})
+    model.update(vmm, records, leaves(vmm, records), **{"variance": 1e-6, "ray_count": 1.0, **update})
     leaf = np.zeros(2, np.int32)
     find_leaves(vmm.field, np.array([[-0.5, 0, 0], [0.5, 0, 0]], np.float32), leaf)
     return model, model.probability[leaf], leaf
@@ -86,5 +93,5 @@ def test_nothing_is_concluded_from_vertices_without_a_guide():
     vmm = VmmModel([[-1, -1, -1], [1, 1, 1]])
     vmm.update(as_records(records), 1000)
     model = SelectionModel(0.4)
-    model.update(vmm, records, 1000, variance=1.0, ray_count=1.0)
+    model.update(vmm, records, leaves(vmm, records), variance=1.0, ray_count=1.0)
     assert (model.probability == np.float32(0.4)).all()

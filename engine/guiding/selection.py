@@ -16,7 +16,6 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.vertices import VertexRecords
-from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
 from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX
@@ -116,12 +115,14 @@ class SelectionModel:
         self.probability: Float32Array = np.full(1, first, np.float32)
 
     def update(
-        self, model: VmmModel, records: VertexRecords, row_count: int, *, variance: float, ray_count: float
+        self, model: VmmModel, records: VertexRecords, leaf: Int32Array, *, variance: float, ray_count: float
     ) -> None:
-        """Learn from the first `row_count` records, the ones that the model's last update took.
+        """Learn from the records that the model's last update took.
 
         Parameters
         ----------
+        leaf : int32 (R,)
+            Region of each record, -1 = none.
         variance : float
             Of a sample of a pixel, mean over the image, weighted as the records' contributions are.
         ray_count : float
@@ -134,8 +135,6 @@ class SelectionModel:
             # Both halves keep the ratios, and yield to what they see themselves.
             sums[parent] *= 0.5
             sums[region] = sums[parent]
-        leaf: Int32Array = np.full(row_count, -1, np.int32)
-        find_leaves(model.field, records.position[:row_count], leaf)
         _add_records(records, leaf, PROBABILITIES, np.zeros((count, 3)), sums)
         self._sums = sums
         self.probability = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))

@@ -37,7 +37,8 @@ VERTEX_GUIDE_PDF = 15  # and under the guide, with the probability of not taking
 VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
 VERTEX_THROUGHPUT = 20  # and after
 VERTEX_RADIANCE = 24  # the path's sum at the scattering
-VERTEX_WIDTH = 28
+VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
+VERTEX_WIDTH = 32  # two cache lines
 
 
 class VertexLog(Bundle):
@@ -60,6 +61,8 @@ class VertexRecords(Bundle):
     bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
     contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
         channels, times the pixel's weight
+    light_squared : float32 (R,), the same of the light that the vertex found itself, by light sampling or by emitting,
+        as if it had sampled a light for sure
     """
 
     position: Float32Array
@@ -74,6 +77,7 @@ class VertexRecords(Bundle):
     bsdf_pdf: Float32Array
     guide_pdf: Float32Array
     contribution_squared: Float32Array
+    light_squared: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -96,13 +100,16 @@ def distance_scale(n, wo, wi, eta):
 
 
 @kernel
-def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, bsdf_pdf, guide_pdf, before):
+def log_vertex(
+    log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, bsdf_pdf, guide_pdf, light_weight, before
+):
     """Append the scattering that has just updated `paths.throughput`.
 
     Parameters
     ----------
     pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
     bsdf_pdf, guide_pdf : float32 [sr^-1], NaN where not guided
+    light_weight : float32, of the vertex's light sample, 0 if it took none
     before : float32 (L, C), throughput before the scattering
     """
     vertex = log.count[lane]
@@ -122,6 +129,7 @@ def log_vertex(log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benef
     real[row, VERTEX_BENEFIT] = benefit
     real[row, VERTEX_BSDF_PDF] = bsdf_pdf
     real[row, VERTEX_GUIDE_PDF] = guide_pdf
+    real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
     for c in range(len(paths.channels)):
         real[row, VERTEX_BEFORE + c] = before[lane, c]
         real[row, VERTEX_THROUGHPUT + c] = paths.throughput[lane, c]
@@ -170,12 +178,17 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                 known_count = 0
                 squared = 0.0
                 contribution = 0.0
+                light = 0.0
                 for c in range(channel_count):
                     # Rounding of the long sum may leave a little less than before.
                     gain = max(paths.radiance[lane, c] - real[row, VERTEX_RADIANCE + c], 0.0)
                     throughput = real[row, VERTEX_THROUGHPUT + c]
                     before = real[row, VERTEX_BEFORE + c]
                     contribution += gain * gain
+                    # `vertex` is the one before by now.
+                    earlier = real[row - 1, VERTEX_RADIANCE + c] if vertex >= 0 else np.float32(0.0)
+                    found = real[row, VERTEX_RADIANCE + c] - earlier
+                    light += found * found
                     value = -1.0
                     if throughput > 0.0:
                         value = gain / throughput
@@ -201,6 +214,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.bsdf_pdf[record_count] = real[row, VERTEX_BSDF_PDF]
                     records.guide_pdf[record_count] = real[row, VERTEX_GUIDE_PDF]
                     records.contribution_squared[record_count] = contribution * weight / channel_count
+                    light *= real[row, VERTEX_LIGHT_SHARE]
+                    records.light_squared[record_count] = light * weight / channel_count
                     record_count += 1
                 else:
                     reject_count += 1
@@ -223,7 +238,7 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
 
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(),
+        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(),
     )
 
 

@@ -33,8 +33,8 @@ _LEAST_SURVIVAL = np.float32(0.2)
 
 @kernel
 def guide_resample(
-    guiding, options, paths, points, closures, guided, guide, log, pixel_weight, candidates, vertex_count, row_count,
-    before,
+    guiding, options, paths, points, closures, guided, guide, samples, log, pixel_weight, candidates, vertex_count,
+    row_count, before,
 ):
     """Resample (see `engine.ris.resample`) and update throughput, depths and flags.
 
@@ -42,6 +42,7 @@ def guide_resample(
     ----------
     guiding : GuidingOptions
     guide : GuideLobes
+    samples : LightSamples
     pixel_weight : float32 (P,)
         Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     candidates : Candidates
@@ -107,6 +108,6 @@ def guide_resample(
             log_vertex(
                 log, paths, lane, real_3(points, lane, POINT_P), wi, ns, 1.0 / weight, candidates.roughness[row],
                 distance_scale(ns, wo, wi, candidates.eta[row]), paths.mis_distance[lane] + paths.hit_distance[lane],
-                benefit, bsdf_pdf, guided.rough_share[lane] * candidates.guide_pdf[row], before,
+                benefit, bsdf_pdf, guided.rough_share[lane] * candidates.guide_pdf[row], samples.weight[lane], before,
             )
         scatter_path(options, paths, points, closures, lane, wi, candidates.label[row], source_pdf, bsdf_pdf)

@@ -221,7 +221,7 @@ class Batch:
         # No lane is guided, whatever the last unit was.
         work.guided.rough_share[:] = 0.0
         work.samples.guide_pdf[:] = 0.0
-        work.samples.bsdf_share[:] = 1.0
+        work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
         begin(work.clock)
 
     def count(self, seconds: float, path_count: int) -> None:
@@ -287,7 +287,9 @@ class Integrator:
         self.stages = StageTable({**_STAGES, "predict_radiance": (predict, 0)})
         self._compiled_loop: BoundKernel | None = None
         self._python_loop = in_python(trace_rounds)
-        self._no_guidance = GuidanceView(no_field(), no_table(), no_allocation(), np.zeros(1, np.float32))
+        self._no_guidance = GuidanceView(
+            no_field(), no_table(), no_allocation(), np.zeros(1, np.float32), np.zeros(1, np.float32)
+        )
         self._guiding_options = make_guiding_options(settings, candidate_count=1)
         self._settings = settings
         self.guidance: Guidance | None = None
@@ -302,9 +304,12 @@ class Integrator:
         self._guidance = guidance
         self._guidance_view = self._no_guidance
         if guidance is not None and guidance.field is not None:
-            assert guidance.allocation is not None and guidance.probability is not None
+            assert guidance.allocation is not None
+            assert guidance.probability is not None and guidance.light_share is not None
             table = guidance.table if guidance.table is not None else self._no_guidance.table
-            self._guidance_view = GuidanceView(guidance.field, table, guidance.allocation, guidance.probability)
+            self._guidance_view = GuidanceView(
+                guidance.field, table, guidance.allocation, guidance.probability, guidance.light_share
+            )
             self._guiding_options = make_guiding_options(self._settings, candidate_count=guidance.candidate_count)
         if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
@@ -348,16 +353,16 @@ class Integrator:
         stages, view, learned, b = self.stages, self.view, self._guidance_view, batch.work
         options, guiding_options = self.options, self._guiding_options
         stages.prepare_guides(
-            guiding_options, learned.field, learned.allocation, learned.probability, b.paths, b.points, b.closures,
-            b.guided, b.guide, batch.no_weight, b.surface, 0,
+            guiding_options, learned.field, learned.allocation, learned.probability, learned.light_share, b.paths,
+            b.points, b.closures, b.guided, b.guide, b.samples, batch.no_weight, b.surface, 0,
         )
         if view.header[SCENE_HAS_EMITTERS]:
             stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)
         stages.predict_radiance(learned.table, b.guide, b.guided, b.candidates, 0)
         stages.guide_resample(
-            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.log, batch.no_weight,
-            b.candidates, 0, 0, b.f_cos,
+            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
+            batch.no_weight, b.candidates, 0, 0, b.f_cos,
         )
         stages.collect_records(b.log, b.paths, batch.no_weight, b.active, 0, FAR, b.records, 0)
         self.guidance = None

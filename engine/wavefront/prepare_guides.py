@@ -20,9 +20,10 @@ _TRIAL_BITS = np.uint32(1 << 28)
 
 @kernel
 def prepare_guides(
-    guiding, field, allocation, probability, paths, points, closures, guided, guide, pixel_weight, lanes, lane_count
+    guiding, field, allocation, probability, light_share, paths, points, closures, guided, guide, samples, pixel_weight,
+    lanes, lane_count,
 ):
-    """Fill `guided` and `guide` for the lanes; lanes outside the learned field keep BSDF sampling.
+    """Fill `guided`, `guide` and `samples.weight`; lanes outside the learned field keep BSDF and light sampling.
 
     Parameters
     ----------
@@ -31,7 +32,10 @@ def prepare_guides(
     allocation : Allocation
     probability : float32 (R,)
         Of guiding, by region; lanes where it is 0 are left to the BSDF, but for a few by which it can be learned anew.
+    light_share : float32 (R,)
+        Probability of sampling a light, by region.
     guide : GuideLobes
+    samples : LightSamples
     pixel_weight : float32 (P,)
         Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     """
@@ -43,6 +47,7 @@ def prepare_guides(
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
         guided.rough_share[lane] = 0.0
+        samples.weight[lane] = 1.0
         if paths.alive[lane] == 0:
             continue
         p = real_3(points, lane, POINT_P)
@@ -52,6 +57,9 @@ def prepare_guides(
         bits = hash_combine(
             hash_combine(paths.rng[lane], paths.sample[lane]), np.uint32(paths.dimension[lane] + SET_LOOKUP)
         )
+        if light_share[leaf] < 1.0:
+            taken = unit_float(hash_combine(bits, np.uint32(3))) < light_share[leaf]
+            samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
         if probability[leaf] == 0.0 and bits >= _TRIAL_BITS:
             continue
         share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)

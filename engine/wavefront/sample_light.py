@@ -60,7 +60,7 @@ _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 @kernel
 def choose_lights(lights, geometry, paths, points, closures, samples, light_points, lanes, lane_count, lit, programs):
-    """Draw one light sample for every lane that has a lobe to receive it.
+    """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         ask_for_closures(closures, ahead)
         prefetch(points.real, ahead)
         prefetch(samples.direction, ahead)
-        if paths.alive[lane] == 0:
+        if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
             continue
         bits = summarize(closures, lane)
         if not bits & HAS_EVAL:
@@ -200,13 +200,13 @@ def connect_lights(
             largest = max(largest, abs(value))
         if not largest > 0.0:
             continue
-        scale = 1.0
+        scale = samples.weight[lane]
         if options.inverse_light_threshold > 0.0:
             survival = largest * options.inverse_light_threshold
             if survival < 1.0:
                 if samples.terminate[lane] >= survival:
                     continue
-                scale = 1.0 / survival
+                scale /= survival
         row = shadow_count
         shadow_count += 1
         shadows.lane[row] = lane

@@ -20,7 +20,7 @@ from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RA
 
 
 @kernel
-def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_count, single, several):
+def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes, lane_count, single, several):
     """Choose the next direction by the BSDF, update throughput, depths and flags.
 
     Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling.
@@ -28,6 +28,7 @@ def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_co
     Parameters
     ----------
     guided : GuidedLanes
+    samples : LightSamples
     log : VertexLog
     f_cos : float32 (L, C)
         Scratch for the BSDF's value.
@@ -95,7 +96,8 @@ def scatter(options, paths, points, closures, guided, log, f_cos, lanes, lane_co
             log_vertex(
                 log, paths, lane, real_3(points, lane, POINT_P), wi, real_3(points, lane, POINT_NS), pdf, roughness,
                 distance_scale(real_3(points, lane, POINT_NS), wo, wi, eta),
-                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, NAN, NAN, f_cos,
+                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, NAN, NAN, samples.weight[lane],
+                f_cos,
             )
         scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
     return single_count, several_count

@@ -155,8 +155,8 @@ def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes
             stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
             mark(b.clock, _PREDICT_RADIANCE)
         stages.guide_resample(
-            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.log, pixel_weight, candidates,
-            vertex_count, row_count, b.f_cos,
+            guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, pixel_weight,
+            candidates, vertex_count, row_count, b.f_cos,
         )
         mark(b.clock, _SAMPLE_SOURCE if is_single else _GUIDE_RESAMPLE)
 
@@ -231,16 +231,17 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
 
         if is_guided:
             stages.prepare_guides(
-                guiding_options, guidance.field, guidance.allocation, guidance.probability, b.paths, b.points,
-                b.closures, b.guided, b.guide, unit.pixel_weight, b.surface, surface_count,
+                guiding_options, guidance.field, guidance.allocation, guidance.probability, guidance.light_share,
+                b.paths, b.points, b.closures, b.guided, b.guide, b.samples, unit.pixel_weight, b.surface,
+                surface_count,
             )
             mark(b.clock, _PREPARE_GUIDES)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, options, unit, b, surface_count)
 
         single_count, several_count = stages.scatter(
-            options, b.paths, b.points, b.closures, b.guided, b.log, b.f_cos, b.surface, surface_count, b.single,
-            b.several,
+            options, b.paths, b.points, b.closures, b.guided, b.samples, b.log, b.f_cos, b.surface, surface_count,
+            b.single, b.several,
         )
         mark(b.clock, _SCATTER)
         if single_count > 0:
