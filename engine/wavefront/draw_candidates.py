@@ -23,11 +23,57 @@ SET_CANDIDATES = 1 << 16
 
 
 @kernel
-def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
-    """Fill `candidates` for lanes from the `first`-th on, as many as fit.
+def propose(paths, points, closures, guided, guide, lane, j, f_cos, row):
+    """The lane's j-th candidate, by the guide with the lane's guiding probability, else by the BSDF's rough lobes.
 
-    Each candidate comes from the guide with the lane's guiding probability, else from the BSDF's rough lobes; its
-    density is that of the mixture, Eq. (7). The candidates of a vertex are a stratified set.
+    Parameters
+    ----------
+    f_cos : float32 (>= row + 1, C)
+        The BSDF's value times the cosine goes to its row `row`.
+
+    Returns
+    -------
+    wi : tuple of 3 float32, unit
+    source_pdf : float32 [sr^-1]
+        Density of the mixture, Eq. (7).
+    bsdf_pdf, guide_pdf : float32 [sr^-1]
+    label : int; roughness, eta : float32
+        As `sample_bsdf` returns them.
+    is_valid : bool
+        False: there is no such candidate, it counts as one of value 0.
+    """
+    wo = real_3(points, lane, POINT_WO)
+    ng = real_3(points, lane, POINT_NG)
+    probability = guided.probability[lane]
+    u0, u1, u2, u3 = sample_4d(
+        paths.rng[lane], paths.sample[lane] * MAX_CANDIDATES + j, paths.dimension[lane] + SET_CANDIDATES
+    )
+    if u0 < probability:
+        wi = sample_guide(guide, lane, u0 / probability, u1, u2)
+        bsdf_pdf, label, roughness, eta = eval_guided(closures, lane, wo, wi, ng, u3, f_cos, row)
+    else:
+        u0 = (u0 - probability) / (1.0 - probability)
+        bsdf_pdf, wi, label, roughness, eta = sample_among(
+            closures, lane, wo, ng, ROUGH_LOBES, u0, u1, u2, f_cos, row
+        )
+        wi = normalize(wi)
+        if not bsdf_pdf > 0.0:
+            label = 0
+    guide_pdf = eval_guide(guide, lane, wi)
+    source_pdf = probability * guided.rough_share[lane] * guide_pdf + (1.0 - probability) * bsdf_pdf
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        largest = max(largest, f_cos[row, c])
+    # Written so that NaN fails.
+    is_valid = label != 0 and largest > 0.0 and source_pdf > 0.0
+    return wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid
+
+
+@kernel
+def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
+    """Fill `candidates` for lanes from the `first`-th on, as many as fit (see `propose`).
+
+    The candidates of a vertex are a stratified set.
 
     Parameters
     ----------
@@ -52,35 +98,13 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
         ask_for_closures(closures, ahead)
         prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
         k += 1
-        wo = real_3(points, lane, POINT_WO)
-        ng = real_3(points, lane, POINT_NG)
-        share = guided.rough_share[lane]
-        probability = guided.probability[lane]
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row
         store(candidates.position, vertex, real_3(points, lane, POINT_P))
         for j in range(guided.candidate_count[lane]):
-            u0, u1, u2, u3 = sample_4d(
-                paths.rng[lane], paths.sample[lane] * MAX_CANDIDATES + j, paths.dimension[lane] + SET_CANDIDATES
+            wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid = propose(
+                paths, points, closures, guided, guide, lane, j, candidates.f_cos, row
             )
-            if u0 < probability:
-                wi = sample_guide(guide, lane, u0 / probability, u1, u2)
-                bsdf_pdf, label, roughness, eta = eval_guided(
-                    closures, lane, wo, wi, ng, u3, candidates.f_cos, row
-                )
-            else:
-                u0 = (u0 - probability) / (1.0 - probability)
-                bsdf_pdf, wi, label, roughness, eta = sample_among(
-                    closures, lane, wo, ng, ROUGH_LOBES, u0, u1, u2, candidates.f_cos, row
-                )
-                wi = normalize(wi)
-                if not bsdf_pdf > 0.0:
-                    label = 0
-            guide_pdf = eval_guide(guide, lane, wi)
-            source_pdf = probability * share * guide_pdf + (1.0 - probability) * bsdf_pdf
-            largest = 0.0
-            for c in range(len(paths.channels)):
-                largest = max(largest, candidates.f_cos[row, c])
             candidates.vertex[row] = vertex
             store(candidates.direction, row, wi)
             candidates.source_pdf[row] = source_pdf
@@ -89,8 +113,7 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
             candidates.label[row] = label
             candidates.roughness[row] = roughness
             candidates.eta[row] = eta
-            # Written so that NaN fails.
-            candidates.is_valid[row] = 1 if label != 0 and largest > 0.0 and source_pdf > 0.0 else 0
+            candidates.is_valid[row] = 1 if is_valid else 0
             row += 1
         vertex += 1
     return k, vertex, row

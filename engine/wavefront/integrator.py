@@ -47,7 +47,7 @@ from engine.wavefront.accumulate import accumulate
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_lights import guide_lights
-from engine.wavefront.guide_resample import guide_resample
+from engine.wavefront.guide_resample import guide_resample, sample_source
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
@@ -128,6 +128,7 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "guide_lights": (guide_lights, 0),
     "draw_candidates": (draw_candidates, 3),
     "guide_resample": (guide_resample, 0),
+    "sample_source": (sample_source, 0),
     "collect_records": (collect_records, 2),
 }
 
@@ -363,6 +364,10 @@ class Integrator:
         stages.guide_resample(
             guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
             batch.no_weight, b.candidates, 0, 0, b.f_cos,
+        )
+        stages.sample_source(
+            options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, batch.no_weight, b.candidates,
+            b.single, 0, b.f_cos,
         )
         stages.collect_records(b.log, b.paths, batch.no_weight, b.active, 0, FAR, b.records, 0)
         self.guidance = None

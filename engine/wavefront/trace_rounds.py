@@ -138,27 +138,26 @@ def _sample_lights(stages, scene, options, unit, b, surface_count):
 
 
 @kernel
-def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes, lane_count, is_single):
-    """Draw candidates for the lanes, predict what arrives along them if there are several, and pick one each."""
+def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes, lane_count):
+    """Draw candidates for the lanes, predict what arrives along them, and pick one each."""
     counts, candidates = b.counts, b.candidates
     first = 0
     while first < lane_count:
         first, vertex_count, row_count = stages.draw_candidates(
             b.paths, b.points, b.closures, b.guided, b.guide, candidates, lanes, first, lane_count
         )
-        mark(b.clock, _SAMPLE_SOURCE if is_single else _DRAW_CANDIDATES)
+        mark(b.clock, _DRAW_CANDIDATES)
         counts[GUIDED_VERTICES] += vertex_count
         counts[CANDIDATES] += row_count
-        if not is_single:
-            counts[RESAMPLED_VERTICES] += vertex_count
-            counts[RESAMPLED_CANDIDATES] += row_count
-            stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
-            mark(b.clock, _PREDICT_RADIANCE)
+        counts[RESAMPLED_VERTICES] += vertex_count
+        counts[RESAMPLED_CANDIDATES] += row_count
+        stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
+        mark(b.clock, _PREDICT_RADIANCE)
         stages.guide_resample(
             guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, pixel_weight,
             candidates, vertex_count, row_count, b.f_cos,
         )
-        mark(b.clock, _SAMPLE_SOURCE if is_single else _GUIDE_RESAMPLE)
+        mark(b.clock, _GUIDE_RESAMPLE)
 
 
 @kernel
@@ -245,9 +244,17 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         )
         mark(b.clock, _SCATTER)
         if single_count > 0:
-            _resample(stages, options, guiding_options, guidance, unit.pixel_weight, b, b.single, single_count, True)
+            stages.sample_source(
+                options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, unit.pixel_weight,
+                b.candidates, b.single, single_count, b.f_cos,
+            )
+            counts[GUIDED_VERTICES] += single_count
+            counts[CANDIDATES] += single_count
+            mark(b.clock, _SAMPLE_SOURCE)
         if several_count > 0:
-            _resample(stages, options, guiding_options, guidance, unit.pixel_weight, b, b.several, several_count, False)
+            _resample(
+                stages, options, guiding_options, guidance, unit.pixel_weight, b, b.several, several_count
+            )
 
         if records_paths:
             counts[RECORDS], _ = stages.collect_records(
