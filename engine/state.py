@@ -228,7 +228,7 @@ class PathState(Bundle):
     hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
         triangle (row of GeometryArrays.triangles)
     offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
-    random : float32 (L, 4), this vertex's numbers for the BSDF and for roulette
+    random : float32 (L, 4), this vertex's numbers for the BSDF; the last for roulette, then made uniform again
     survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
         played the least that guiding asks for, -1 = nothing
     alive : uint8, 0 once the path has ended in this round

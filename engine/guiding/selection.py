@@ -23,9 +23,9 @@ from engine.scene.arrays import Float32Array, Int32Array
 
 #: Guiding probabilities to choose from; the first means: no guiding, not even a look-up.
 PROBABILITIES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], np.float32)
-#: What guiding a vertex costs, in rays: the time it takes over that of tracing and shading one, which is 0.8, and more,
-#: because what the vertices of a path save is not a sum (docs/experiments.md).
-GUIDED_COST = 2.0
+#: What guiding a vertex costs, in rays: a little less than the time it takes, since roulette goes by what was learned
+#: at guided vertices only (docs/experiments.md).
+GUIDED_COST = 0.5
 #: What an iteration's estimates count for in the next: fields change.
 DECAY = 0.6
 #: Records that the mean of all regions stands for in each: of those with a contribution, and of all.

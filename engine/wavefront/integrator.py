@@ -47,7 +47,7 @@ from engine.wavefront.accumulate import accumulate
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_lights import guide_lights
-from engine.wavefront.guide_resample import guide_resample, sample_source
+from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
@@ -57,6 +57,7 @@ from engine.wavefront.predict_radiance import predict_by_mixture, predict_by_tab
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
+from engine.wavefront.sample_source import sample_source
 from engine.wavefront.scatter import scatter
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission

@@ -2,7 +2,7 @@
 """Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
 
 The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
-the path, as in Cycles, or what guiding asks for if that is more (`guide_resample`); the throughput is divided by it in
+the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.scattering`); the throughput is divided by it in
 `shade_emission`, behind the emission that is found either way. Nothing of it depends on what the ray will hit, so it
 comes before the tracing: a path that ends at the next surface can only find emission there, and needs no ray where
 there is none along its line.
@@ -11,6 +11,7 @@ there is none along its line.
 import math
 
 from engine.jit import kernel
+from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import SET_BSDF, sample_4d
 from engine.kernels.vector import dot, load
@@ -80,6 +81,9 @@ def play_roulette(lights, options, paths, log, active, active_count, traced):
                 if u3 >= survival:
                     flags |= RAY_TERMINATE_ON_NEXT_SURFACE
                     paths.flags[lane] = flags
+                else:
+                    # Uniform again, for what is to come.
+                    paths.random[lane, 3] = min(u3 / survival, ONE_MINUS_EPSILON)
         paths.survival[lane] = survival
 
         # Behind transparent surfaces a path goes on along the same line. What it would take from alpha is settled once

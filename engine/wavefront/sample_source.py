@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: draw the only candidate of a vertex and send the path on."""
+
+from engine.guiding.scattering import propose, send_on
+from engine.guiding.vmm.field import GUIDE_LINES
+from engine.jit import kernel
+from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_history,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+    prefetch_lines,
+)
+
+
+@kernel
+def sample_source(
+    options, paths, points, closures, guided, guide, samples, log, pixel_weight, candidates, lanes, lane_count, before
+):
+    """Draw the only candidate of each lane and send the path on: nothing needs to be predicted or kept.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        Scratch.
+    lanes : int32 (>= lane_count,)
+    pixel_weight, before : see `engine.guiding.scattering.send_on`
+    """
+    for k in range(lane_count):
+        lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
+        prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
+        # What `scatter` has left of the number that chose against the delta lobes.
+        share = guided.rough_share[lane]
+        u0 = min(max((paths.random[lane, 0] - (1.0 - share)) / share, 0.0), ONE_MINUS_EPSILON)
+        wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid = propose(
+            paths, points, closures, guided, guide, lane, u0, paths.random[lane, 1], paths.random[lane, 2],
+            paths.random[lane, 3], candidates.f_cos, 0,
+        )
+        if not is_valid:
+            paths.alive[lane] = 0
+            continue
+        send_on(
+            options, paths, points, closures, guided, guide, samples, log, pixel_weight, lane, wi, 1.0 / source_pdf,
+            source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, NAN, candidates.f_cos, 0, before,
+        )
