@@ -2,10 +2,10 @@
 """Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
 
 The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
-the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.scattering`); the throughput is divided by it in
-`shade_emission`, behind the emission that is found either way. Nothing of it depends on what the ray will hit, so it
-comes before the tracing: a path that ends at the next surface can only find emission there, and needs no ray where
-there is none along its line.
+the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.scattering`); the throughput is
+divided by it in `shade_emission`, behind the emission that is found either way. Nothing of it depends on what the ray
+will hit, so it comes before the tracing: a path that ends at the next surface can only find emission there, and needs
+no ray where there is none along its line.
 """
 
 import math
