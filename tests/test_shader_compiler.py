@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -268,6 +270,61 @@ def test_many_live_values_keep_their_registers() -> None:
     shaders, _names, _notices = compile_one(graph.surface(surface))
     result = run(shaders, square_points((0.5, 0.25))).emission[0, :3]
     np.testing.assert_allclose(result, (60 * 0.5 + 59 * 30, 60 * 0.25, 0.0), rtol=1e-5)
+
+
+REC2020_TO_XYZ = np.array(
+    ((0.6369580, 0.1446169, 0.1688810), (0.2627002, 0.6779981, 0.0593017), (0.0, 0.0280727, 1.0609851)), np.float32
+)
+#: Red of Rec.709 in Rec.2020 and so on by column (ITU-R BT.2087, table 3).
+REC709_TO_REC2020 = np.array(
+    ((0.6274, 0.3293, 0.0433), (0.0691, 0.9195, 0.0114), (0.0164, 0.0880, 0.8956)), np.float32
+)
+
+
+def emitted_in(graph: NodeGraph, to_xyz: Any) -> np.ndarray:
+    shaders, _, notices = compile_programs([ProgramSource("M", graph)], [], to_xyz=to_xyz)
+    assert not notices
+    return np.asarray(run(shaders, square_points((0.5, 0.25))).emission[0, :3])
+
+
+@pytest.mark.parametrize("is_varying", [False, True])
+@pytest.mark.parametrize("kind", ["ShaderNodeRGBToBW", "ShaderNodeMath"])
+def test_luminance_is_that_of_the_working_space(is_varying: bool, kind: str) -> None:
+    graph = Graph()
+    color: Any = (0.5, 0.25, 0.0, 1.0)
+    if is_varying:
+        color = graph.link("ShaderNodeNewGeometry", "Position")
+        color = graph.link("ShaderNodeGamma", "Color", inputs={"Color": color, "Gamma": 1.0})
+    elif kind == "ShaderNodeMath":
+        color = graph.link("ShaderNodeGamma", "Color", inputs={"Color": color, "Gamma": 1.0})
+    if kind == "ShaderNodeRGBToBW":
+        value = graph.link(kind, "Val", inputs={"Color": color})
+    else:
+        value = graph.link(kind, "Value", operation="ADD", inputs={"Value": color, "Value_001": 0.0})
+    surface = graph.emit(value)
+    np.testing.assert_allclose(emitted_in(surface, None), 0.5 * 0.2126390 + 0.25 * 0.7151687, rtol=1e-4)
+    np.testing.assert_allclose(emitted_in(surface, REC2020_TO_XYZ), 0.5 * 0.2627002 + 0.25 * 0.6779981, rtol=1e-4)
+
+
+@pytest.mark.parametrize("is_varying", [False, True])
+@pytest.mark.parametrize(("kind", "socket", "scale"), [
+    ("ShaderNodeBlackbody", "Temperature", 6000.0), ("ShaderNodeWavelength", "Wavelength", 1160.0),
+])  # fmt: skip
+def test_black_bodies_and_wavelengths_are_in_the_working_space(
+    kind: str, socket: str, scale: float, is_varying: bool
+) -> None:
+    graph = Graph()
+    value: Any = 0.5 * scale
+    if is_varying:
+        position = graph.link("ShaderNodeNewGeometry", "Position")
+        separate = graph.link("ShaderNodeSeparateXYZ", "X", inputs={"Vector": position})
+        value = graph.link(
+            "ShaderNodeMath", "Value", operation="MULTIPLY", inputs={"Value": separate, "Value_001": scale}
+        )
+    surface = graph.emit(graph.link(kind, "Color", inputs={socket: value}))
+    in_rec709 = emitted_in(surface, None)
+    assert in_rec709.max() > 0.1
+    np.testing.assert_allclose(emitted_in(surface, REC2020_TO_XYZ), REC709_TO_REC2020 @ in_rec709, atol=2e-3)
 
 
 def test_attribute_slots_are_named() -> None:

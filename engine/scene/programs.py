@@ -155,6 +155,6 @@ def compile_scene(description: SceneDescription) -> Programs:
             light_programs[index] = len(sources)
             sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT"))
     arrays, attribute_names, notices = compile_programs(
-        sources, description.images, description.camera, description.frame
+        sources, description.images, description.camera, description.frame, description.to_xyz
     )
     return Programs(arrays, attribute_names, notices, default_program, world_program, light_programs, description)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colour matching functions, for the Wavelength node."""
+"""Colour matching functions, for the Wavelength node, and the way into other working spaces."""
 
 import numpy as np
 
@@ -37,10 +37,10 @@ CIE_1931 = np.array(
     np.float32,
 )  # fmt: skip
 
-_XYZ_TO_REC709 = np.array(
+XYZ_TO_REC709 = np.array(
     ((3.2409699, -1.5373832, -0.4986108), (-0.9692436, 1.8759675, 0.0415551), (0.0556301, -0.2039770, 1.0569715)),
     np.float32,
 )
 
 #: The same as linear Rec.709, scaled as Cycles does so that no component exceeds about 1; not clamped.
-CIE_1931_TO_REC709 = (CIE_1931 @ _XYZ_TO_REC709.T / np.float32(2.52)).astype(np.float32)
+CIE_1931_TO_REC709 = (CIE_1931 @ XYZ_TO_REC709.T / np.float32(2.52)).astype(np.float32)

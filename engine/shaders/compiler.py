@@ -13,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
-from engine.kernels.shader import ops_closure, ops_image, ops_input
+from engine.kernels.shader import ops_closure, ops_image, ops_input, ops_math
 from engine.scene.arrays import Float32Array
 from engine.scene.description import Camera, Frame, Image, Link, Node, NodeGraph, Notice
 from engine.shaders import arrays as layout
 from engine.shaders import nodes_closure, nodes_image, nodes_input, nodes_texture_math
 from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY, ShaderArrays
 from engine.shaders.camera import camera_matrices
+from engine.shaders.cie import XYZ_TO_REC709
 from engine.shaders.folding import estimate_emission, fold
 from engine.shaders.image_pool import build_image_pool, srgb_table
 from engine.shaders.program import (
@@ -72,8 +73,14 @@ def compile_programs(
     images: Sequence[Image],
     camera: Camera | None = None,
     frame: Frame | None = None,
+    to_xyz: Float32Array | None = None,
 ) -> tuple[ShaderArrays, list[str], list[Notice]]:
     """Compile one program per source, in their order.
+
+    Parameters
+    ----------
+    to_xyz : float32 (3, 3), optional
+        From the working space to CIE XYZ (D65); None for Rec.709.
 
     Returns
     -------
@@ -85,7 +92,7 @@ def compile_programs(
     notices : list of Notice
         What is not supported, with `'name / node'` as subject.
     """
-    scene = _SceneCompiler(images)
+    scene = _SceneCompiler(images, to_xyz)
     with _recursion():
         compiled = [_ProgramCompiler(scene, source).compile() for source in sources]
     return scene.finish(sources, compiled, camera, frame)
@@ -117,8 +124,14 @@ class _Compiled:
 class _SceneCompiler:
     """Pools shared by all programs."""
 
-    def __init__(self, images: Sequence[Image]) -> None:
+    def __init__(self, images: Sequence[Image], to_xyz: Float32Array | None) -> None:
         self.images = images
+        #: Luminance of the working space's primaries, and the matrix to it from Rec.709; None where it is Rec.709.
+        self.luminance: tuple[float, ...] | None = None
+        self.from_rec709: npt.NDArray[np.float64] | None = None
+        if to_xyz is not None:
+            self.luminance = tuple(float(weight) for weight in to_xyz[1])
+            self.from_rec709 = np.linalg.inv(np.float64(XYZ_TO_REC709) @ np.float64(to_xyz))
         self.attribute_names: list[str] = []
         self.notices: list[Notice] = []
         self._tables: list[Float32Array] = [srgb_table()]
@@ -501,16 +514,29 @@ class _ProgramCompiler:
             self._notice(node, problem, fallback)
             return {}
         operation = entry if isinstance(entry, Operation) else entry(node, builder)
-        values = self.emit(operation, builder)
+        values = self._in_working_space(operation, self.emit(operation, builder))
         types = [socket.type for socket in operation.outputs]
         names = [socket.identifier for socket in operation.outputs]
         return {name: (value, type_) for name, value, type_ in zip(names, values, types, strict=False)}
+
+    def _in_working_space(self, operation: Operation, values: tuple[Value, ...]) -> tuple[Value, ...]:
+        """Colours that kernels know in Rec.709 only, in the working space."""
+        matrix = self.scene.from_rec709
+        if matrix is None or operation.opcode not in (ops_math.OP_BLACKBODY, ops_math.OP_WAVELENGTH):
+            return values
+        channels = tuple(
+            self.append(Instruction(ops_input.OP_DOT, (values[0], Constant(tuple(row))), (1,)), is_varying=False)[0]
+            for row in matrix.tolist()
+        )
+        return self.append(Instruction(ops_math.OP_COMBINE_XYZ, channels, (3,)), is_varying=False)
 
     def emit(self, operation: Operation, builder: _Builder) -> tuple[Value, ...]:
         """Values of the operation's outputs, folded where its inputs are constants."""
         inputs = tuple(builder.input(socket) for socket in operation.inputs)
         if operation.opcode < 0:
             return inputs
+        if operation.opcode == ops_math.OP_LUMINANCE and self.scene.luminance is not None:
+            return (self.convert(inputs[0], COLOR, FLOAT),)
         widths = tuple(socket.type.width for socket in operation.outputs)
         return self.append(Instruction(operation.opcode, inputs, widths, operation.immediates), operation.is_varying)
 
@@ -562,8 +588,11 @@ class _ProgramCompiler:
             return value
         if target is FLOAT:
             if isinstance(value, Constant):
-                weights = _LUMINANCE if source is COLOR else (1.0 / 3.0,) * 3
+                weights = (self.scene.luminance or _LUMINANCE) if source is COLOR else (1.0 / 3.0,) * 3
                 return Constant((float(sum(w * x for w, x in zip(weights, value.value, strict=True))),))
+            if source is COLOR and self.scene.luminance is not None:
+                weighted = (value, Constant(self.scene.luminance))
+                return self.code.append(Instruction(ops_input.OP_DOT, weighted, (1,)))[0]
             opcode = ops_input.OP_COLOR_TO_FLOAT if source is COLOR else ops_input.OP_VECTOR_TO_FLOAT
             return self.code.append(Instruction(opcode, (value,), (1,)))[0]
         if isinstance(value, Constant):
