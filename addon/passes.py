@@ -45,6 +45,8 @@ _OPTIONAL = (
     ("use_pass_albedo", True, RenderPass("Albedo", "Albedo", "RGB", "COLOR")),
     ("use_pass_sample_count", True, RenderPass("Sample Count", "Sample Count", "X", "VALUE")),
     ("use_pass_variance", True, RenderPass("Variance", "Variance", "RGB", "COLOR")),
+    ("use_pass_candidate_count", True, RenderPass("Candidate Count", "Candidate Count", "X", "VALUE")),
+    ("use_pass_guiding_benefit", True, RenderPass("Guiding Benefit", "Guiding Benefit", "X", "VALUE")),
 )
 
 

@@ -160,6 +160,14 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         ),
         default=_DEFAULTS.sample_weighting,
     )
+    radiance_cache: BoolProperty(  # type: ignore[valid-type]
+        name="Radiance Cache",
+        description=(
+            "Biased: end paths at the first rough surface with the light that was learned, less noise but blotches. "
+            "With TABLE_RIS and NEURAL_RIS"
+        ),
+        default=_DEFAULTS.radiance_cache,
+    )
     training_share: FloatProperty(  # type: ignore[valid-type]
         name="Training Share",
         description="Share of the processors' time that training the network may take",
@@ -264,6 +272,13 @@ class NeuralGuideViewLayerSettings(bpy.types.PropertyGroup):
     )
     use_pass_variance: BoolProperty(  # type: ignore[valid-type]
         name="Variance", description="Variance of the pixel's mean, by channel: how noisy it still is"
+    )
+    use_pass_candidate_count: BoolProperty(  # type: ignore[valid-type]
+        name="Candidate Count", description="Directions that guiding weighed at the first surface (0 = not guided)"
+    )
+    use_pass_guiding_benefit: BoolProperty(  # type: ignore[valid-type]
+        name="Guiding Benefit",
+        description="How much noisier light at the first surface would be without guiding, estimated (1 = not guided)",
     )
 
 

@@ -110,6 +110,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "ris_target",
             "orca_error",
             "sample_weighting",
+            "radiance_cache",
             "training_share",
             "deterministic",
         ):
@@ -203,6 +204,8 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         quality = column.column(heading="Quality", align=True)
         quality.prop(layer.neuralguide, "use_pass_sample_count")
         quality.prop(layer.neuralguide, "use_pass_variance")
+        quality.prop(layer.neuralguide, "use_pass_candidate_count")
+        quality.prop(layer.neuralguide, "use_pass_guiding_benefit")
 
 
 def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:

@@ -134,13 +134,16 @@ def _is_tuple_field(described: Any) -> bool:
 
 
 @register_model(BundleType)
-class _BundleModel(models.PrimitiveModel):
+class AddressModel(models.PrimitiveModel):
+    """In kernels an object is the address it has in Python."""
+
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, ir.IntType(64))
 
 
 @unbox(BundleType)
-def _unbox_bundle(typ: BundleType, obj: Any, c: Any) -> NativeValue:
+def unbox_address(typ: types.Type, obj: Any, c: Any) -> NativeValue:
+    """Read an object's `_address`."""
     address = c.pyapi.object_getattr_string(obj, "_address")
     value = c.pyapi.long_as_longlong(address)
     c.pyapi.decref(address)

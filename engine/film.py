@@ -17,7 +17,9 @@ FEATURE_NORMAL = 0
 FEATURE_ALBEDO = 3
 FEATURE_EMISSION = 6
 FEATURE_ENVIRONMENT = 9
-FEATURE_WIDTH = 12
+FEATURE_CANDIDATES = 12
+FEATURE_GUIDING_BENEFIT = 13  # less one
+FEATURE_WIDTH = 14
 
 # Columns of the single-sample features: those that averaging would make meaningless.
 POINT_DEPTH = 0
@@ -41,6 +43,8 @@ PASS_NAMES = (
     "IndexMA",
     "Sample Count",
     "Variance",
+    "Candidate Count",
+    "Guiding Benefit",
 )
 #: Passes that need the features; without any, they are neither computed nor stored.
 FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
@@ -128,6 +132,9 @@ class Film:
         -------
         dict of float32 (height, width, channels), row 0 at the bottom, scene-linear
             Combined has premultiplied alpha. Variance is that of the pixel's mean, per channel, after exposure.
+            Candidate Count is the mean number of candidates at the first surface, 0 where it was not guided; Guiding
+            Benefit the second moment of its light with BSDF sampling over that with guiding, as estimated, 1 where it
+            was not guided. Both count all samples, those of iterations that knew nothing too.
         """
         shape = (self.height, self.width)
         count = self.sums.count.astype(np.float32)
@@ -162,6 +169,10 @@ class Film:
             ):
                 if name in names:
                     images[name] = np.ascontiguousarray(features[:, column : column + 3] * factor).reshape(*shape, 3)
+            if "Candidate Count" in names:
+                images["Candidate Count"] = features[:, FEATURE_CANDIDATES].reshape(*shape, 1)
+            if "Guiding Benefit" in names:
+                images["Guiding Benefit"] = (1.0 + features[:, FEATURE_GUIDING_BENEFIT]).reshape(*shape, 1)
             points = self.sums.points
             for name, column, width in (
                 ("Depth", POINT_DEPTH, 1),

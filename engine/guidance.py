@@ -37,6 +37,7 @@ class Guidance:
     probability : float32 (R,), of guiding by region of the field (`engine.guiding.selection`)
     field : VmmField or None, while nothing is known
     light_share : float32 (R,), of sampling a light by region (`engine.guiding.light_share`)
+    benefit : float32 (R,), of guiding by region (`engine.guiding.selection`)
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
@@ -48,6 +49,7 @@ class Guidance:
     field: VmmField | None = None
     probability: np.ndarray | None = None
     light_share: np.ndarray | None = None
+    benefit: np.ndarray | None = None
     candidate_count: int = 1
     allocation: Allocation | None = None
     pixel_weight: np.ndarray | None = None

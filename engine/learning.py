@@ -175,6 +175,10 @@ class Learner:
         self.report = GuidingReport(method=settings.guiding_method)
         if settings.guiding_method == "NEURAL_RIS":
             self._start_network()
+        if settings.radiance_cache and settings.guiding_method not in ("TABLE_RIS", "NEURAL_RIS"):
+            # The mixture knows no colour.
+            problem = "works with TABLE_RIS and NEURAL_RIS only"
+            self.notices.append(Notice("Guiding / radiance cache", problem, "paths are not cut short"))
 
     def _start_network(self) -> None:
         from engine.guiding.network import COMPACT_SHAPE
@@ -232,7 +236,8 @@ class Learner:
         allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs)
         ones = np.ones(1, np.float32)
         return Guidance(
-            self.settings, 0, vmm.field, ones, ones, 1, allocation, np.ones(self._paths_per_sample, np.float32), table
+            self.settings, 0, vmm.field, ones, ones, ones, 1, allocation,
+            np.ones(self._paths_per_sample, np.float32), table,
         )
 
     def _threshold(self, samples: int) -> int:
@@ -296,8 +301,7 @@ class Learner:
         if row_count:
             leaf = np.full(row_count, -1, np.int32)
             find_leaves(self._vmm.field, records.position[:row_count], leaf)
-            if self.settings.learn_guiding_probability:
-                self._selection.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
+            self._selection.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
             self._light_share.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
         fixed = self._fixed_count()
         position, estimate = self._deltas.gathered()
@@ -313,7 +317,7 @@ class Learner:
         )
         return Guidance(
             self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
-            fixed, allocation, weights,
+            self._selection.benefit, fixed, allocation, weights,
             self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
         )
 

@@ -50,6 +50,7 @@ class RenderSettings:
     ris_target: str = "COLOR"
     orca_error: str = "RELATIVE"
     sample_weighting: str = "ITERATION"
+    radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
     training_share: float = 0.25  # of the processors' time
     deterministic: bool = False
     use_nee: bool = True

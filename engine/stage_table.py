@@ -18,8 +18,9 @@ from llvmlite import ir
 from numba import types
 from numba.core.imputils import lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, signature
-from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
+from numba.extending import infer_getattr, register_model, unbox
 
+from engine.bundle import AddressModel, unbox_address
 from engine.jit import BoundKernel, call_type
 
 
@@ -58,19 +59,9 @@ class StageType(types.Callable):
         return StageType
 
 
-@register_model(StageTableType)
-@register_model(StageType)
-class _AddressModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, ir.IntType(64))
-
-
-@unbox(StageTableType)
-def _unbox_table(typ: StageTableType, obj: Any, c: Any) -> NativeValue:
-    address = c.pyapi.object_getattr_string(obj, "address")
-    value = c.pyapi.long_as_longlong(address)
-    c.pyapi.decref(address)
-    return NativeValue(value)
+for _type in (StageTableType, StageType):
+    register_model(_type)(AddressModel)
+unbox(StageTableType)(unbox_address)
 
 
 @infer_getattr
@@ -114,7 +105,7 @@ class StageTable:
             name: BoundKernel(stage) if hasattr(stage, "overloads") else stage for name, (stage, _) in stages.items()
         }
         self._pointers = np.zeros(len(stages), np.int64)
-        self.address = self._pointers.ctypes.data
+        self._address = self._pointers.ctypes.data
         self._numba_type_ = StageTableType(self._returns)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:

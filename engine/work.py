@@ -52,6 +52,7 @@ class GuidanceView(Bundle):
     """`engine.guidance.Guidance` for kernels; where there is none, of its shape and never read.
 
     probability : float32 (R,), of guiding; light_share : float32 (R,), of sampling a light
+    benefit : float32 (R,), of guiding
     """
 
     field: VmmField
@@ -59,6 +60,7 @@ class GuidanceView(Bundle):
     allocation: Allocation
     probability: np.ndarray
     light_share: np.ndarray
+    benefit: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ CLOCK_ENTRIES = (
     "shade_emission",
     "write_features",
     "prepare_guides",
+    "write_guiding",
     "choose_lights",
     "evaluate_light_shaders",
     "guide_lights",

@@ -89,14 +89,14 @@ def test_every_requested_pass_reaches_the_file(cube_scene: Any, fake: FakeEngine
     layer = cube_scene.view_layers[0]
     for name in ("z", "normal", "position", "emit", "environment", "object_index", "material_index"):
         setattr(layer, f"use_pass_{name}", True)
-    for name in ("albedo", "sample_count", "variance"):
+    for name in ("albedo", "sample_count", "variance", "candidate_count", "guiding_benefit"):
         setattr(layer.neuralguide, f"use_pass_{name}", True)
     cube_scene.render.image_settings.media_type = "MULTI_LAYER_IMAGE"
     images = render(cube_scene, tmp_path)
     asked = fake.asked_passes[0]
     assert asked == {
         *("Combined", "Depth", "Normal", "Position", "Emission", "Environment", "IndexOB", "IndexMA"),
-        *("Albedo", "Sample Count", "Variance"),
+        *("Albedo", "Sample Count", "Variance", "Candidate Count", "Guiding Benefit"),
     }
     renamed = {"IndexOB": "Object Index", "IndexMA": "Material Index"}
     for index, name in enumerate(sorted(asked - {"Combined"})):

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from engine import learning
 from engine.guiding.vertices import VERTEX_WIDTH, allocate_log
 from engine.learning import LONGEST_ITERATION, iteration_lengths, iteration_weight
 from engine.ris.orca import (
@@ -92,12 +93,61 @@ def test_roulette_by_what_was_learned_leaves_the_mean_unchanged():
     assert z_score(guided * 1.02, plain) > Z_LIMIT
 
 
+@pytest.mark.parametrize("scene", [corner_scene, pit_scene])
+def test_the_radiance_cache_is_within_three_percent_and_shortens_paths(scene, monkeypatch):
+    # In so small an image all paths would be recorded, and those go on.
+    monkeypatch.setattr(learning, "RECORDS_PER_ITERATION", 1 << 13)
+
+    def render_it(**settings):
+        # What is learned at all depths stands for the first: a limit that paths often meet would show.
+        settings |= {"samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "guiding_trial": False}
+        session = Session(RenderSettings(**settings))
+        session.load(scene())
+        result = session.render(passes=("Combined", "Variance"))
+        session.close()
+        return result.passes["Combined"][..., :3].mean(), result.report
+
+    plain = np.array([render_it(seed=seed)[0] for seed in range(3)])
+    cached, report = render_it(guiding_method="TABLE_RIS", radiance_cache=True, seed=9)
+    guided_report = render_it(guiding_method="TABLE_RIS", seed=9)[1]
+    assert cached == pytest.approx(plain.mean(), rel=0.03)
+    assert report.rays["closest"] < 0.8 * guided_report.rays["closest"]
+
+
+def test_the_radiance_cache_says_where_it_does_not_work():
+    report = render("VMM", 0, radiance_cache=True).report
+    assert any("radiance cache" in notice.subject for notice in report.notices)
+
+
 def test_guided_vertices_and_candidates_are_reported():
     report = render("VMM_RIS", 1, candidate_count=4).report.guiding
     assert "4.00 candidates a vertex" in report.lines[0]
     assert report.candidates_per_vertex == pytest.approx(4.0)
     assert report.region_count >= 1
     assert report.record_count > 1000
+
+
+def test_passes_show_candidates_and_benefit():
+    def passes_of(**settings):
+        settings |= {"guiding_trial": False, "max_bounces": 12, "diffuse_bounces": 12, "sample_weighting": "UNIFORM"}
+        session = Session(RenderSettings(samples=31, seed=2, guiding_method="VMM_RIS", candidate_count=4, **settings))
+        session.load(pit_scene())
+        passes = session.render(passes=("Combined", "Candidate Count", "Guiding Benefit")).passes
+        session.close()
+        return passes["Candidate Count"], passes["Guiding Benefit"]
+
+    everywhere, _ = passes_of(learn_guiding_probability=False)
+    # The first iteration of one sample knows nothing.
+    np.testing.assert_allclose(everywhere, 4.0 * 30 / 31, atol=0.2)
+    candidates, benefit = passes_of()
+    assert candidates.min() >= 0.0
+    assert candidates.max() <= everywhere.max()
+    assert np.isfinite(benefit).all()
+    assert benefit.min() >= 1.0
+    assert benefit.max() > 1.02
+    # What is guided most is what benefits.
+    order = np.argsort(candidates.ravel())
+    assert benefit.ravel()[order[-100:]].mean() > benefit.ravel()[order[:100]].mean()
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -107,12 +107,15 @@ class SelectionModel:
     Attributes
     ----------
     probability : float32 (R,), by region
+    benefit : float32 (R,), second moment with BSDF sampling over that with this probability, by region: an estimate, 1
+        where there is none
     """
 
     def __init__(self, first: float) -> None:
         self._first = np.float32(first)
         self._sums = np.zeros((1, len(PROBABILITIES) + 2))
         self.probability: Float32Array = np.full(1, first, np.float32)
+        self.benefit: Float32Array = np.ones(1, np.float32)
 
     def update(
         self, model: VmmModel, records: VertexRecords, leaf: Int32Array, *, variance: float, ray_count: float
@@ -137,10 +140,10 @@ class SelectionModel:
             sums[region] = sums[parent]
         _add_records(records, leaf, PROBABILITIES, np.zeros((count, 3)), sums)
         self._sums = sums
-        self.probability = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))
+        self.probability, self.benefit = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))
 
-    def _choose(self, least_benefit: float) -> Float32Array:
-        """The best probability of each region, the mean of all standing in where little is known.
+    def _choose(self, least_benefit: float) -> tuple[Float32Array, Float32Array]:
+        """The best probability of each region and its benefit, the mean of all standing in where little is known.
 
         Parameters
         ----------
@@ -149,7 +152,7 @@ class SelectionModel:
         """
         moments, known, vertices = self._sums[:, :-2], self._sums[:, -2], self._sums[:, -1]
         if not known.any():
-            return np.full(len(known), self._first, np.float32)
+            return np.full(len(known), self._first, np.float32), np.ones(len(known), np.float32)
         reference = moments[:, _REFERENCE]
         ratio = moments / np.maximum(reference, 1e-300)[:, None]
         mean = (known[:, None] * ratio).sum(0) / known.sum()
@@ -157,4 +160,6 @@ class SelectionModel:
         by_vertex = (reference + _PRIOR_VERTICES * reference.sum() / vertices.sum()) / (vertices + _PRIOR_VERTICES)
         best = ratio[:, 1:].argmin(1) + 1
         saved = by_vertex * (ratio[:, 0] - ratio[np.arange(len(best)), best])
-        return np.where(saved > least_benefit, PROBABILITIES[best], PROBABILITIES[0]).astype(np.float32)
+        best = np.where(saved > least_benefit, best, 0)
+        benefit = ratio[:, 0] / np.maximum(ratio[np.arange(len(best)), best], 1e-20)
+        return PROBABILITIES[best], benefit.astype(np.float32)

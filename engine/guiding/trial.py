@@ -14,10 +14,12 @@ import math
 import numpy as np
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
-#: them: it still learns, and at first gets the benefit of the doubt.
-LEAST_EFFICIENCY = {3: 0.5, 4: 0.7, 5: 0.9, 6: 0.95}
+#: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
+#: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
+#: (docs/experiments.md).
+LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.15, 6: 1.3}
 #: Efficiency that needs no more comparing.
-CLEAR_EFFICIENCY = 1.25
+CLEAR_EFFICIENCY = 1.35
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the

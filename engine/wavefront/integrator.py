@@ -64,6 +64,7 @@ from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.trace_rounds import FAR, trace_rounds
 from engine.wavefront.write_features import write_features
+from engine.wavefront.write_guiding import write_guiding
 from engine.work import (
     CANDIDATES,
     CLOCK_ENTRIES,
@@ -126,6 +127,7 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "scatter": (scatter, 2),
     "accumulate": (accumulate, 3),
     "prepare_guides": (prepare_guides, 0),
+    "write_guiding": (write_guiding, 0),
     "guide_lights": (guide_lights, 0),
     "draw_candidates": (draw_candidates, 3),
     "guide_resample": (guide_resample, 0),
@@ -290,7 +292,8 @@ class Integrator:
         self._compiled_loop: BoundKernel | None = None
         self._python_loop = in_python(trace_rounds)
         self._no_guidance = GuidanceView(
-            no_field(), no_table(), no_allocation(), np.zeros(1, np.float32), np.zeros(1, np.float32)
+            no_field(), no_table(), no_allocation(), np.zeros(1, np.float32), np.zeros(1, np.float32),
+            np.zeros(1, np.float32),
         )
         self._guiding_options = make_guiding_options(settings, candidate_count=1)
         self._settings = settings
@@ -308,11 +311,17 @@ class Integrator:
         if guidance is not None and guidance.field is not None:
             assert guidance.allocation is not None
             assert guidance.probability is not None and guidance.light_share is not None
+            assert guidance.benefit is not None
             table = guidance.table if guidance.table is not None else self._no_guidance.table
             self._guidance_view = GuidanceView(
-                guidance.field, table, guidance.allocation, guidance.probability, guidance.light_share
+                guidance.field, table, guidance.allocation, guidance.probability, guidance.light_share,
+                guidance.benefit,
             )
-            self._guiding_options = make_guiding_options(self._settings, candidate_count=guidance.candidate_count)
+            self._guiding_options = make_guiding_options(
+                self._settings,
+                candidate_count=guidance.candidate_count,
+                use_cache=guidance.table is not None or guidance.new_predictor is not None,
+            )
         if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
 
@@ -358,6 +367,8 @@ class Integrator:
             guiding_options, learned.field, learned.allocation, learned.probability, learned.light_share, b.paths,
             b.points, b.closures, b.guided, b.guide, b.samples, batch.no_weight, b.surface, 0,
         )
+        if self.use_features:
+            stages.write_guiding(learned.benefit, b.paths, b.guided, b.surface, 0, batch.film)
         if view.header[SCENE_HAS_EMITTERS]:
             stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)

@@ -55,24 +55,29 @@ class GuidingOptions(NamedTuple):
     """How guided lanes are sampled; fixed during an iteration.
 
     `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
-    guided.
+    guided. With `use_cache` paths end at the first rough surface, with the predicted radiance.
     """
 
     defensive_alpha: np.float32
     candidate_count: int
     use_scalar_target: int
     min_alpha: np.float32
+    use_cache: int
 
 
 #: A roughness of 0.05, below which the BSDF is the better guess (Cycles' threshold).
 _MIN_GUIDED_ALPHA = 0.05**2
 
 
-def make_guiding_options(settings: RenderSettings, *, candidate_count: int) -> GuidingOptions:
-    """Guiding options from a user's settings and the iteration's rule for the number of candidates."""
+def make_guiding_options(
+    settings: RenderSettings, *, candidate_count: int, use_cache: bool = False
+) -> GuidingOptions:
+    """Guiding options from a user's settings, the iteration's rule for the number of candidates, and whether something
+    of colour predicts."""
     return GuidingOptions(
         defensive_alpha=np.float32(settings.defensive_alpha),
         candidate_count=candidate_count,
         use_scalar_target=int(settings.ris_target == "SCALAR"),
         min_alpha=np.float32(_MIN_GUIDED_ALPHA),
+        use_cache=int(use_cache and settings.radiance_cache),
     )

@@ -60,7 +60,7 @@ def prepare_guides(
         if light_share[leaf] < 1.0:
             taken = unit_float(hash_combine(bits, np.uint32(3))) < light_share[leaf]
             samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
-        if probability[leaf] == 0.0 and bits >= _TRIAL_BITS:
+        if probability[leaf] == 0.0 and bits >= _TRIAL_BITS and guiding.use_cache == 0:
             continue
         share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
         if not share > 0.0:
@@ -81,4 +81,5 @@ def prepare_guides(
                 squared += paths.throughput[lane, c] * paths.throughput[lane, c]
             squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
             count = candidate_count(allocation, leaf, squared, unit_float(hash_combine(bits, np.uint32(2))))
-        guided.candidate_count[lane] = count
+        # The cache needs a prediction, which single candidates go without.
+        guided.candidate_count[lane] = max(count, 2) if guiding.use_cache != 0 else count

@@ -51,6 +51,7 @@ _EVALUATE_SHADERS = CLOCK_ENTRIES.index("evaluate_shaders")
 _SHADE_EMISSION = CLOCK_ENTRIES.index("shade_emission")
 _WRITE_FEATURES = CLOCK_ENTRIES.index("write_features")
 _PREPARE_GUIDES = CLOCK_ENTRIES.index("prepare_guides")
+_WRITE_GUIDING = CLOCK_ENTRIES.index("write_guiding")
 _CHOOSE_LIGHTS = CLOCK_ENTRIES.index("choose_lights")
 _EVALUATE_LIGHT_SHADERS = CLOCK_ENTRIES.index("evaluate_light_shaders")
 _GUIDE_LIGHTS = CLOCK_ENTRIES.index("guide_lights")
@@ -235,6 +236,9 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
                 surface_count,
             )
             mark(b.clock, _PREPARE_GUIDES)
+            if header[UNIT_USE_FEATURES] != 0:
+                stages.write_guiding(guidance.benefit, b.paths, b.guided, b.surface, surface_count, unit.film)
+                mark(b.clock, _WRITE_GUIDING)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, options, unit, b, surface_count)
 
