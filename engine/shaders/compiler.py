@@ -131,7 +131,7 @@ class _SceneCompiler:
         self.from_rec709: npt.NDArray[np.float64] | None = None
         if to_xyz is not None:
             self.luminance = tuple(float(weight) for weight in to_xyz[1])
-            self.from_rec709 = np.linalg.inv(np.float64(XYZ_TO_REC709) @ np.float64(to_xyz))
+            self.from_rec709 = np.linalg.inv(XYZ_TO_REC709.astype(np.float64) @ to_xyz.astype(np.float64))
         self.attribute_names: list[str] = []
         self.notices: list[Notice] = []
         self._tables: list[Float32Array] = [srgb_table()]
