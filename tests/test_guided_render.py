@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Guided renders: the same mean as unguided ones whatever predicts, the same image for any thread count."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -33,17 +35,32 @@ def corner_scene(size=(40, 36)):
     return floor_scene(lights=[sun()], transforms=[np.eye(4), wall], size=size)
 
 
-def render(method, seed, *, size=(40, 36), samples=15, **settings):
-    session = Session(RenderSettings(samples=samples, seed=seed, guiding_method=method, max_bounces=6, **settings))
-    session.load(corner_scene(size))
-    result = session.render()
+def pit_scene():
+    """A floor between four walls, open to a sun: light that has met five surfaces still counts."""
+    walls = [np.array([[0, 0, x, x * 3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]], np.float32) for x in (-1, 1)]
+    walls += [np.array([[1, 0, 0, 0], [0, 0, y, y * 3], [0, -1, 0, 0], [0, 0, 0, 1]], np.float32) for y in (-1, 1)]
+    white = [material(color=(0.9, 0.9, 0.9))]
+    return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=(32, 32))
+
+
+def render(method, seed, *, scene=corner_scene, passes=("Combined",), samples=15, max_bounces=6, **settings):
+    session = Session(
+        RenderSettings(samples=samples, seed=seed, guiding_method=method, max_bounces=max_bounces, **settings)
+    )
+    session.load(scene())
+    result = session.render(passes=passes)
     session.close()
     return result
 
 
+def image_mean(*arguments, **settings):
+    """Mean of all pixels of `render`."""
+    return render(*arguments, **settings).passes["Combined"][..., :3].mean()
+
+
 def means(method, **settings):
     """Image mean by seed."""
-    return np.array([render(method, seed, **settings).passes["Combined"][..., :3].mean() for seed in range(SEEDS)])
+    return np.array([image_mean(method, seed, **settings) for seed in range(SEEDS)])
 
 
 def z_score(a, b):
@@ -65,29 +82,13 @@ def test_guiding_leaves_the_mean_unchanged(method, unguided):
     assert z_score(guided * 1.05, unguided) > Z_LIMIT
 
 
-def pit_scene():
-    """A floor between four walls, open to a sun: light that has met five surfaces still counts."""
-    walls = [np.array([[0, 0, x, x * 3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]], np.float32) for x in (-1, 1)]
-    walls += [np.array([[1, 0, 0, 0], [0, 0, y, y * 3], [0, -1, 0, 0], [0, 0, 0, 1]], np.float32) for y in (-1, 1)]
-    white = [material(color=(0.9, 0.9, 0.9))]
-    return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=(32, 32))
-
-
 def test_roulette_by_what_was_learned_leaves_the_mean_unchanged():
     """Paths that go on for longer than unguided ones would: means against renders without any roulette."""
 
-    def means_of(**settings):
-        images = []
-        for seed in range(6):
-            session = Session(RenderSettings(
-                samples=63, seed=seed, max_bounces=12, diffuse_bounces=12, guiding_trial=False, **settings
-            ))  # fmt: skip
-            session.load(pit_scene())
-            images.append(session.render().passes["Combined"][..., :3].mean())
-            session.close()
-        return np.array(images)
-
-    guided, plain = means_of(guiding_method="VMM"), means_of(use_russian_roulette=False)
+    longest = {"samples": 63, "max_bounces": 12, "diffuse_bounces": 12, "guiding_trial": False}
+    guided = np.array([image_mean("VMM", seed, scene=pit_scene, **longest) for seed in range(6)])
+    longest["use_russian_roulette"] = False
+    plain = np.array([image_mean("OFF", seed, scene=pit_scene, **longest) for seed in range(6)])
     assert z_score(guided, plain) < Z_LIMIT
     # The test can see a bias of 2%.
     assert z_score(guided * 1.02, plain) > Z_LIMIT
@@ -98,18 +99,12 @@ def test_the_radiance_cache_is_within_three_percent_and_shortens_paths(scene, mo
     # In so small an image all paths would be recorded, and those go on.
     monkeypatch.setattr(learning, "RECORDS_PER_ITERATION", 1 << 13)
 
-    def render_it(**settings):
-        # What is learned at all depths stands for the first: a limit that paths often meet would show.
-        settings |= {"samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "guiding_trial": False}
-        session = Session(RenderSettings(**settings))
-        session.load(scene())
-        result = session.render(passes=("Combined", "Variance"))
-        session.close()
-        return result.passes["Combined"][..., :3].mean(), result.report
-
-    plain = np.array([render_it(seed=seed)[0] for seed in range(3)])
-    cached, report = render_it(guiding_method="TABLE_RIS", radiance_cache=True, seed=9)
-    guided_report = render_it(guiding_method="TABLE_RIS", seed=9)[1]
+    # What is learned at all depths stands for the first: a limit that paths often meet would show.
+    endless = {"scene": scene, "samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "guiding_trial": False}
+    plain = np.array([image_mean("OFF", seed, **endless) for seed in range(3)])
+    result = render("TABLE_RIS", 9, radiance_cache=True, **endless)
+    cached, report = result.passes["Combined"][..., :3].mean(), result.report
+    guided_report = render("TABLE_RIS", 9, **endless).report
     assert cached == pytest.approx(plain.mean(), rel=0.03)
     assert report.rays["closest"] < 0.8 * guided_report.rays["closest"]
 
@@ -129,11 +124,11 @@ def test_guided_vertices_and_candidates_are_reported():
 
 def test_passes_show_candidates_and_benefit():
     def passes_of(**settings):
-        settings |= {"guiding_trial": False, "max_bounces": 12, "diffuse_bounces": 12, "sample_weighting": "UNIFORM"}
-        session = Session(RenderSettings(samples=31, seed=2, guiding_method="VMM_RIS", candidate_count=4, **settings))
-        session.load(pit_scene())
-        passes = session.render(passes=("Combined", "Candidate Count", "Guiding Benefit")).passes
-        session.close()
+        passes = render(
+            "VMM_RIS", 2, scene=pit_scene, passes=("Combined", "Candidate Count", "Guiding Benefit"), samples=31,
+            max_bounces=12, diffuse_bounces=12, candidate_count=4, guiding_trial=False, sample_weighting="UNIFORM",
+            **settings,
+        ).passes
         return passes["Candidate Count"], passes["Guiding Benefit"]
 
     everywhere, _ = passes_of(learn_guiding_probability=False)
@@ -152,7 +147,8 @@ def test_passes_show_candidates_and_benefit():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_image_does_not_depend_on_threads(method):
-    one, two = (render(method, 3, size=(48, 40), threads=threads).passes["Combined"] for threads in (1, 2))
+    scene = partial(corner_scene, (48, 40))
+    one, two = (render(method, 3, scene=scene, threads=threads).passes["Combined"] for threads in (1, 2))
     assert np.array_equal(one, two)
 
 

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from engine.learning import Learner
-from engine.session import Session
-from engine.settings import RenderSettings
-from tests.test_guided_render import Z_LIMIT, pit_scene, z_score
+from tests.test_guided_render import Z_LIMIT, pit_scene, render, z_score
 
 SEEDS = 6
 #: Most variance over that of source sampling, which `VMM` is.
@@ -29,21 +27,18 @@ class BadNetwork:
         rows[:] = {"constant": 1.0, "zero": 0.0, "NaN": np.nan}[self._kind]
 
 
-def render(method, seed):
-    session = Session(RenderSettings(
-        samples=63, seed=seed, guiding_method=method, max_bounces=12, diffuse_bounces=12, guiding_trial=False,
-        learn_guiding_probability=False, sample_weighting="UNIFORM", threads=1,
-    ))  # fmt: skip
-    session.load(pit_scene())
-    passes = session.render(passes=("Combined", "Variance")).passes
-    session.close()
+def mean_and_variance(method, seed):
+    passes = render(
+        method, seed, scene=pit_scene, passes=("Combined", "Variance"), samples=63, max_bounces=12, diffuse_bounces=12,
+        guiding_trial=False, learn_guiding_probability=False, sample_weighting="UNIFORM", threads=1,
+    ).passes
     return passes["Combined"][..., :3].mean(), passes["Variance"].mean()
 
 
 @pytest.fixture(scope="module")
 def source():
     """Means and variances of source sampling by seed."""
-    return np.array([render("VMM", seed) for seed in range(SEEDS)]).T
+    return np.array([mean_and_variance("VMM", seed) for seed in range(SEEDS)]).T
 
 
 @pytest.mark.slow
@@ -53,7 +48,7 @@ def test_bad_networks_change_no_mean_and_cost_little_variance(kind, source, monk
         learner._new_predictor = lambda: BadNetwork(kind)
 
     monkeypatch.setattr(Learner, "_start_network", start_network)
-    means, variances = np.array([render("NEURAL_RIS", 100 + seed) for seed in range(SEEDS)]).T
+    means, variances = np.array([mean_and_variance("NEURAL_RIS", 100 + seed) for seed in range(SEEDS)]).T
     assert z_score(means, source[0]) < Z_LIMIT
     # The test can see a bias of 2%.
     assert z_score(1.02 * means, source[0]) > Z_LIMIT

@@ -55,11 +55,7 @@ class LightShareModel:
             Cost of a path in rays.
         """
         count = model.region_count
-        sums = np.zeros((count, 2))
-        sums[: len(self._sums)] = DECAY * self._sums
-        for region, parent in model.split_log:
-            sums[parent] *= 0.5
-            sums[region] = sums[parent]
+        sums = model.inherited(DECAY * self._sums, share=0.5)
         squared = records.light_squared[: len(leaf)]
         known = (leaf >= 0) & np.isfinite(squared)
         sums[:, 0] += np.bincount(leaf[known], weights=squared[known], minlength=count)

@@ -92,7 +92,7 @@ def send_on(
         Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     lane : int
     wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta
-        The candidate, as `draw_candidates.propose` returns it.
+        The candidate, as `propose` returns it.
     weight : float32 [sr]
         Contribution weight of the candidate, 1 / source_pdf if there was no other.
     benefit : float32

@@ -131,14 +131,9 @@ class SelectionModel:
         ray_count : float
             Cost of a path in rays.
         """
-        count = model.region_count
-        sums = np.zeros((count, self._sums.shape[1]))
-        sums[: self._sums.shape[0]] = DECAY * self._sums
-        for region, parent in model.split_log:
-            # Both halves keep the ratios, and yield to what they see themselves.
-            sums[parent] *= 0.5
-            sums[region] = sums[parent]
-        _add_records(records, leaf, PROBABILITIES, np.zeros((count, 3)), sums)
+        # Both halves keep the ratios, and yield to what they see themselves.
+        sums = model.inherited(DECAY * self._sums, share=0.5)
+        _add_records(records, leaf, PROBABILITIES, np.zeros((len(sums), 3)), sums)
         self._sums = sums
         self.probability, self.benefit = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))
 

@@ -214,19 +214,14 @@ class TableModel:
         self, channel_count: int = 3, statistics_limit: float = 65536.0, inherited_share: float = 0.25
     ) -> None:
         self._limit = statistics_limit
-        self._inherited_share = np.float32(inherited_share)
+        self._inherited_share = inherited_share
         self._sums = np.zeros((1, _CELL_COUNT, channel_count + _SUM_EXTRA), np.float32)
         self.field = TableField(np.zeros((1, _CELL_COUNT, channel_count), np.float32))
 
     def update(self, model: VmmModel, executor: ThreadPoolExecutor | None = None, thread_count: int = 1) -> None:
         """Learn from the batch of the model's last update and publish a new field."""
         count = model.region_count
-        sums = np.zeros((count, *self._sums.shape[1:]), np.float32)
-        sums[: self._sums.shape[0]] = self._sums
-        for region, parent in model.split_log:
-            sums[parent] *= self._inherited_share
-            sums[region] = sums[parent]
-        self._sums = sums
+        sums = self._sums = model.inherited(self._sums, share=self._inherited_share)
         values = np.empty((count, _CELL_COUNT, sums.shape[2] - _SUM_EXTRA), np.float32)
         run = make_runner(executor, thread_count)
         pieces = balance(model.batch_rows[:, 1] - model.batch_rows[:, 0] + 1, thread_count)

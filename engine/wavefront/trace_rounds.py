@@ -256,9 +256,7 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
             counts[CANDIDATES] += single_count
             mark(b.clock, _SAMPLE_SOURCE)
         if several_count > 0:
-            _resample(
-                stages, options, guiding_options, guidance, unit.pixel_weight, b, b.several, several_count
-            )
+            _resample(stages, options, guiding_options, guidance, unit.pixel_weight, b, b.several, several_count)
 
         if records_paths:
             counts[RECORDS], _ = stages.collect_records(

@@ -173,6 +173,26 @@ class VmmModel:
         self._totals.record_count += row_count
         self._totals.seconds += time.perf_counter() - began
 
+    def inherited(self, sums: np.ndarray, share: float) -> np.ndarray:
+        """What another model has summed up by region, carried over the last update.
+
+        Parameters
+        ----------
+        sums : array (R, ...), of the regions before the update
+        share : float
+            What a region that was cut passes to each of its halves.
+
+        Returns
+        -------
+        array (region_count, ...), of the same type
+        """
+        carried = np.zeros((self.region_count, *sums.shape[1:]), sums.dtype)
+        carried[: len(sums)] = sums
+        for region, parent in self.split_log:
+            carried[parent] *= share
+            carried[region] = carried[parent]
+        return carried
+
     def report(self) -> dict[str, float]:
         """Figures for the render's report: totals of all updates, and the state of the field."""
         ready = self.field.is_ready != 0
