@@ -6,7 +6,7 @@ import pytest
 
 from engine.guiding import trial
 from engine.guiding.trial import GuidingTrial, parts
-from tests.test_guided_render import SEEDS, Z_LIMIT, render, z_score
+from tests.test_guided_render import SEEDS, Z_LIMIT, corner_scene, render, z_score
 
 PIXELS = 4000
 
@@ -63,15 +63,14 @@ def test_parts_hold_every_sample_once(iteration, count):
 @pytest.mark.parametrize("method", ["VMM", "VMM_RIS"])
 def test_guiding_ends_where_it_does_not_pay(method):
     """Two sunlit planes: light sampling finds all there is, and half of the directions come from the guide."""
-    size, samples = (32, 28), 70
-    tried = [
-        render(method, seed, size=size, samples=samples, learn_guiding_probability=False) for seed in range(SEEDS)
-    ]
+    samples = 70
+    shared = {"scene": lambda: corner_scene((32, 28)), "samples": samples}
+    tried = [render(method, seed, learn_guiding_probability=False, **shared) for seed in range(SEEDS)]
     for result in tried:
         assert 0.0 < result.report.guiding.efficiency < 1.0
         assert 15 <= result.report.guiding.stopped_at < samples
         assert any("did not pay" in line for line in result.report.guiding.lines)
-    plain = [render("OFF", seed, size=size, samples=samples) for seed in range(SEEDS)]
+    plain = [render("OFF", seed, **shared) for seed in range(SEEDS)]
     means = [np.array([r.passes["Combined"][..., :3].mean() for r in results]) for results in (tried, plain)]
     assert z_score(*means) < Z_LIMIT
     assert z_score(means[0] * 1.05, means[1]) > Z_LIMIT
@@ -88,10 +87,8 @@ def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
 
 
 def test_the_trial_does_not_depend_on_threads():
-    one, two = (
-        render("VMM", 3, size=(40, 40), samples=70, threads=threads, learn_guiding_probability=False)
-        for threads in (1, 2)
-    )
+    shared = {"scene": lambda: corner_scene((40, 40)), "samples": 70, "learn_guiding_probability": False}
+    one, two = (render("VMM", 3, threads=threads, **shared) for threads in (1, 2))
     assert one.report.guiding.stopped_at == two.report.guiding.stopped_at > 0
     assert one.report.guiding.efficiency == two.report.guiding.efficiency
     assert np.array_equal(one.passes["Combined"], two.passes["Combined"])
