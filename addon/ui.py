@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from . import warm_up
 from .engine import NeuralGuideRenderEngine
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
@@ -77,6 +78,7 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
+        warm_up.start()
         settings = context.scene.neuralguide
         column = self._column()
         column.operator("neuralguide.copy_cycles_settings")

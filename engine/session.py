@@ -44,8 +44,9 @@ _BUILDING = "Building the scene"
 _PREPARING = "Preparing kernels"
 #: How often the main thread looks for a cancel [s].
 _POLL_SECONDS = 0.05
-#: Time until the first image and the growth of the interval after it.
-_FIRST_IMAGE_SECONDS = 0.3
+#: Time until the first image, from there to the second, and the growth of that interval.
+_FIRST_IMAGE_SECONDS = 0.1
+_IMAGE_INTERVAL_SECONDS = 0.5
 _IMAGE_INTERVAL_GROWTH = 1.6
 _LONGEST_IMAGE_INTERVAL = 20.0
 
@@ -275,7 +276,7 @@ class Session:
 
         started = time.perf_counter()
         next_image = _FIRST_IMAGE_SECONDS
-        interval = _FIRST_IMAGE_SECONDS
+        interval = _IMAGE_INTERVAL_SECONDS
         job.start()
         try:
             while not job.wait(_POLL_SECONDS):
@@ -292,8 +293,8 @@ class Session:
                     with job.film_lock:
                         image = images()
                     on_image(image)
-                    interval = min(interval * _IMAGE_INTERVAL_GROWTH, _LONGEST_IMAGE_INTERVAL)
                     next_image = time.perf_counter() - started + interval
+                    interval = min(interval * _IMAGE_INTERVAL_GROWTH, _LONGEST_IMAGE_INTERVAL)
         except BaseException:
             job.stop()
             raise

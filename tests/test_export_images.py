@@ -157,6 +157,20 @@ def test_external_packed_and_relative_files(node: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(image.pixels, stored)
 
 
+def test_blender_keeps_the_pixels_only_if_it_had_them(node: Any, tmp_path: Path) -> None:
+    import bpy
+
+    stored = gradient()
+    write(tmp_path / "texture.png", stored / 255.0)
+    node.image = bpy.data.images.load(str(tmp_path / "texture.png"))
+    assert not node.image.has_data
+    shown()
+    assert not node.image.has_data, "a second copy of every texture for the whole of the render"
+    assert node.image.pixels[0] == pytest.approx(stored[0, 0, 0] / 255.0), "read again when asked for"
+    shown()
+    assert node.image.has_data, "somebody looks at it"
+
+
 def test_half_and_grey_files_have_four_channels(node: Any, tmp_path: Path) -> None:
     import bpy
 

@@ -76,6 +76,16 @@ def _is_equal(a: Image, b: Image) -> bool:
 
 
 def _read(context: ExportContext, image: bpy.types.Image) -> Image | None:
+    """Read pixels, and leave Blender without its copy if it had none before."""
+    was_loaded = image.has_data or image.is_dirty
+    try:
+        return _read_loaded(context, image)
+    finally:
+        if not was_loaded:
+            image.buffers_free()
+
+
+def _read_loaded(context: ExportContext, image: bpy.types.Image) -> Image | None:
     """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
     width, height = image.size
     if width < 1 or height < 1:
