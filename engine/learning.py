@@ -27,6 +27,7 @@ from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_r
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
 from engine.ris.orca import (
+    FLOOR,
     CandidateCosts,
     VarianceDeltas,
     image_variance,
@@ -47,8 +48,14 @@ _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Costs in rays where no clock may be asked (docs/experiments.md): of guiding a vertex, and a factor for learning.
 _GUIDED_COST = 1.0
 _LEARNING_COST = 1.15
+_NEURAL_CANDIDATE_COST = 0.4
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
+#: Candidates or vertices of which a time is believed.
+_LEAST_MEASURED = 4096
+#: A network that was asked for so many iterations is given up if less than this share of the vertices is worth it.
+_NETWORK_PATIENCE = 3
+_LEAST_RESAMPLED = 0.1
 #: Samples a pixel after which an iteration counts fully.
 _FULL_WEIGHT_SAMPLES = 8
 
@@ -87,6 +94,8 @@ class GuidingReport:
     network_loss: float = float("nan")
     network_step: int = 0
     snapshot_count: int = 0
+    #: The sample from which on the network was given up, 0: never.
+    network_stopped_at: int = 0
     candidates_per_vertex: float = 0.0
     worker: str = ""
     #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
@@ -116,6 +125,11 @@ class GuidingReport:
                 f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
                 f"loss {self.network_loss:.3g}, worker {self.worker}"
             )
+        if self.network_stopped_at:
+            self.lines.append(
+                "radiance network: hardly a vertex was worth asking it; from sample "
+                f"{self.network_stopped_at + 1} on directions come from the mixture alone"
+            )
 
 
 @dataclass
@@ -125,6 +139,7 @@ class IterationCosts:
     stage_seconds: Counter[str]
     ray_count: int
     path_count: int
+    guided_vertices: int
     several_vertices: int
     several_candidates: int
 
@@ -161,7 +176,10 @@ class Learner:
         self._records_per_path = _EXPECTED_RECORDS_PER_PATH
         self._deltas = VarianceDeltas()
         self._costs = CandidateCosts()
+        if settings.guiding_method == "NEURAL_RIS":
+            self._costs = CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)
         self._new_predictor: Callable[[], Predictor] | None = None
+        self._iterations_asked = 0
         self._iteration = 0
         #: Parts of this iteration: first sample, samples, whether guided (`engine.guiding.trial`).
         self.parts = [(0, 1, True)]
@@ -293,6 +311,7 @@ class Learner:
             return Guidance(self.settings, self._threshold(next_samples))
         if row_count:
             self._deltas.add(records.position[:row_count], records.benefit[:row_count])
+        self._weigh_network(costs, recorded_share, next_range[0])
         self._train(records, row_count, samples)
 
         method = self.settings.guiding_method
@@ -423,18 +442,38 @@ class Learner:
             trainer.close()
             self._trainer = None
 
+    def _weigh_network(self, costs: IterationCosts, recorded_share: float, next_sample: int) -> None:
+        """Give the network up where allocation asks it for hardly a vertex: it takes time from all the others."""
+        settings = self.settings
+        is_free_to = settings.candidate_allocation == "ORCA" and not settings.radiance_cache
+        if self._new_predictor is None or not is_free_to:
+            return
+        self._iterations_asked += 1
+        # Those of recorded paths that only keep the estimates coming do not count.
+        resampled = costs.several_vertices / max(costs.guided_vertices, 1) - (float(FLOOR) - 1.0) * recorded_share
+        if self._iterations_asked >= _NETWORK_PATIENCE and resampled < _LEAST_RESAMPLED:
+            if self._trainer is not None:
+                self._end_training()
+            self._new_predictor = None
+            self.report.network_stopped_at = next_sample
+
     def _measure(self, costs: IterationCosts) -> None:
         """Costs of candidates in rays by the clock, where the image depends on clocks anyway."""
         if not self._uses_clock:
             return
-        if costs.several_candidates < 4096 or costs.ray_count < 4096:
-            return
-        resampling = sum(costs.stage_seconds[name] for name in RESAMPLING_STAGES)
-        rest = sum(costs.stage_seconds.values()) - resampling
-        per_ray = max(rest / costs.ray_count, 1e-9)
-        ratio = self._costs.per_vertex / self._costs.per_candidate
-        per_candidate = resampling / (costs.several_candidates + ratio * costs.several_vertices) / per_ray
-        self._costs = CandidateCosts(per_candidate, ratio * per_candidate)
+        per_ray = max(sum(costs.stage_seconds.values()) / max(costs.ray_count, 1), 1e-9)
+
+        def in_rays(stages: tuple[str, ...], count: int, known: float) -> float:
+            seconds = sum(costs.stage_seconds[name] for name in stages)
+            return seconds / count / per_ray if count >= _LEAST_MEASURED else known
+
+        self._costs = CandidateCosts(
+            in_rays(("draw_candidates", "predict_radiance"), costs.several_candidates, self._costs.per_candidate),
+            in_rays(("guide_resample",), costs.several_vertices, self._costs.per_vertex),
+            in_rays(
+                ("sample_source",), costs.guided_vertices - costs.several_vertices, self._costs.per_source_sample
+            ),
+        )
 
     def close(self) -> None:
         """End the worker."""
@@ -450,6 +489,3 @@ class Learner:
         self._trainer.close()
         self._trainer = None
 
-
-#: Stages of vertices that have several candidates.
-RESAMPLING_STAGES = ("draw_candidates", "predict_radiance", "guide_resample")

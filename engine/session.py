@@ -547,6 +547,7 @@ class _Job:
             total.stage_seconds - before.stage_seconds,
             sum(total.rays.values()) - sum(before.rays.values()),
             total.path_count - before.path_count,
+            total.guided_count - before.guided_count,
             total.several_count - before.several_count,
             total.several_candidate_count - before.several_candidate_count,
         )

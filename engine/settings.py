@@ -46,7 +46,7 @@ class RenderSettings:
     guiding_trial: bool = True  # compare with unguided samples, and go on without guiding where it does not pay
     candidate_allocation: str = "ORCA"
     candidate_count: int = 8  # with the allocation FIXED
-    defensive_alpha: float = 0.9  # share of resampling by the learned target, against the source density
+    defensive_alpha: float = 0.5  # share of resampling by the learned target, against the source density
     ris_target: str = "COLOR"
     orca_error: str = "RELATIVE"
     sample_weighting: str = "ITERATION"

@@ -11,9 +11,11 @@ from engine.guiding.vertices import VERTEX_WIDTH, allocate_log
 from engine.learning import LONGEST_ITERATION, iteration_lengths, iteration_weight
 from engine.ris.orca import (
     FLOOR,
+    LEAST_RETURN,
     MIN_ESTIMATES,
     CandidateCosts,
     candidate_count,
+    least_count,
     make_allocation,
     mean_by_region,
     pixel_weights,
@@ -21,6 +23,7 @@ from engine.ris.orca import (
 from engine.ris.resample import product_target, resample
 from engine.session import Session
 from engine.settings import MAX_CANDIDATES, RenderSettings
+from engine.wavefront.draw_candidates import rotated
 from tests.test_session import floor_scene, material, sun
 
 METHODS = ("VMM", "VMM_RIS", "TABLE_RIS")
@@ -210,20 +213,61 @@ def test_iterations_grow_and_hold_every_sample():
 
 
 def test_allocation_follows_the_fixed_point():
-    costs = CandidateCosts(per_candidate=0.25, per_vertex=0.25)
+    costs = CandidateCosts(per_candidate=0.25 / LEAST_RETURN, per_vertex=0.0, per_source_sample=0.0)
     allocation = make_allocation(
         np.array([4.0, -1.0, np.nan, 1e9, 0.01], np.float32), ray_count=5.0, variance=2.0, costs=costs
     )
 
     def mean_count(leaf):
         numbers = (np.arange(1000, dtype=np.float32) + 0.5) / 1000
-        return np.mean([candidate_count(allocation, leaf, np.float32(1.0), u) for u in numbers])
+        return np.mean([candidate_count(allocation, leaf, np.float32(1.0), True, u) for u in numbers])
 
     # Eq. (13): sqrt(4 * 5 / (2 * 0.25)) candidates.
     assert mean_count(0) == pytest.approx(np.sqrt(40.0), abs=0.01)
     for leaf in (1, 2, 4, -1):
         assert mean_count(leaf) == pytest.approx(float(FLOOR), abs=0.01)
     assert mean_count(3) == MAX_CANDIDATES
+
+
+def test_paths_that_are_not_recorded_are_resampled_for_a_reason_only():
+    allocation = make_allocation(
+        np.array([-1.0, 1e9], np.float32), ray_count=5.0, variance=2.0, costs=CandidateCosts()
+    )
+    numbers = (np.arange(1000, dtype=np.float32) + 0.5) / 1000
+
+    def mean_count(leaf, is_recorded):
+        return np.mean([candidate_count(allocation, leaf, np.float32(1.0), is_recorded, u) for u in numbers])
+
+    assert mean_count(0, False) == 1.0
+    assert mean_count(0, True) == pytest.approx(float(FLOOR), abs=0.01)
+    assert mean_count(1, False) == mean_count(1, True) == MAX_CANDIDATES
+
+
+@pytest.mark.parametrize("costs", [(0.2, 0.16, 0.22), (0.1, 1.0, 0.1), (0.5, 0.1, 0.3), (0.3, 0.0, 1.0)])
+def test_resampling_begins_where_it_saves_more_than_it_costs(costs):
+    costs = CandidateCosts(*costs)
+    counts = np.linspace(1.001, 20.0, 20001)
+    # A variance delta for which `count` is the optimum of Eq. (13), in units in which a candidate's cost is K0.
+    saved = costs.per_candidate * counts**2 * (1.0 - 1.0 / counts)
+    spent = counts * costs.per_candidate + costs.per_vertex - costs.per_source_sample
+    pays = counts[saved > spent]
+    assert least_count(costs) == pytest.approx(max(pays.min(), 1.0), abs=2e-3)
+
+
+def test_candidates_of_a_vertex_are_uniform_each_and_spread_together():
+    cells = 64
+    numbers = (np.arange(cells, dtype=np.float32) + 0.5) / cells
+    moved = np.array([[rotated(u, u, u, u, j) for u in numbers] for j in range(MAX_CANDIDATES)])
+    assert moved.min() >= 0.0 and moved.max() < 1.0
+    for j in range(MAX_CANDIDATES):
+        for axis in range(4):
+            # One in each cell, but for rounding at their borders.
+            assert np.bincount((moved[j, :, axis] * cells).astype(int), minlength=cells).max() <= 2
+            assert np.ptp(np.sort(moved[j, :, axis]) - numbers) < 1e-4
+    # Eight independent numbers leave a gap of this size once in a hundred times.
+    for axis in range(4):
+        gaps = np.diff(np.sort(moved[:8, 0, axis]))
+        assert gaps.max() < 0.35
 
 
 def test_one_outlier_does_not_decide_a_region():

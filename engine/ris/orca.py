@@ -16,8 +16,12 @@ from engine.jit import kernel
 from engine.ris.candidates import MAX_CANDIDATES
 from engine.scene.arrays import Float32Array
 
-#: Candidates a vertex without a reason for more gets on average: enough resampling to keep the estimates coming.
+#: Candidates a vertex of a recorded path gets on average without a reason for more: enough resampling to keep the
+#: estimates coming. Others bring none, and get one.
 FLOOR = np.float32(1.125)
+#: Variance that a candidate must save, over what its cost is worth: savings along a path do not add up, and samples
+#: spread evenly over a pixel have less to save than single ones (docs/experiments.md).
+LEAST_RETURN = 3.0
 #: Added to the squared pixel value (over the image's mean) in the relative error.
 RELATIVE_EPSILON = np.float32(0.01)
 #: Estimates a region needs before they are believed.
@@ -34,7 +38,7 @@ class Allocation(Bundle):
     variance_delta : float32 (R,), mean over a region's vertices of the variance of the reflected radiance under source
         sampling less that under target sampling, Eq. (19); NaN where there are no estimates
     constants : float32 (2,): cost of the image over its variance and over the cost of a candidate,
-        C_I / (V_I K0) of Eq. (13), and the least count worth resampling for, Eq. (22)
+        C_I / (V_I K0) of Eq. (13), by LEAST_RETURN, and the least count worth resampling for, `least_count`
     """
 
     variance_delta: Float32Array
@@ -47,8 +51,8 @@ def no_allocation() -> Allocation:
 
 
 @kernel
-def candidate_count(allocation, leaf, throughput_squared, u):
-    """Candidates of a vertex: the fixed point of Eq. (13), the switch of Eq. (22), stochastic rounding.
+def candidate_count(allocation, leaf, throughput_squared, is_recorded, u):
+    """Candidates of a vertex: the fixed point of Eq. (13), the switch to source sampling, stochastic rounding.
 
     Parameters
     ----------
@@ -56,16 +60,17 @@ def candidate_count(allocation, leaf, throughput_squared, u):
     throughput_squared : float32
         Squared throughput of the path before the vertex, mean over channels, over the squared pixel value for the
         relative error.
+    is_recorded : bool, whether an estimate comes of it
     u : float32 in [0, 1)
     """
-    count = FLOOR
+    count = FLOOR if is_recorded else np.float32(1.0)
     if leaf >= 0:
         squared = throughput_squared * allocation.variance_delta[leaf] * allocation.constants[0]
         # NaN (no estimates) and a target worse than the source fail here.
         if squared > 0.0:
             wanted = math.sqrt(squared)
             if wanted > allocation.constants[1]:
-                count = min(max(wanted, FLOOR), np.float32(MAX_CANDIDATES))
+                count = min(max(wanted, count), np.float32(MAX_CANDIDATES))
     whole = int(count)
     if u < count - whole:
         whole += 1
@@ -74,14 +79,27 @@ def candidate_count(allocation, leaf, throughput_squared, u):
 
 @dataclass
 class CandidateCosts:
-    """Costs in rays: the time of each divided by that of tracing and shading per ray.
+    """Costs in rays: the time of each divided by all time per ray.
 
-    The defaults are what a render of a room measured on two cores; they stand in for clocks where an image must not
-    depend on any.
+    per_candidate, per_vertex : K0 and K1 of Eq. (12); per_source_sample : of a vertex with one candidate
+
+    The defaults are what the statistical fields cost in a render of a room on two cores; they stand in for clocks where
+    an image must not depend on any, or before there is anything to measure.
     """
 
-    per_candidate: float = 0.35
-    per_vertex: float = 0.35
+    per_candidate: float = 0.2
+    per_vertex: float = 0.16
+    per_source_sample: float = 0.22
+
+
+def least_count(costs: CandidateCosts) -> float:
+    """Count from which on resampling is more efficient than source sampling, Eqs. (11), (12) and (21) solved for it.
+
+    Resampling `c` candidates saves (1 - 1 / c) of the variance delta for c K0 + K1, and source sampling costs Ks, so it
+    pays from the c with c^2 - 2 c = (K1 - Ks) / K0 on. Eq. (22), c = sqrt(K1 / K0), leaves out the candidates' own cost
+    and that of source sampling; with it vertices were resampled that cost more than they saved (docs/experiments.md).
+    """
+    return 1.0 + math.sqrt(max(1.0 + (costs.per_vertex - costs.per_source_sample) / costs.per_candidate, 0.0))
 
 
 @dataclass
@@ -181,8 +199,6 @@ def make_allocation(
     variance : float
         `image_variance`, V_I over the number of pixels.
     """
-    scale = ray_count / (variance * costs.per_candidate) if variance > 0.0 else 0.0
-    # Eq. (22); fewer than two candidates are no resampling.
-    least = max(math.sqrt(costs.per_vertex / costs.per_candidate), 1.0)
+    scale = ray_count / (LEAST_RETURN * variance * costs.per_candidate) if variance > 0.0 else 0.0
     delta = variance_delta if len(variance_delta) else np.full(1, np.nan, np.float32)
-    return Allocation(np.ascontiguousarray(delta, np.float32), np.array([scale, least], np.float32))
+    return Allocation(np.ascontiguousarray(delta, np.float32), np.array([scale, least_count(costs)], np.float32))

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: propose directions by the guide and by the BSDF."""
 
+import math
+
+import numpy as np
+
 from engine.guiding.scattering import propose
 from engine.guiding.vmm.field import GUIDE_LINES
 from engine.jit import kernel
+from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import (
     ask_for_closures,
@@ -14,18 +19,37 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import store
-from engine.ris.candidates import MAX_CANDIDATES
 from engine.state import POINT_P
 
 #: Offset of a vertex's candidates among the path's dimensions, far from those of its vertices.
 SET_CANDIDATES = 1 << 16
+
+#: Powers of the inverse of the root of x^5 = x + 1 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+#: Sequences"). The one that moves two candidates furthest apart chooses between guide and BSDF.
+_STEP_0, _STEP_1 = np.float32(0.5385972), np.float32(0.6287067)
+_STEP_2, _STEP_3 = np.float32(0.7338919), np.float32(0.8566749)
+
+
+@kernel
+def _around(u, step, j):
+    """Number in [0, 1): `u` moved on by `j` steps."""
+    moved = u + step * np.float32(j)
+    return min(moved - math.floor(moved), ONE_MINUS_EPSILON)
+
+
+@kernel
+def rotated(u0, u1, u2, u3, j):
+    """Point `j` of a vertex's candidates, whose first one is (u0, u1, u2, u3): 4 x float32 in [0, 1)."""
+    return _around(u0, _STEP_0, j), _around(u1, _STEP_1, j), _around(u2, _STEP_2, j), _around(u3, _STEP_3, j)
 
 
 @kernel
 def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
     """Fill `candidates` for lanes from the `first`-th on, as many as fit (see `engine.guiding.scattering.propose`).
 
-    The candidates of a vertex are a stratified set.
+    The candidates of a vertex are one point of a set, stratified over the samples of its pixel, moved on around the
+    unit cube (Cranley and Patterson 1976) by steps that spread them evenly; each alone is uniform, which is all that
+    resampling asks of them.
 
     Parameters
     ----------
@@ -53,10 +77,9 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row
         store(candidates.position, vertex, real_3(points, lane, POINT_P))
+        base = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
         for j in range(guided.candidate_count[lane]):
-            u0, u1, u2, u3 = sample_4d(
-                paths.rng[lane], paths.sample[lane] * MAX_CANDIDATES + j, paths.dimension[lane] + SET_CANDIDATES
-            )
+            u0, u1, u2, u3 = rotated(*base, j)
             wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid = propose(
                 paths, points, closures, guided, guide, lane, u0, u1, u2, u3, candidates.f_cos, row
             )

@@ -53,7 +53,7 @@ from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.play_roulette import play_roulette
-from engine.wavefront.predict_radiance import predict_by_mixture, predict_by_table
+from engine.wavefront.predict_radiance import blend_with_mixture, predict_by_mixture, predict_by_table
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
@@ -130,6 +130,7 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "write_guiding": (write_guiding, 0),
     "guide_lights": (guide_lights, 0),
     "draw_candidates": (draw_candidates, 3),
+    "blend_with_mixture": (blend_with_mixture, 0),
     "guide_resample": (guide_resample, 0),
     "sample_source": (sample_source, 0),
     "collect_records": (collect_records, 2),
@@ -320,7 +321,7 @@ class Integrator:
             self._guiding_options = make_guiding_options(
                 self._settings,
                 candidate_count=guidance.candidate_count,
-                use_cache=guidance.table is not None or guidance.new_predictor is not None,
+                predicts_color=guidance.table is not None or guidance.new_predictor is not None,
             )
         if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
@@ -365,7 +366,7 @@ class Integrator:
         options, guiding_options = self.options, self._guiding_options
         stages.prepare_guides(
             guiding_options, learned.field, learned.allocation, learned.probability, learned.light_share, b.paths,
-            b.points, b.closures, b.guided, b.guide, b.samples, batch.no_weight, b.surface, 0,
+            b.points, b.closures, b.guided, b.guide, b.samples, b.log, batch.no_weight, b.surface, 0,
         )
         if self.use_features:
             stages.write_guiding(learned.benefit, b.paths, b.guided, b.surface, 0, batch.film)
@@ -373,6 +374,7 @@ class Integrator:
             stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)
         stages.predict_radiance(learned.table, b.guide, b.guided, b.candidates, 0)
+        stages.blend_with_mixture(b.guide, b.candidates, 0)
         stages.guide_resample(
             guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
             batch.no_weight, b.candidates, 0, 0, b.f_cos,

@@ -55,7 +55,8 @@ class GuidingOptions(NamedTuple):
     """How guided lanes are sampled; fixed during an iteration.
 
     `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
-    guided. With `use_cache` paths end at the first rough surface, with the predicted radiance.
+    guided. With `use_cache` paths end at the first rough surface, with the predicted radiance. With `blends_mixture`
+    the mixture has a share in predictions of colour.
     """
 
     defensive_alpha: np.float32
@@ -63,6 +64,7 @@ class GuidingOptions(NamedTuple):
     use_scalar_target: int
     min_alpha: np.float32
     use_cache: int
+    blends_mixture: int
 
 
 #: A roughness of 0.05, below which the BSDF is the better guess (Cycles' threshold).
@@ -70,7 +72,7 @@ _MIN_GUIDED_ALPHA = 0.05**2
 
 
 def make_guiding_options(
-    settings: RenderSettings, *, candidate_count: int, use_cache: bool = False
+    settings: RenderSettings, *, candidate_count: int, predicts_color: bool = False
 ) -> GuidingOptions:
     """Guiding options from a user's settings, the iteration's rule for the number of candidates, and whether something
     of colour predicts."""
@@ -79,5 +81,7 @@ def make_guiding_options(
         candidate_count=candidate_count,
         use_scalar_target=int(settings.ris_target == "SCALAR"),
         min_alpha=np.float32(_MIN_GUIDED_ALPHA),
-        use_cache=int(use_cache and settings.radiance_cache),
+        use_cache=int(predicts_color and settings.radiance_cache),
+        # The cache wants the radiance that is likeliest, not what samples best.
+        blends_mixture=int(predicts_color and not settings.radiance_cache),
     )

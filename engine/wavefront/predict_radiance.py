@@ -1,10 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: incident radiance along candidates, from the statistical fields. All that predict take the same arguments."""
 
+import numpy as np
+
 from engine.guiding.table import predict_table
 from engine.guiding.vmm.query import predict_vmm
 from engine.jit import kernel
+from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
+
+#: Part of the mixture in what is predicted where something finer is learned too. Where that says too little, samples
+#: are rare and heavy; two fields seldom err alike, and the mixture's density is part of the candidates' own
+#: (docs/experiments.md).
+_MIXTURE_SHARE = np.float32(0.5)
 
 
 @kernel
@@ -23,3 +31,17 @@ def predict_by_table(table, guide, guided, candidates, row_count):
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
         predict_table(table, guided.region[lane], load(candidates.direction, row), candidates.radiance, row)
+
+
+@kernel
+def blend_with_mixture(guide, candidates, row_count):
+    """Give the lane's mixture its share of `candidates.radiance`; what is negative, infinite or NaN there is black."""
+    for row in range(row_count):
+        lane = candidates.lane[candidates.vertex[row]]
+        mixture = predict_vmm(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
+        for c in range(candidates.radiance.shape[1]):
+            learned = candidates.radiance[row, c]
+            # Written so that NaN fails.
+            if not (learned > 0.0 and learned < FLOAT_MAX):
+                learned = np.float32(0.0)
+            candidates.radiance[row, c] = learned + _MIXTURE_SHARE * (mixture - learned)

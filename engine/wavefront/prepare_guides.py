@@ -14,14 +14,14 @@ from engine.state import POINT_NS, POINT_P
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
-#: Share (of 2^32) of lanes for which the guide is asked, though not used, where its probability is 0.
+#: Share (of 2^32) of recorded lanes for which the guide is asked, though not used, where its probability is 0.
 _TRIAL_BITS = np.uint32(1 << 28)
 
 
 @kernel
 def prepare_guides(
-    guiding, field, allocation, probability, light_share, paths, points, closures, guided, guide, samples, pixel_weight,
-    lanes, lane_count,
+    guiding, field, allocation, probability, light_share, paths, points, closures, guided, guide, samples, log,
+    pixel_weight, lanes, lane_count,
 ):
     """Fill `guided`, `guide` and `samples.weight`; lanes outside the learned field keep BSDF and light sampling.
 
@@ -31,11 +31,13 @@ def prepare_guides(
     field : VmmField
     allocation : Allocation
     probability : float32 (R,)
-        Of guiding, by region; lanes where it is 0 are left to the BSDF, but for a few by which it can be learned anew.
+        Of guiding, by region; lanes where it is 0 are left to the BSDF, but for a few of recorded paths, by which it
+        can be learned anew.
     light_share : float32 (R,)
         Probability of sampling a light, by region.
     guide : GuideLobes
     samples : LightSamples
+    log : VertexLog
     pixel_weight : float32 (P,)
         Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     """
@@ -60,7 +62,9 @@ def prepare_guides(
         if light_share[leaf] < 1.0:
             taken = unit_float(hash_combine(bits, np.uint32(3))) < light_share[leaf]
             samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
-        if probability[leaf] == 0.0 and bits >= _TRIAL_BITS and guiding.use_cache == 0:
+        is_recorded = log.is_recording[lane] != 0
+        is_tried = is_recorded and bits < _TRIAL_BITS
+        if probability[leaf] == 0.0 and not is_tried and guiding.use_cache == 0:
             continue
         share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
         if not share > 0.0:
@@ -80,6 +84,7 @@ def prepare_guides(
             for c in range(len(paths.channels)):
                 squared += paths.throughput[lane, c] * paths.throughput[lane, c]
             squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
-            count = candidate_count(allocation, leaf, squared, unit_float(hash_combine(bits, np.uint32(2))))
+            u = unit_float(hash_combine(bits, np.uint32(2)))
+            count = candidate_count(allocation, leaf, squared, is_recorded, u)
         # The cache needs a prediction, which single candidates go without.
         guided.candidate_count[lane] = max(count, 2) if guiding.use_cache != 0 else count

@@ -153,6 +153,8 @@ def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes
         counts[RESAMPLED_VERTICES] += vertex_count
         counts[RESAMPLED_CANDIDATES] += row_count
         stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
+        if guiding_options.blends_mixture != 0:
+            stages.blend_with_mixture(b.guide, candidates, row_count)
         mark(b.clock, _PREDICT_RADIANCE)
         stages.guide_resample(
             guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, pixel_weight,
@@ -232,7 +234,7 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         if is_guided:
             stages.prepare_guides(
                 guiding_options, guidance.field, guidance.allocation, guidance.probability, guidance.light_share,
-                b.paths, b.points, b.closures, b.guided, b.guide, b.samples, unit.pixel_weight, b.surface,
+                b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log, unit.pixel_weight, b.surface,
                 surface_count,
             )
             mark(b.clock, _PREPARE_GUIDES)
