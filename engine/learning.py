@@ -48,13 +48,15 @@ _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Costs in rays where no clock may be asked (docs/experiments.md): of guiding a vertex, and a factor for learning.
 _GUIDED_COST = 1.0
 _LEARNING_COST = 1.15
-_NEURAL_CANDIDATE_COST = 0.4
+_NEURAL_CANDIDATE_COST = 0.5
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
-#: Candidates or vertices of which a time is believed.
-_LEAST_MEASURED = 4096
-#: A network that was asked for so many iterations is given up if less than this share of the vertices is worth it.
-_NETWORK_PATIENCE = 3
+#: Share of the guided vertices from which on resampling is measured: of a few candidates at a time a network's cost is
+#: that of the calls.
+_LEAST_MEASURED = 0.2
+#: A network that was asked for so many iterations, the first of which only brings the estimates by which to allot
+#: candidates, is given up if less than this share of the vertices is worth it.
+_NETWORK_PATIENCE = 2
 _LEAST_RESAMPLED = 0.1
 #: Samples a pixel after which an iteration counts fully.
 _FULL_WEIGHT_SAMPLES = 8
@@ -461,18 +463,18 @@ class Learner:
         """Costs of candidates in rays by the clock, where the image depends on clocks anyway."""
         if not self._uses_clock:
             return
+        single_vertices = costs.guided_vertices - costs.several_vertices
+        if min(costs.several_vertices, single_vertices) < max(_LEAST_MEASURED * costs.guided_vertices, 1.0):
+            return
         per_ray = max(sum(costs.stage_seconds.values()) / max(costs.ray_count, 1), 1e-9)
 
-        def in_rays(stages: tuple[str, ...], count: int, known: float) -> float:
-            seconds = sum(costs.stage_seconds[name] for name in stages)
-            return seconds / count / per_ray if count >= _LEAST_MEASURED else known
+        def in_rays(count: int, *stages: str) -> float:
+            return sum(costs.stage_seconds[name] for name in stages) / count / per_ray
 
         self._costs = CandidateCosts(
-            in_rays(("draw_candidates", "predict_radiance"), costs.several_candidates, self._costs.per_candidate),
-            in_rays(("guide_resample",), costs.several_vertices, self._costs.per_vertex),
-            in_rays(
-                ("sample_source",), costs.guided_vertices - costs.several_vertices, self._costs.per_source_sample
-            ),
+            in_rays(costs.several_candidates, "draw_candidates", "predict_radiance"),
+            in_rays(costs.several_vertices, "guide_resample"),
+            in_rays(single_vertices, "sample_source"),
         )
 
     def close(self) -> None:

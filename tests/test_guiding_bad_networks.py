@@ -84,8 +84,8 @@ def test_a_network_that_is_hardly_asked_is_given_up(monkeypatch):
 
     assert stopped_at(-1.0) == 0
     everywhere = len(asked)
-    # Asked from the first iteration on, whose paths are not guided yet: 1, 2 and 4 samples.
-    assert stopped_at(1.1) == 7
+    # Asked from the first iteration on, whose paths are not guided yet: 1 and 2 samples.
+    assert stopped_at(1.1) == 3
     assert len(asked) < 0.5 * everywhere
     # Who asks for a number of candidates gets it.
     fixed = report(candidate_allocation="FIXED", candidate_count=3)

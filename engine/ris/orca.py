@@ -21,7 +21,7 @@ from engine.scene.arrays import Float32Array
 FLOOR = np.float32(1.125)
 #: Variance that a candidate must save, over what its cost is worth: savings along a path do not add up, and samples
 #: spread evenly over a pixel have less to save than single ones (docs/experiments.md).
-LEAST_RETURN = 3.0
+LEAST_RETURN = 2.0
 #: Added to the squared pixel value (over the image's mean) in the relative error.
 RELATIVE_EPSILON = np.float32(0.01)
 #: Estimates a region needs before they are believed.
@@ -87,9 +87,9 @@ class CandidateCosts:
     an image must not depend on any, or before there is anything to measure.
     """
 
-    per_candidate: float = 0.2
-    per_vertex: float = 0.16
-    per_source_sample: float = 0.22
+    per_candidate: float = 0.3
+    per_vertex: float = 0.25
+    per_source_sample: float = 0.3
 
 
 def least_count(costs: CandidateCosts) -> float:
