@@ -490,4 +490,3 @@ class Learner:
         self.report.worker = f"{status.state.value} {status.message}".strip()
         self._trainer.close()
         self._trainer = None
-
