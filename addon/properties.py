@@ -151,6 +151,15 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         ),
         default=_DEFAULTS.orca_error,
     )
+    network_size: EnumProperty(  # type: ignore[valid-type]
+        name="Network",
+        description="Size of the radiance network",
+        items=(
+            ("COMPACT", "Compact", "What a processor can train while it renders"),
+            ("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
+        ),
+        default=_DEFAULTS.network_size,
+    )
     sample_weighting: EnumProperty(  # type: ignore[valid-type]
         name="Sample Weighting",
         description="How samples from before much was learned count",

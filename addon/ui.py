@@ -111,6 +111,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "defensive_alpha",
             "ris_target",
             "orca_error",
+            "network_size",
             "sample_weighting",
             "radiance_cache",
             "training_share",

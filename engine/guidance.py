@@ -3,30 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from engine.guiding.network_query import NetworkField
 from engine.guiding.table import TableField
 from engine.guiding.vmm.field import VmmField
 from engine.ris.orca import Allocation
 from engine.settings import RenderSettings
-
-
-class Predictor(Protocol):
-    """Incident radiance for one thread; see `engine.guiding.inference.RadianceInference.predict`."""
-
-    def predict(
-        self,
-        positions: np.ndarray,
-        candidate_vertex: np.ndarray,
-        directions: np.ndarray,
-        candidate_count: int,
-        out: np.ndarray,
-    ) -> None:
-        """Write the radiance of the first `candidate_count` rows into `out`."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +26,7 @@ class Guidance:
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
-    table : TableField or None; new_predictor : makes a thread's predictor, or None. Without both the mixture predicts
+    table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     """
 
     settings: RenderSettings
@@ -54,4 +39,4 @@ class Guidance:
     allocation: Allocation | None = None
     pixel_weight: np.ndarray | None = None
     table: TableField | None = None
-    new_predictor: Callable[[], Predictor] | None = None
+    network: NetworkField | None = None

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from engine.film import Film, FilmTile
-from engine.guidance import Guidance, Predictor
+from engine.guidance import Guidance
 from engine.guiding import trial
 from engine.guiding.light_share import LightShareModel
+from engine.guiding.network import NETWORK_SHAPES
+from engine.guiding.network_query import NetworkField, make_network_field
 from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import RadianceTrainer, TrainerState
@@ -48,14 +50,14 @@ _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Costs in rays where no clock may be asked (docs/experiments.md): of guiding a vertex, and a factor for learning.
 _GUIDED_COST = 1.0
 _LEARNING_COST = 1.15
-_NEURAL_CANDIDATE_COST = 0.5
+_NEURAL_CANDIDATE_COST = 0.4
 #: Steps of training between two iterations where it must not depend on clocks.
 _DETERMINISTIC_STEPS = 64
 #: Share of the guided vertices from which on resampling is measured: of a few candidates at a time a network's cost is
 #: that of the calls.
 _LEAST_MEASURED = 0.2
-#: A network that was asked for so many iterations, the first of which only brings the estimates by which to allot
-#: candidates, is given up if less than this share of the vertices is worth it.
+#: Training a network takes time from every path. It begins once in so many iterations running at least this share of
+#: the vertices was worth several candidates, and is given up once in as many it was less.
 _NETWORK_PATIENCE = 2
 _LEAST_RESAMPLED = 0.1
 #: Samples a pixel after which an iteration counts fully.
@@ -96,6 +98,7 @@ class GuidingReport:
     network_loss: float = float("nan")
     network_step: int = 0
     snapshot_count: int = 0
+    has_trained: bool = False
     #: The sample from which on the network was given up, 0: never.
     network_stopped_at: int = 0
     candidates_per_vertex: float = 0.0
@@ -126,6 +129,10 @@ class GuidingReport:
             self.lines.append(
                 f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
                 f"loss {self.network_loss:.3g}, worker {self.worker}"
+            )
+        if self.method == "NEURAL_RIS" and not self.has_trained:
+            self.lines.append(
+                "radiance network: not trained, hardly a vertex was worth several candidates; the mixture weighs them"
             )
         if self.network_stopped_at:
             self.lines.append(
@@ -180,8 +187,9 @@ class Learner:
         self._costs = CandidateCosts()
         if settings.guiding_method == "NEURAL_RIS":
             self._costs = CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)
-        self._new_predictor: Callable[[], Predictor] | None = None
-        self._iterations_asked = 0
+        self._network: NetworkField | None = None
+        #: Iterations running in which a network would have been worth its time, or not.
+        self._worth_count = self._worthless_count = 0
         self._iteration = 0
         #: Parts of this iteration: first sample, samples, whether guided (`engine.guiding.trial`).
         self.parts = [(0, 1, True)]
@@ -193,24 +201,20 @@ class Learner:
         self._learning_seconds = 0.0
         self._trainer: RadianceTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
-        if settings.guiding_method == "NEURAL_RIS":
+        if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
             self._start_network()
         if settings.radiance_cache and settings.guiding_method not in ("TABLE_RIS", "NEURAL_RIS"):
             # The mixture knows no colour.
             problem = "works with TABLE_RIS and NEURAL_RIS only"
             self.notices.append(Notice("Guiding / radiance cache", problem, "paths are not cut short"))
 
-    def _start_network(self) -> None:
-        from engine.guiding.network import COMPACT_SHAPE
+    def _weighs_network(self) -> bool:
+        """Whether the network may be left out: not where a number of candidates or the cache was asked for."""
+        return self.settings.candidate_allocation == "ORCA" and not self.settings.radiance_cache
 
-        try:
-            import onnxruntime  # noqa: F401
-        except ImportError:
-            self._give_up("onnxruntime is not installed")
-            return
-        # Learns as well as the paper's sizes from the records that a render has, at a third of the cost
-        # (docs/experiments.md).
-        self._shape = COMPACT_SHAPE
+    def _start_network(self) -> None:
+        self.report.has_trained = True
+        self._shape = NETWORK_SHAPES[self.settings.network_size]
         self._trainer = RadianceTrainer(
             self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
             deterministic=self.settings.deterministic,
@@ -339,7 +343,7 @@ class Learner:
         return Guidance(
             self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
             self._selection.benefit, fixed, allocation, weights,
-            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._new_predictor,
+            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._network,
         )
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
@@ -384,9 +388,6 @@ class Learner:
             return 1
         if settings.guiding_method == "VMM_RIS":
             return settings.candidate_count
-        if settings.guiding_method == "NEURAL_RIS" and self._new_predictor is None and not self.notices:
-            # The network is on its way; nothing to resample by yet.
-            return 1
         return settings.candidate_count if settings.candidate_allocation == "FIXED" else 0
 
     def _fit(self, records: VertexRecords, row_count: int) -> None:
@@ -418,16 +419,7 @@ class Learner:
             snapshot = trainer.poll()
         status = trainer.status
         if snapshot is not None:
-            from engine.guiding.inference import RadianceInference, RadianceNetwork
-
-            network = RadianceNetwork(self._shape, snapshot)
-
-            def new_predictor() -> Predictor:
-                inference = RadianceInference(self._shape)
-                inference.load(network)
-                return inference
-
-            self._new_predictor = new_predictor
+            self._network = make_network_field(self._shape, snapshot)
             self.report.snapshot_count += 1
             self.report.network_loss = snapshot.loss
             self.report.network_step = snapshot.step
@@ -435,7 +427,7 @@ class Learner:
         self.report.worker = f"{status.state.value} {status.message}".strip()
         if status.state is TrainerState.DEAD:
             # What it has taught stays in use.
-            if self._new_predictor is None:
+            if self._network is None:
                 self._give_up(status.message)
             else:
                 self.notices.append(
@@ -445,18 +437,27 @@ class Learner:
             self._trainer = None
 
     def _weigh_network(self, costs: IterationCosts, recorded_share: float, next_sample: int) -> None:
-        """Give the network up where allocation asks it for hardly a vertex: it takes time from all the others."""
-        settings = self.settings
-        is_free_to = settings.candidate_allocation == "ORCA" and not settings.radiance_cache
-        if self._new_predictor is None or not is_free_to:
+        """Begin training a network, or give it up, by how many vertices were worth several candidates.
+
+        While there is none the mixture weighs the candidates, and its estimates say what resampling may save.
+        """
+        is_neural = self.settings.guiding_method == "NEURAL_RIS"
+        if not is_neural or not self._weighs_network() or self.report.network_stopped_at or not costs.guided_vertices:
             return
-        self._iterations_asked += 1
         # Those of recorded paths that only keep the estimates coming do not count.
-        resampled = costs.several_vertices / max(costs.guided_vertices, 1) - (float(FLOOR) - 1.0) * recorded_share
-        if self._iterations_asked >= _NETWORK_PATIENCE and resampled < _LEAST_RESAMPLED:
+        resampled = costs.several_vertices / costs.guided_vertices - (float(FLOOR) - 1.0) * recorded_share
+        is_worth_it = resampled >= _LEAST_RESAMPLED
+        self._worth_count = self._worth_count + 1 if is_worth_it else 0
+        # What a network does is known once it weighs candidates.
+        is_idle = self.report.has_trained and self._network is None
+        self._worthless_count = 0 if is_worth_it or is_idle else self._worthless_count + 1
+        if not self.report.has_trained:
+            if self._worth_count >= _NETWORK_PATIENCE:
+                self._start_network()
+        elif self._worthless_count >= _NETWORK_PATIENCE:
             if self._trainer is not None:
                 self._end_training()
-            self._new_predictor = None
+            self._network = None
             self.report.network_stopped_at = next_sample
 
     def _measure(self, costs: IterationCosts) -> None:

@@ -10,6 +10,8 @@ CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")
 #: Whether ORCA minimises the error relative to the pixel's value, or the plain one.
+#: Sizes of the radiance network: of what a render on a processor can train, and the paper's.
+NETWORK_SIZES = ("COMPACT", "PAPER")
 ORCA_ERRORS = ("RELATIVE", "ABSOLUTE")
 SAMPLE_WEIGHTINGS = ("ITERATION", "UNIFORM")
 #: Most candidates of a vertex.
@@ -49,6 +51,7 @@ class RenderSettings:
     defensive_alpha: float = 0.5  # share of resampling by the learned target, against the source density
     ris_target: str = "COLOR"
     orca_error: str = "RELATIVE"
+    network_size: str = "COMPACT"
     sample_weighting: str = "ITERATION"
     radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
     training_share: float = 0.25  # of the processors' time
@@ -77,6 +80,7 @@ class RenderSettings:
             ("pixel_filter", PIXEL_FILTERS),
             ("candidate_allocation", CANDIDATE_ALLOCATIONS),
             ("ris_target", RIS_TARGETS),
+            ("network_size", NETWORK_SIZES),
             ("orca_error", ORCA_ERRORS),
             ("sample_weighting", SAMPLE_WEIGHTINGS),
         ):

@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.bundle import Bundle
 from engine.film import FilmTile
+from engine.guiding.network_query import NetworkField
 from engine.guiding.table import TableField
 from engine.guiding.vertices import VertexLog, VertexRecords
 from engine.guiding.vmm.field import GuideLobes, VmmField
@@ -57,6 +58,7 @@ class GuidanceView(Bundle):
 
     field: VmmField
     table: TableField
+    network: NetworkField
     allocation: Allocation
     probability: np.ndarray
     light_share: np.ndarray
@@ -175,6 +177,7 @@ class Work(Bundle):
     single, several : int32 (L,), guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     f_cos : float32 (L, C)
+    latent, hidden : float32, activations of a network (`engine.guiding.network_query.predict_network`)
     """
 
     counts: np.ndarray
@@ -194,6 +197,8 @@ class Work(Bundle):
     single: np.ndarray
     several: np.ndarray
     f_cos: np.ndarray
+    latent: np.ndarray
+    hidden: np.ndarray
     paths: PathState
     points: ShadePoints
     closures: Closures

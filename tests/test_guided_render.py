@@ -157,9 +157,9 @@ def test_the_image_does_not_depend_on_threads(method):
 
 @pytest.mark.slow
 def test_neural_resampling_leaves_the_mean_unchanged(unguided):
-    guided = means("NEURAL_RIS", deterministic=True)
+    guided = means("NEURAL_RIS", deterministic=True, candidate_allocation="FIXED", candidate_count=4)
     assert z_score(guided, unguided) < Z_LIMIT
-    report = render("NEURAL_RIS", 1, deterministic=True).report
+    report = render("NEURAL_RIS", 1, deterministic=True, candidate_allocation="FIXED").report
     assert report.guiding.snapshot_count > 0
     assert not [notice for notice in report.notices if "Guiding" in notice.subject]
 

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole renders by networks that know nothing: the same mean, and little more variance than without them."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
 from engine import learning
-from engine.learning import Learner
+from engine.guiding.network import NETWORK_SHAPES
+from engine.guiding.network_query import no_network
+from engine.learning import IterationCosts, Learner
+from engine.settings import RenderSettings
+from engine.wavefront import integrator
 from tests.test_guided_render import Z_LIMIT, pit_scene, render, z_score
 
 SEEDS = 6
@@ -20,15 +26,23 @@ class BadNetwork:
         self._kind = kind
         self._random = np.random.default_rng(1)
 
-    def predict(self, positions, candidate_vertex, directions, candidate_count, out):
-        rows = out[:candidate_count]
+    def __call__(self, table, network, latent, hidden, guide, guided, candidates, row_count):
+        rows, directions = candidates.radiance[:row_count], candidates.direction[:row_count]
         if self._kind == "random":
             rows[:] = 10.0 ** self._random.uniform(-2.0, 2.0, rows.shape)
         elif self._kind == "inverted":
             # The pit's light comes from its walls and floor; from the sky comes nothing.
-            rows[:] = np.where(directions[:candidate_count, 2:] > 0.0, 10.0, 1e-3)
+            rows[:] = np.where(directions[:, 2:] > 0.0, 10.0, 1e-3)
         else:
             rows[:] = {"constant": 1.0, "zero": 0.0, "NaN": np.nan}[self._kind]
+
+
+def ask(network, monkeypatch):
+    """Have renders ask `network`, from the first iteration on."""
+    field = no_network(NETWORK_SHAPES["COMPACT"])
+    monkeypatch.setattr(Learner, "_start_network", lambda learner: setattr(learner, "_network", field))
+    monkeypatch.setattr(Learner, "_weighs_network", lambda learner: False)
+    monkeypatch.setitem(integrator._PREDICTORS, "NEURAL_RIS", network)
 
 
 def mean_and_variance(method, seed):
@@ -48,12 +62,7 @@ def source():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["constant", "zero", "NaN", "random", "inverted"])
 def test_bad_networks_change_no_mean_and_cost_little_variance(kind, source, monkeypatch):
-    def start_network(learner: Learner) -> None:
-        learner._new_predictor = lambda: BadNetwork(kind)
-
-    monkeypatch.setattr(Learner, "_start_network", start_network)
-    # However little it is asked, it stays.
-    monkeypatch.setattr(learning, "_LEAST_RESAMPLED", -1.0)
+    ask(BadNetwork(kind), monkeypatch)
     means, variances = np.array([mean_and_variance("NEURAL_RIS", 100 + seed) for seed in range(SEEDS)]).T
     assert z_score(means, source[0]) < Z_LIMIT
     # The test can see a bias of 2%.
@@ -61,32 +70,51 @@ def test_bad_networks_change_no_mean_and_cost_little_variance(kind, source, monk
     assert variances.mean() < MOST_VARIANCE * source[1].mean()
 
 
-def test_a_network_that_is_hardly_asked_is_given_up(monkeypatch):
-    asked = []
+def test_a_network_is_trained_while_it_is_worth_it(monkeypatch):
+    started = []
+    monkeypatch.setattr(Learner, "_start_network", lambda learner: started.append(learner))
 
-    class Counting(BadNetwork):
-        def predict(self, *arguments):
-            asked.append(None)
-            super().predict(*arguments)
+    def learner(**settings):
+        made = Learner(RenderSettings(guiding_method="NEURAL_RIS", **settings), 1, 100)
+        made.close()
+        return made
 
-    monkeypatch.setattr(Learner, "_start_network", lambda learner: setattr(learner, "_new_predictor", make))
+    def weigh(made, *shares):
+        for share in shares:
+            costs = IterationCosts(Counter(), 1000, 100, 1000, round(1000 * share), round(4000 * share))
+            made._weigh_network(costs, 0.4, 7)
 
-    def make():
-        return Counting("constant")
+    patient = learner()
+    # An eighth of the vertices of recorded paths, two in five, only keep the estimates coming.
+    weigh(patient, 0.04, 0.4, 0.14, 0.4)
+    assert not started
+    weigh(patient, 0.4)
+    assert started == [patient]
+    patient.report.has_trained = True
+    # There is nothing to judge before the first snapshot.
+    weigh(patient, 0.0, 0.0)
+    assert patient.report.network_stopped_at == 0
+    patient._network = no_network(NETWORK_SHAPES["COMPACT"])
+    weigh(patient, 0.1, 0.4, 0.1)
+    assert patient.report.network_stopped_at == 0
+    weigh(patient, 0.1)
+    assert patient.report.network_stopped_at == 7 and patient._network is None
+    # It does not begin anew.
+    weigh(patient, 0.5, 0.5)
+    assert len(started) == 1
+    # Who asks for a number of candidates, or for the cache, gets a network.
+    learner(candidate_allocation="FIXED")
+    learner(radiance_cache=True)
+    assert len(started) == 3
 
-    def report(**settings):
-        asked.clear()
-        return render("NEURAL_RIS", 1, scene=pit_scene, samples=31, guiding_trial=False, **settings).report.guiding
 
-    def stopped_at(least):
-        monkeypatch.setattr(learning, "_LEAST_RESAMPLED", least)
-        return report().network_stopped_at
+def test_a_network_that_nothing_asks_for_is_not_trained(monkeypatch):
+    def fail(learner):
+        raise AssertionError("trained")
 
-    assert stopped_at(-1.0) == 0
-    everywhere = len(asked)
-    # Asked from the first iteration on, whose paths are not guided yet: 1 and 2 samples.
-    assert stopped_at(1.1) == 3
-    assert len(asked) < 0.5 * everywhere
-    # Who asks for a number of candidates gets it.
-    fixed = report(candidate_allocation="FIXED", candidate_count=3)
-    assert fixed.network_stopped_at == 0 and fixed.candidates_per_vertex == pytest.approx(3.0)
+    monkeypatch.setattr(learning, "_LEAST_RESAMPLED", 1.1)
+    monkeypatch.setattr(Learner, "_start_network", fail)
+    report = render("NEURAL_RIS", 1, scene=pit_scene, samples=31, guiding_trial=False).report.guiding
+    assert not report.has_trained and "not trained" in report.lines[-1]
+    # The mixture weighs candidates meanwhile.
+    assert report.candidates_per_vertex > 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Radiance network: encoding against plain numpy, gradients, torch against onnxruntime, and that training learns."""
+"""Radiance network: encoding against plain numpy, gradients, kernels against torch, and that training learns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from engine.guiding.encoding import (
     encode_positions,
     make_encoding,
 )
-from engine.guiding.inference import RadianceInference, RadianceNetwork
 from engine.guiding.network import (
     NetworkShape,
     Snapshot,
@@ -25,6 +24,8 @@ from engine.guiding.network import (
     initial_parameters,
     robust_bounds,
 )
+from engine.guiding.network_query import SCRATCH_ROWS, make_network_field, predict_network
+from engine.guiding.perceptron import MAX_WIDTH, VECTOR, multiply
 from engine.guiding.records import allocate_records
 
 SHAPE = NetworkShape(table_size=1 << 12)
@@ -48,6 +49,13 @@ def random_parameters(shape=SHAPE, seed=0):
     table = shape.split(parameters)["table"]
     table[...] = np.random.default_rng(seed).normal(size=table.shape)
     return parameters
+
+
+def predict(shape, snapshot, positions, vertices, directions, out):
+    """Radiance from every direction into the first rows of `out`."""
+    latent, hidden = np.zeros((1, MAX_WIDTH), np.float32), np.zeros((SCRATCH_ROWS, MAX_WIDTH), np.float32)
+    field = make_network_field(shape, snapshot)
+    predict_network(field, positions, vertices.astype(np.int64), directions, len(vertices), latent, hidden, out)
 
 
 def random_snapshot(shape=SHAPE, scale=2.0):
@@ -176,17 +184,15 @@ def test_inference_is_the_network(hidden_layers):
     counts = rng.integers(0, 6, 100)  # Candidates come in groups of any size, none among them.
     vertices = np.repeat(np.arange(100), counts).astype(np.int32)
     directions = random_directions(rng, len(vertices))
-    inference = RadianceInference(shape, batch_size=64)
-    inference.load(snapshot)
     out = np.full((len(vertices) + 3, 3), -1.0, np.float32)
-    inference.predict(positions, vertices, directions, len(vertices), out)
+    predict(shape, snapshot, positions, vertices, directions, out)
     expected = reference_radiance(snapshot, shape, positions[vertices], directions)
     np.testing.assert_allclose(out[: len(vertices)], expected, rtol=1e-4)
     assert (out[len(vertices) :] == -1.0).all()
     # Order and grouping change the cost, not the result.
     shuffled = rng.permutation(len(vertices))
     again = np.zeros((len(vertices), 3), np.float32)
-    inference.predict(positions, vertices[shuffled], directions[shuffled], len(vertices), again)
+    predict(shape, snapshot, positions, vertices[shuffled], directions[shuffled], again)
     np.testing.assert_allclose(again, out[shuffled], rtol=1e-5)
 
 
@@ -195,16 +201,25 @@ def test_inference_stays_positive_and_finite():
     snapshot = random_snapshot()
     SHAPE.split(snapshot.parameters)["output_weights"][...] *= 1e6
     positions = np.array(((0, 0, 0), (1e30, 0, 0), (np.inf, -np.inf, 0), (np.nan, 0, 0)), np.float32)
-    inference = RadianceInference(SHAPE)
-    inference.load(snapshot)
     out = np.zeros((4, 3), np.float32)
-    inference.predict(positions, np.arange(4), random_directions(np.random.default_rng(7), 4), 4, out)
+    predict(SHAPE, snapshot, positions, np.arange(4), random_directions(np.random.default_rng(7), 4), out)
     assert np.isfinite(out).all() and (out > 0.0).all()
 
 
-def test_inference_without_network_says_so():
-    with pytest.raises(RuntimeError, match="no network"):
-        RadianceInference(SHAPE).predict(*(np.zeros((1, 3), np.float32),) * 3, 1, np.zeros((1, 3), np.float32))
+@pytest.mark.parametrize("row_count", [0, 1, 2, 3, 7, 24])
+@pytest.mark.parametrize(("inputs", "outputs"), [(5, 8), (32, 32), (64, 8), (33, 40), (128, 128)])
+def test_layers_are_products_of_rectified_rows(row_count, inputs, outputs):
+    rng = np.random.default_rng(inputs)
+    source = rng.normal(size=(row_count + 2, 130)).astype(np.float32)
+    source[1:2, 3] = np.nan
+    weights = rng.normal(size=(2, inputs, outputs)).astype(np.float32)
+    target = np.full((row_count + 4, 129), 7.0, np.float32)
+    multiply(source, 1, row_count, weights, 1, target, 2)
+    expected = np.nan_to_num(np.maximum(source[1 : 1 + row_count, :inputs], 0.0)).astype(np.float64) @ weights[1]
+    np.testing.assert_allclose(target[2 : 2 + row_count, :outputs], expected, atol=1e-4)
+    # What is around stays.
+    target[2 : 2 + row_count, :outputs] = 7.0
+    assert (target == 7.0).all() and outputs % VECTOR == 0
 
 
 @pytest.mark.parametrize(
@@ -225,7 +240,7 @@ def test_bad_snapshots_are_refused(wrong):
     good = random_snapshot()
     good.validate(SHAPE)
     with pytest.raises(ValueError, match="snapshot 1"):
-        RadianceNetwork(SHAPE, wrong(good))
+        make_network_field(SHAPE, wrong(good))
 
 
 def test_bounds_forget_the_horizon():
@@ -298,10 +313,8 @@ def test_training_learns(trained):
 def test_training_and_inference_agree(trained):
     training = trained[0]
     rows = synthetic_rows(500, 3)
-    inference = RadianceInference(SHAPE)
-    inference.load(training.snapshot())
     out = np.zeros((500, 3), np.float32)
-    inference.predict(rows[:, :3].copy(), np.arange(500), rows[:, 3:6].copy(), 500, out)
+    predict(SHAPE, training.snapshot(), rows[:, :3].copy(), np.arange(500), rows[:, 3:6].copy(), out)
     np.testing.assert_allclose(out, training.predict(rows), rtol=1e-4)
 
 

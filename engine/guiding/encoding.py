@@ -169,18 +169,18 @@ def interpolate(table, entries, shares, f):
 
 
 @kernel
-def _accumulate_latent(encoding, px, py, pz, latent):
-    """Sum of the first layer's rows for a position, into `latent` (width,)."""
-    ux = contract(px, encoding.center[0], encoding.inverse_extent[0])
-    uy = contract(py, encoding.center[1], encoding.inverse_extent[1])
-    uz = contract(pz, encoding.center[2], encoding.inverse_extent[2])
+def accumulate_latent(encoding, p, out, out_row):
+    """Sum of the first layer's rows for position p [m], into `out[out_row]`."""
+    ux = contract(p[0], encoding.center[0], encoding.inverse_extent[0])
+    uy = contract(p[1], encoding.center[1], encoding.inverse_extent[1])
+    uz = contract(p[2], encoding.center[2], encoding.inverse_extent[2])
     level = encoding.level
     table = encoding.table
     weights = encoding.position_weights
     feature_count = table.shape[1]
     width = weights.shape[1]
     for j in range(width):
-        latent[j] = 0.0
+        out[out_row, j] = 0.0
     for index in range(level.shape[0]):
         entries, shares = cell_corners(level, index, ux, uy, uz)
         for f in range(0, feature_count, 2):
@@ -188,42 +188,25 @@ def _accumulate_latent(encoding, px, py, pz, latent):
             b = interpolate(table, entries, shares, f + 1)
             row = index * feature_count + f
             for j in range(width):
-                latent[j] += a * weights[row, j] + b * weights[row + 1, j]
+                out[out_row, j] += a * weights[row, j] + b * weights[row + 1, j]
 
 
 @kernel
-def first_layer(encoding, positions, directions, candidate_vertex, start, stop, latent, hidden):
-    """Activations of the first layer, the position's part computed once for candidates of one vertex in a row.
-
-    Parameters
-    ----------
-    encoding : Encoding
-    positions : float32 (V, 3) [m]
-    directions : float32 (N, 3), unit
-    candidate_vertex : int (N,), row of `positions`
-    start, stop : int, candidates to do
-    latent : float32 (width,), scratch
-    hidden : float32 (at least stop - start, width), written
-    """
+def activate(encoding, wi, latent, latent_row, out, out_row):
+    """First layer's activations for unit direction wi and a position's `latent[latent_row]`, into `out[out_row]`."""
     weights = encoding.direction_weights
     width = weights.shape[1]
     bin_count = weights.shape[0] // 3
-    vertex = np.int64(-1)
-    for k in range(start, stop):
-        if candidate_vertex[k] != vertex:
-            vertex = np.int64(candidate_vertex[k])
-            _accumulate_latent(encoding, positions[vertex, 0], positions[vertex, 1], positions[vertex, 2], latent)
-        bx, x0, x1, x2 = blob(directions[k, 0], bin_count)
-        by, y0, y1, y2 = blob(directions[k, 1], bin_count)
-        bz, z0, z1, z2 = blob(directions[k, 2], bin_count)
-        by += bin_count
-        bz += 2 * bin_count
-        row = k - start
-        for j in range(width):
-            x = x0 * weights[bx, j] + x1 * weights[bx + 1, j] + x2 * weights[bx + 2, j]
-            y = y0 * weights[by, j] + y1 * weights[by + 1, j] + y2 * weights[by + 2, j]
-            z = z0 * weights[bz, j] + z1 * weights[bz + 1, j] + z2 * weights[bz + 2, j]
-            hidden[row, j] = max(latent[j] + x + y + z, 0.0)
+    bx, x0, x1, x2 = blob(wi[0], bin_count)
+    by, y0, y1, y2 = blob(wi[1], bin_count)
+    bz, z0, z1, z2 = blob(wi[2], bin_count)
+    by += bin_count
+    bz += 2 * bin_count
+    for j in range(width):
+        x = x0 * weights[bx, j] + x1 * weights[bx + 1, j] + x2 * weights[bx + 2, j]
+        y = y0 * weights[by, j] + y1 * weights[by + 1, j] + y2 * weights[by + 2, j]
+        z = z0 * weights[bz, j] + z1 * weights[bz + 1, j] + z2 * weights[bz + 2, j]
+        out[out_row, j] = max(latent[latent_row, j] + x + y + z, 0.0)
 
 
 @kernel

@@ -3,7 +3,7 @@
 
 Position and direction to incident radiance, as in section 5 of the paper: a hash grid over position, one-blob encoding
 of the direction, hidden layers of ReLU without bias, and an exponential that keeps the output positive. Everything that
-trains or evaluates the network agrees through this module; it knows neither torch nor onnxruntime.
+trains or evaluates the network agrees through this module; it does not know torch.
 
 References
 ----------
@@ -61,7 +61,7 @@ class NetworkShape:
             "finest_resolution": (self.base_resolution, 1 << 15),
             "table_size": (8, 1 << 22),
             "direction_bins": (3, 64),
-            "width": (8, 256),
+            "width": (8, 128),
             "hidden_layers": (1, 8),
             "channel_count": (1, 16),
         }
@@ -132,6 +132,9 @@ class NetworkShape:
 COMPACT_SHAPE = NetworkShape(
     level_count=4, finest_resolution=64, table_size=1 << 14, direction_bins=16, width=32, hidden_layers=2
 )
+
+#: By the setting `network_size`.
+NETWORK_SHAPES = {"COMPACT": COMPACT_SHAPE, "PAPER": NetworkShape()}
 
 
 @dataclass(frozen=True)

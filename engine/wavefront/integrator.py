@@ -14,13 +14,16 @@ import numpy as np
 
 from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
-from engine.guidance import Guidance, Predictor
+from engine.guidance import Guidance
+from engine.guiding.network import NETWORK_SHAPES
+from engine.guiding.network_query import SCRATCH_ROWS, no_network
+from engine.guiding.perceptron import MAX_WIDTH
 from engine.guiding.table import no_table
 from engine.guiding.vertices import allocate_log, allocate_vertex_records, collect_records
 from engine.guiding.vmm.field import allocate_guide, no_field
 from engine.jit import BoundKernel, in_python
 from engine.kernels.clock import begin
-from engine.ris.candidates import CANDIDATE_ROWS, Candidates, allocate_candidates
+from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.ris.orca import no_allocation
 from engine.scene.build import Scene
 from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
@@ -53,7 +56,12 @@ from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.play_roulette import play_roulette
-from engine.wavefront.predict_radiance import blend_with_mixture, predict_by_mixture, predict_by_table
+from engine.wavefront.predict_radiance import (
+    blend_with_mixture,
+    predict_by_mixture,
+    predict_by_network,
+    predict_by_table,
+)
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
@@ -136,6 +144,8 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "collect_records": (collect_records, 2),
 }
 
+_PREDICTORS = {"TABLE_RIS": predict_by_table, "NEURAL_RIS": predict_by_network}
+
 
 @dataclass
 class Statistics:
@@ -181,6 +191,8 @@ class Batch:
             registers=allocate_memory(scene.shaders),
             **{name: np.zeros(lanes, np.int32) for name in LANE_LISTS},
             f_cos=np.zeros((lanes, channel_count), np.float32),
+            latent=np.zeros((1, MAX_WIDTH), np.float32),
+            hidden=np.zeros((SCRATCH_ROWS, MAX_WIDTH), np.float32),
             paths=allocate_paths(lanes, channel_count),
             points=allocate_points(lanes),
             closures=allocate_closures(lanes, channel_count),
@@ -199,20 +211,11 @@ class Batch:
         self.statistics = Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
         self.unit_costs = UnitCosts()
-        self._guidance: Guidance | None = None
-        self.predictor: Predictor | None = None
 
     @property
     def record_count(self) -> int:
         """Records of the unit in work."""
         return int(self.work.counts[RECORDS])
-
-    def follow(self, guidance: Guidance | None) -> None:
-        """Use what an iteration has learned."""
-        if guidance is not self._guidance:
-            self._guidance = guidance
-            make = guidance.new_predictor if guidance is not None else None
-            self.predictor = make() if make is not None else None
 
     def begin(self) -> None:
         """All lanes free, nothing counted, the film black."""
@@ -287,14 +290,15 @@ class Integrator:
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
-        predict = predict_by_table if settings.guiding_method == "TABLE_RIS" else predict_by_mixture
+        predict = _PREDICTORS.get(settings.guiding_method, predict_by_mixture)
         #: Made here, since the types of the stages' arguments follow from scene and settings.
         self.stages = StageTable({**_STAGES, "predict_radiance": (predict, 0)})
         self._compiled_loop: BoundKernel | None = None
         self._python_loop = in_python(trace_rounds)
+        nothing = np.zeros(1, np.float32)
         self._no_guidance = GuidanceView(
-            no_field(), no_table(), no_allocation(), np.zeros(1, np.float32), np.zeros(1, np.float32),
-            np.zeros(1, np.float32),
+            no_field(), no_table(), no_network(NETWORK_SHAPES[settings.network_size]), no_allocation(),
+            nothing, nothing, nothing,
         )
         self._guiding_options = make_guiding_options(settings, candidate_count=1)
         self._settings = settings
@@ -314,14 +318,15 @@ class Integrator:
             assert guidance.probability is not None and guidance.light_share is not None
             assert guidance.benefit is not None
             table = guidance.table if guidance.table is not None else self._no_guidance.table
+            network = guidance.network if guidance.network is not None else self._no_guidance.network
             self._guidance_view = GuidanceView(
-                guidance.field, table, guidance.allocation, guidance.probability, guidance.light_share,
+                guidance.field, table, network, guidance.allocation, guidance.probability, guidance.light_share,
                 guidance.benefit,
             )
             self._guiding_options = make_guiding_options(
                 self._settings,
                 candidate_count=guidance.candidate_count,
-                predicts_color=guidance.table is not None or guidance.new_predictor is not None,
+                predicts_color=guidance.table is not None or guidance.network is not None,
             )
         if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
@@ -373,7 +378,9 @@ class Integrator:
         if view.header[SCENE_HAS_EMITTERS]:
             stages.guide_lights(b.guided, b.guide, b.samples, b.lit, 0)
         stages.draw_candidates(b.paths, b.points, b.closures, b.guided, b.guide, b.candidates, b.single, 0, 0)
-        stages.predict_radiance(learned.table, b.guide, b.guided, b.candidates, 0)
+        stages.predict_radiance(
+            learned.table, learned.network, b.latent, b.hidden, b.guide, b.guided, b.candidates, 0
+        )
         stages.blend_with_mixture(b.guide, b.candidates, 0)
         stages.guide_resample(
             guiding_options, options, b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
@@ -399,14 +406,12 @@ class Integrator:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        batch.follow(self.guidance)
         batch.begin()
         started = time.perf_counter()
-        asks_network = batch.predictor is not None and unit.is_guided
-        if self.ray_observer is None and not asks_network and self._compiled_loop is not None:
+        if self.ray_observer is None and self._compiled_loop is not None:
             is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
         else:
-            is_finished = self._python_loop(*self._arguments(self._python_stages(batch), batch, unit, stop))
+            is_finished = self._python_loop(*self._arguments(self._python_stages(), batch, unit, stop))
         batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
         return bool(is_finished)
 
@@ -429,10 +434,10 @@ class Integrator:
             stages, self.view, self.options, self._guiding_options, self._guidance_view, view, batch.work, stop
         )  # fmt: skip
 
-    def _python_stages(self, batch: Batch) -> SimpleNamespace:
-        """The stages for a loop in Python: with an observer of rays, or a network to ask."""
+    def _python_stages(self) -> SimpleNamespace:
+        """The stages for a loop in Python, with an observer of rays if there is one."""
         stages = self.stages.as_dict()
-        observer, predictor = self.ray_observer, batch.predictor
+        observer = self.ray_observer
         if observer is not None:
             closest, shadow = stages["intersect_closest"], stages["intersect_shadow"]
 
@@ -445,12 +450,4 @@ class Integrator:
                 return shadow(*arguments)
 
             stages |= {"intersect_closest": intersect_closest, "intersect_shadow": intersect_shadow}
-        if predictor is not None:
-
-            def predict_radiance(_table: Any, _guide: Any, _guided: Any, candidates: Candidates, count: int) -> None:
-                predictor.predict(
-                    candidates.position, candidates.vertex, candidates.direction, count, candidates.radiance
-                )
-
-            stages["predict_radiance"] = predict_radiance
         return SimpleNamespace(**stages)

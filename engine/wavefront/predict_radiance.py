@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from engine.guiding.network_query import predict_network
 from engine.guiding.table import predict_table
 from engine.guiding.vmm.query import predict_vmm
 from engine.jit import kernel
@@ -16,7 +17,7 @@ _MIXTURE_SHARE = np.float32(0.5)
 
 
 @kernel
-def predict_by_mixture(table, guide, guided, candidates, row_count):
+def predict_by_mixture(table, network, latent, hidden, guide, guided, candidates, row_count):
     """Fill `candidates.radiance` with the grey radiance of the lane's mixture."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
@@ -26,11 +27,23 @@ def predict_by_mixture(table, guide, guided, candidates, row_count):
 
 
 @kernel
-def predict_by_table(table, guide, guided, candidates, row_count):
+def predict_by_table(table, network, latent, hidden, guide, guided, candidates, row_count):
     """Fill `candidates.radiance` from the directional table of the lane's region."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
         predict_table(table, guided.region[lane], load(candidates.direction, row), candidates.radiance, row)
+
+
+@kernel
+def predict_by_network(table, network, latent, hidden, guide, guided, candidates, row_count):
+    """Fill `candidates.radiance` from the radiance network; from the lane's mixture while nothing has been learned."""
+    if network.is_ready[0] == 0:
+        predict_by_mixture(table, network, latent, hidden, guide, guided, candidates, row_count)
+    else:
+        predict_network(
+            network, candidates.position, candidates.vertex, candidates.direction, row_count, latent, hidden,
+            candidates.radiance,
+        )
 
 
 @kernel

@@ -152,7 +152,9 @@ def _resample(stages, options, guiding_options, guidance, pixel_weight, b, lanes
         counts[CANDIDATES] += row_count
         counts[RESAMPLED_VERTICES] += vertex_count
         counts[RESAMPLED_CANDIDATES] += row_count
-        stages.predict_radiance(guidance.table, b.guide, b.guided, candidates, row_count)
+        stages.predict_radiance(
+            guidance.table, guidance.network, b.latent, b.hidden, b.guide, b.guided, candidates, row_count
+        )
         if guiding_options.blends_mixture != 0:
             stages.blend_with_mixture(b.guide, candidates, row_count)
         mark(b.clock, _PREDICT_RADIANCE)
