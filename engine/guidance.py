@@ -25,6 +25,7 @@ class Guidance:
     benefit : float32 (R,), of guiding by region (`engine.guiding.selection`)
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
+    probes_only : bool, whether it is for recorded paths, and the others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     """
@@ -40,3 +41,4 @@ class Guidance:
     pixel_weight: np.ndarray | None = None
     table: TableField | None = None
     network: NetworkField | None = None
+    probes_only: bool = False

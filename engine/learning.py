@@ -132,7 +132,7 @@ class GuidingReport:
             )
         if self.method == "NEURAL_RIS" and not self.has_trained:
             self.lines.append(
-                "radiance network: not trained, hardly a vertex was worth several candidates; the mixture weighs them"
+                "radiance network: not trained, hardly a vertex was worth several candidates"
             )
         if self.network_stopped_at:
             self.lines.append(
@@ -211,6 +211,10 @@ class Learner:
     def _weighs_network(self) -> bool:
         """Whether the network may be left out: not where a number of candidates or the cache was asked for."""
         return self.settings.candidate_allocation == "ORCA" and not self.settings.radiance_cache
+
+    def _probes_only(self) -> bool:
+        """Whether allocation is only tried, for want of a network that resampling would be for."""
+        return self.settings.guiding_method == "NEURAL_RIS" and self._weighs_network() and self._network is None
 
     def _start_network(self) -> None:
         self.report.has_trained = True
@@ -344,6 +348,7 @@ class Learner:
             self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
             self._selection.benefit, fixed, allocation, weights,
             self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._network,
+            self._probes_only(),
         )
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
@@ -439,13 +444,15 @@ class Learner:
     def _weigh_network(self, costs: IterationCosts, recorded_share: float, next_sample: int) -> None:
         """Begin training a network, or give it up, by how many vertices were worth several candidates.
 
-        While there is none the mixture weighs the candidates, and its estimates say what resampling may save.
+        While there is none the mixture weighs those of recorded paths, and its estimates say what resampling may save.
         """
         is_neural = self.settings.guiding_method == "NEURAL_RIS"
         if not is_neural or not self._weighs_network() or self.report.network_stopped_at or not costs.guided_vertices:
             return
         # Those of recorded paths that only keep the estimates coming do not count.
         resampled = costs.several_vertices / costs.guided_vertices - (float(FLOOR) - 1.0) * recorded_share
+        if self._network is None:
+            resampled /= max(recorded_share, 1e-6)
         is_worth_it = resampled >= _LEAST_RESAMPLED
         self._worth_count = self._worth_count + 1 if is_worth_it else 0
         # What a network does is known once it weighs candidates.

@@ -85,10 +85,10 @@ def test_a_network_is_trained_while_it_is_worth_it(monkeypatch):
             made._weigh_network(costs, 0.4, 7)
 
     patient = learner()
-    # An eighth of the vertices of recorded paths, two in five, only keep the estimates coming.
-    weigh(patient, 0.04, 0.4, 0.14, 0.4)
+    # Recorded are two paths in five; an eighth of their vertices only keep the estimates coming.
+    weigh(patient, 0.04, 0.1, 0.08, 0.1)
     assert not started
-    weigh(patient, 0.4)
+    weigh(patient, 0.1)
     assert started == [patient]
     patient.report.has_trained = True
     # There is nothing to judge before the first snapshot.
@@ -116,5 +116,5 @@ def test_a_network_that_nothing_asks_for_is_not_trained(monkeypatch):
     monkeypatch.setattr(Learner, "_start_network", fail)
     report = render("NEURAL_RIS", 1, scene=pit_scene, samples=31, guiding_trial=False).report.guiding
     assert not report.has_trained and "not trained" in report.lines[-1]
-    # The mixture weighs candidates meanwhile.
+    # The mixture weighs candidates of recorded paths meanwhile.
     assert report.candidates_per_vertex > 1.0

@@ -327,6 +327,7 @@ class Integrator:
                 self._settings,
                 candidate_count=guidance.candidate_count,
                 predicts_color=guidance.table is not None or guidance.network is not None,
+                probes_only=guidance.probes_only,
             )
         if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")

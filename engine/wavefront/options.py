@@ -56,7 +56,8 @@ class GuidingOptions(NamedTuple):
 
     `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
     guided. With `use_cache` paths end at the first rough surface, with the predicted radiance. With `blends_mixture`
-    the mixture has a share in predictions of colour.
+    the mixture has a share in predictions of colour. With `probes_only` allocation is for recorded paths, by which it
+    can be judged; the others take one candidate.
     """
 
     defensive_alpha: np.float32
@@ -65,6 +66,7 @@ class GuidingOptions(NamedTuple):
     min_alpha: np.float32
     use_cache: int
     blends_mixture: int
+    probes_only: int
 
 
 #: A roughness of 0.05, below which the BSDF is the better guess (Cycles' threshold).
@@ -72,10 +74,10 @@ _MIN_GUIDED_ALPHA = 0.05**2
 
 
 def make_guiding_options(
-    settings: RenderSettings, *, candidate_count: int, predicts_color: bool = False
+    settings: RenderSettings, *, candidate_count: int, predicts_color: bool = False, probes_only: bool = False
 ) -> GuidingOptions:
     """Guiding options from a user's settings, the iteration's rule for the number of candidates, and whether something
-    of colour predicts."""
+    of colour predicts and allocation is only tried on recorded paths."""
     return GuidingOptions(
         defensive_alpha=np.float32(settings.defensive_alpha),
         candidate_count=candidate_count,
@@ -84,4 +86,5 @@ def make_guiding_options(
         use_cache=int(predicts_color and settings.radiance_cache),
         # The cache wants the radiance that is likeliest, not what samples best.
         blends_mixture=int(predicts_color and not settings.radiance_cache),
+        probes_only=int(probes_only),
     )

@@ -79,6 +79,8 @@ def prepare_guides(
         guided.leaf[lane] = leaf
         guided.probability[lane] = probability[leaf]
         count = guiding.candidate_count
+        if count == 0 and guiding.probes_only != 0 and not is_recorded:
+            count = 1
         if count == 0:
             squared = 0.0
             for c in range(len(paths.channels)):
