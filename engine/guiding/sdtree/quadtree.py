@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The directional quadtrees while they learn: splatting, what becomes the density, and refinement.
+
+Quadtrees of all regions lie one after the other in a pool; within one, a node comes before its children, so loops over
+nodes, up or down, stand for recursion.
+
+References: Müller et al. 2017, "Practical Path Guiding for Efficient Light-Transport Simulation", section 3.2; Müller
+2019, "Practical Path Guiding in Production"; Rath et al. 2020, "Variance-Aware Path Guiding".
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.guiding.sdtree.field import QUAD_LEAF, SPLIT_PHI, SPLIT_Z
+from engine.guiding.sdtree.space import (
+    BATCH_ENERGY,
+    BATCH_SHIFT_X,
+    BATCH_SHIFT_Y,
+    BATCH_SQUARE,
+    BATCH_X,
+    BATCH_Y,
+)
+from engine.jit import kernel
+from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.scene.arrays import Float32Array, Int32Array
+
+#: No record may hold a larger share of what its region sees in an update (unless there are hardly any).
+_RECORD_SHARE = np.float32(0.02)
+#: Where no light was found among few records there may be some all the same: density as of so many records, even.
+_EVEN_RECORDS = np.float32(16.0)
+#: Sums below this are no light: their ratios mean nothing.
+_LEAST_SUM = np.float32(1e-35)
+#: No half has less probability than this share: what random numbers of 24 bits can draw.
+_LEAST_SPLIT = np.float32(2.0**-23)
+#: Nodes of one quadtree.
+MAX_NODES = 4096
+
+# Columns of what is measured by region.
+MEASURE_ENERGY_LIMIT = 0
+MEASURE_SQUARE_LIMIT = 1
+MEASURE_ENERGY = 2
+MEASURE_SQUARE = 3
+MEASURE_WIDTH = 4
+
+# Columns of what a region remembers besides its quadtree.
+TOTAL_COUNT = 0
+TOTAL_ENERGY = 1
+TOTAL_WIDTH = 2
+
+
+class QuadPool(NamedTuple):
+    """Quadtrees of R regions, Q nodes.
+
+    root : int32 (R + 1,), first node of each region, and the end
+    child : int32 (Q, 4), as in `SdTreeField`
+    sums : float32 (Q, 4), energy (or its second moment) of each quadrant, up to date in leaves only
+    """
+
+    root: Int32Array
+    child: Int32Array
+    sums: Float32Array
+
+
+@kernel
+def copy_trees(first, last, source, share, old_root, old_child, old_sums, root, child, sums):
+    """Write regions [first, last) as copies of their sources, with a share of their sums.
+
+    Parameters
+    ----------
+    source : int32 (R,), region of the old pool
+    share : float32 (R,)
+    old_root, old_child, old_sums, root, child, sums
+        Two `QuadPool`s; root is given.
+    """
+    for region in range(first, last):
+        start = np.int64(old_root[source[region]])
+        target = np.int64(root[region])
+        for k in range(np.int64(root[region + 1]) - target):
+            for q in range(4):
+                child[target + k, q] = old_child[start + k, q]
+                sums[target + k, q] = old_sums[start + k, q] * share[region]
+
+
+@kernel
+def _measure(batch, start, stop, column):
+    """Largest value that one of the rows may have in a column, and the sum with all others cut off there."""
+    total = 0.0
+    lit_count = 0
+    for k in range(start, stop):
+        total += np.float64(batch[k, column])
+        if batch[k, column] > 0.0:
+            lit_count += 1
+    share = np.float64(max(_RECORD_SHARE, 2.0 / np.float32(max(lit_count, 1))))
+    limit = total * share
+    # An outlier raises its own limit: the sum is taken again without the excess.
+    for _round in range(2):
+        total = np.float64(0.0)
+        for k in range(start, stop):
+            total += min(np.float64(batch[k, column]), limit)
+        limit = total * share
+    return limit, total
+
+
+@kernel
+def measure_regions(batch, rows, first, last, is_variance_aware, measures):
+    """Write the limits of records and the sums of regions [first, last).
+
+    Parameters
+    ----------
+    batch : float32 (M, BATCH_WIDTH), sorted by region
+    rows : int64 (R, 2), each region's rows
+    measures : float64 (R, MEASURE_WIDTH), written
+    """
+    for region in range(first, last):
+        start = rows[region, 0]
+        stop = rows[region, 1]
+        limit, total = _measure(batch, start, stop, BATCH_ENERGY)
+        measures[region, MEASURE_ENERGY_LIMIT] = limit
+        measures[region, MEASURE_ENERGY] = total
+        if is_variance_aware:
+            limit, total = _measure(batch, start, stop, BATCH_SQUARE)
+            measures[region, MEASURE_SQUARE_LIMIT] = limit
+            measures[region, MEASURE_SQUARE] = total
+
+
+@kernel
+def _find_leaf(child, root, x, y):
+    """Node and quadrant of the leaf that holds a point, and its side's length."""
+    node = np.int64(root)
+    size = np.float32(0.5)
+    while True:
+        x *= 2.0
+        y *= 2.0
+        column = 1 if x >= 1.0 else 0
+        row = 1 if y >= 1.0 else 0
+        x -= np.float32(column)
+        y -= np.float32(row)
+        quadrant = column + 2 * row
+        below = np.int64(child[node, quadrant])
+        if below == QUAD_LEAF:
+            return node, quadrant, size
+        node = root + below
+        size *= 0.5
+
+
+@kernel
+def splat_regions(batch, rows, first, last, column, limit_column, scale, measures, root, child, sums):
+    """Add a batch to the quadtrees of regions [first, last).
+
+    A record's direction is moved by up to half the size of the leaf it falls into (a box filter, by one random point of
+    the box), round the sphere in phi and back at the poles, where the square ends.
+
+    Parameters
+    ----------
+    batch : float32 (M, BATCH_WIDTH), sorted by region
+    rows : int64 (R, 2)
+    column, limit_column : int, of the batch and of `measures`
+    scale : float32, factor of all
+    measures : float64 (R, MEASURE_WIDTH)
+    root, child, sums : `QuadPool`
+    """
+    for region in range(first, last):
+        start = np.int64(root[region])
+        limit = np.float32(measures[region, limit_column])
+        for k in range(rows[region, 0], rows[region, 1]):
+            value = batch[k, column]
+            if not value > 0.0:
+                continue
+            x = batch[k, BATCH_X]
+            y = batch[k, BATCH_Y]
+            _node, _quadrant, size = _find_leaf(child, start, x, y)
+            x += batch[k, BATCH_SHIFT_X] * size
+            y += batch[k, BATCH_SHIFT_Y] * size
+            x += 1.0 if x < 0.0 else np.float32(0.0)
+            x -= 1.0 if x >= 1.0 else np.float32(0.0)
+            y = abs(y)
+            y = 2.0 - y if y >= 1.0 else y
+            node, quadrant, size = _find_leaf(child, start, min(x, ONE_MINUS_EPSILON), min(y, ONE_MINUS_EPSILON))
+            sums[node, quadrant] += min(value, limit) * scale
+
+
+@kernel
+def _split(part, whole):
+    """Share of a part, float32, neither 0 nor 1."""
+    return np.float32(min(max(part / whole, _LEAST_SPLIT), 1.0 - _LEAST_SPLIT))
+
+
+@kernel
+def collect_trees(first, last, is_variance_aware, totals, root, child, sums, values, areas, split, is_ready):
+    """From what leaves have gathered, make the density of regions [first, last).
+
+    A leaf's probability is in proportion to its energy; in a variance-aware tree to the root of its second moment times
+    its area (`engine.guiding.sdtree.model` derives it). Part of the density is even, in proportion to what few records
+    leave unknown.
+
+    Parameters
+    ----------
+    totals : float64 (R, TOTAL_WIDTH)
+    root, child, sums : `QuadPool`, sums of inner quadrants are written
+    values : float64 (Q, 4), written: what the probability of each quadrant is in proportion to, without the even part
+    areas : float32 (Q,), scratch: share of the sphere of each node
+    split : float32 (Q, SPLIT_WIDTH), written, see `SdTreeField`
+    is_ready : uint8 (R,), written
+    """
+    for region in range(first, last):
+        start = np.int64(root[region])
+        stop = np.int64(root[region + 1])
+        areas[start] = 1.0
+        for node in range(start, stop):
+            for q in range(4):
+                if child[node, q] != QUAD_LEAF:
+                    areas[start + np.int64(child[node, q])] = 0.25 * areas[node]
+        for node in range(stop - 1, start - 1, -1):
+            for q in range(4):
+                below = np.int64(child[node, q])
+                if below != QUAD_LEAF:
+                    below += start
+                    sums[node, q] = (sums[below, 0] + sums[below, 1]) + (sums[below, 2] + sums[below, 3])
+                    values[node, q] = (values[below, 0] + values[below, 1]) + (values[below, 2] + values[below, 3])
+                elif is_variance_aware:
+                    values[node, q] = math.sqrt(np.float64(sums[node, q]) * np.float64(0.25 * areas[node]))
+                else:
+                    values[node, q] = np.float64(sums[node, q])
+        total = (values[start, 0] + values[start, 1]) + (values[start, 2] + values[start, 3])
+        is_lit = total > _LEAST_SUM and totals[region, TOTAL_ENERGY] > _LEAST_SUM
+        is_ready[region] = 1 if is_lit else 0
+        even = np.float64(_EVEN_RECORDS) / (np.float64(_EVEN_RECORDS) + totals[region, TOTAL_COUNT])
+        learned = (1.0 - even) / total if is_lit else np.float64(0.0)
+        even = even if is_lit else np.float64(1.0)
+        for node in range(start, stop):
+            part = even * np.float64(0.25 * areas[node])
+            lower = (values[node, 0] + values[node, 2]) * learned + 2.0 * part
+            upper = (values[node, 1] + values[node, 3]) * learned + 2.0 * part
+            split[node, SPLIT_PHI] = _split(lower, lower + upper)
+            split[node, SPLIT_Z] = _split(values[node, 0] * learned + part, lower)
+            split[node, SPLIT_Z + 1] = _split(values[node, 1] * learned + part, upper)
+
+
+@kernel
+def refine_tree(
+    region, flux_share, max_depth, root, child, sums, values, links, quarters, target, new_child, new_sums, is_written
+):
+    """Divide the quadrants of a region that hold much and join those that do not.
+
+    Parameters
+    ----------
+    region : int
+    flux_share : float
+        Quadrants with more of the total are divided, down to `max_depth` divisions of the sphere.
+    root, child, sums : `QuadPool`
+    values : float64 (Q, 4), of `collect_trees`
+    links : int32 (MAX_NODES, 2), scratch: node of the old tree (-1 = none), depth
+    quarters : float64 (MAX_NODES, 2), scratch: value and sum of each quadrant of a node that the old tree lacks
+    target : int
+        First node of the new quadtree.
+    new_child, new_sums : as in `QuadPool`
+        Written if `is_written`; what a quadrant held is spread evenly over its new parts.
+
+    Returns
+    -------
+    int, nodes of the new quadtree
+    """
+    start = np.int64(root[region])
+    total = (values[start, 0] + values[start, 1]) + (values[start, 2] + values[start, 3])
+    is_lit = total > _LEAST_SUM
+    least = total * flux_share
+    links[0, 0] = start
+    links[0, 1] = 1
+    count = 1
+    node = 0
+    while node < count:
+        old = np.int64(links[node, 0])
+        depth = np.int64(links[node, 1])
+        for q in range(4):
+            value = quarters[node, 0]
+            held = quarters[node, 1]
+            below = -1
+            if old >= 0:
+                value = values[old, q]
+                held = np.float64(sums[old, q])
+                below = np.int64(child[old, q])
+                below = start + below if below != QUAD_LEAF else -1
+            # Without light the tree stays as it is.
+            is_divided = value > least if is_lit else below >= 0
+            is_divided = is_divided and depth < max_depth and count < MAX_NODES
+            if is_written:
+                new_child[target + node, q] = count if is_divided else QUAD_LEAF
+                new_sums[target + node, q] = np.float32(held)
+            if is_divided:
+                links[count, 0] = below
+                links[count, 1] = depth + 1
+                quarters[count, 0] = 0.25 * value
+                quarters[count, 1] = 0.25 * held
+                count += 1
+        node += 1
+    return count
+
+
+@kernel
+def count_refined(first, last, flux_share, max_depth, root, child, sums, values, links, quarters, counts):
+    """Write how many nodes the refined quadtrees of regions [first, last) have: int32 (R,), see `refine_tree`."""
+    for region in range(first, last):
+        counts[region] = refine_tree(
+            region, flux_share, max_depth, root, child, sums, values, links, quarters, 0, child, sums, False
+        )
+
+
+@kernel
+def write_refined(
+    first, last, flux_share, max_depth, root, child, sums, values, links, quarters, new_root, new_child, new_sums
+):
+    """Write the refined quadtrees of regions [first, last), see `refine_tree`; `new_root` is given."""
+    for region in range(first, last):
+        refine_tree(
+            region, flux_share, max_depth, root, child, sums, values, links, quarters, np.int64(new_root[region]),
+            new_child, new_sums, True,
+        )
