@@ -16,8 +16,8 @@ throughput before, L an estimate of the incident radiance.
   cell of solid angle A is sqrt(A times that sum), as in the paper. No cosine, no BSDF is divided out, and no mixture
   with the BSDF is reckoned with: the paper's own estimator accounts for what its mixture sampling did.
 
-The scale of I may change from one update to the next (there is no pixel value before the first), so second moments of
-each update are taken over their mean.
+What an update adds is taken over its mean: the scale of I may change from one to the next (there is no pixel value
+before the first), and squares of it stay within float32.
 """
 
 from __future__ import annotations
@@ -73,6 +73,12 @@ def _box(bounds: npt.ArrayLike) -> tuple[Float32Array, Float32Array]:
     margin = 1e-3 * max(float((corners[1] - corners[0]).max()), 1e-3) + 1e-5 * np.abs(corners).max(0)
     corners = np.stack([corners[0] - margin, corners[1] + margin]).astype(np.float32)
     return corners, np.stack([corners[0], corners[0] + (corners[1] - corners[0]).max()])
+
+
+def _empty_pool(root: Int32Array) -> QuadPool:
+    """Room for quadtrees of given nodes."""
+    shape = (int(root[-1]), 4)
+    return QuadPool(root, np.empty(shape, np.int32), np.empty(shape, np.float32), np.empty(shape, np.float32))
 
 
 class SdTreeModel:
@@ -139,11 +145,11 @@ class SdTreeModel:
         self._totals = np.zeros((1, quadtree.TOTAL_WIDTH))
         # As fine as even light would have it.
         whole = QuadPool(
-            np.array([0, 1], np.int32), np.full((1, 4), QUAD_LEAF, np.int32), np.full((1, 4), 0.25, np.float32)
-        )
+            np.array([0, 1], np.int32), np.full((1, 4), QUAD_LEAF, np.int32), np.zeros((1, 4), np.float32),
+            np.zeros((1, 4), np.float32),
+        )  # fmt: skip
         run = make_runner(None, 1)
         self._pool = self._refine(whole, np.full((1, 4), 0.25), run, 1)
-        self._pool.sums[:] = 0.0
         self.field = self._publish(run, 1)
 
     def update(
@@ -318,7 +324,7 @@ class SdTreeModel:
         old = self._pool
         sizes = np.diff(old.root)[source]
         root = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-        pool = QuadPool(root, np.empty((root[-1], 4), np.int32), np.empty((root[-1], 4), np.float32))
+        pool = _empty_pool(root)
         pieces = self._pieces(sizes, thread_count)
 
         def work(piece: int) -> None:
@@ -368,12 +374,13 @@ class SdTreeModel:
         run(measure, pieces.size - 1)
         self._totals[:, quadtree.TOTAL_COUNT] += sizes
         self._totals[:, quadtree.TOTAL_ENERGY] += measures[:, quadtree.MEASURE_ENERGY]
-        column, limit_column, scale = space.BATCH_ENERGY, quadtree.MEASURE_ENERGY_LIMIT, 1.0
+        column, limit_column, total_column = space.BATCH_ENERGY, quadtree.MEASURE_ENERGY_LIMIT, quadtree.MEASURE_ENERGY
         if self._is_variance_aware:
             column, limit_column = space.BATCH_SQUARE, quadtree.MEASURE_SQUARE_LIMIT
-            mean = float(measures[:, quadtree.MEASURE_SQUARE].sum()) / max(len(batch), 1)
-            # A mean too small for float32 is no light.
-            scale = 1.0 / mean if mean > 1e-30 else 0.0
+            total_column = quadtree.MEASURE_SQUARE
+        mean = float(measures[:, total_column].sum()) / max(len(batch), 1)
+        # A mean too small for float32 is no light.
+        scale = 1.0 / mean if mean > 1e-30 else 0.0
 
         def splat(piece: int) -> None:
             quadtree.splat_regions(
@@ -385,7 +392,7 @@ class SdTreeModel:
 
     def _publish(self, run: Runner, thread_count: int) -> SdTreeField:
         """Make the field of what was gathered, and refine the trees that gather next."""
-        root, child, sums = self._pool
+        root, child, sums, squares = self._pool
         count, nodes = self.region_count, self._node_count
         values = np.empty((len(child), 4))
         areas = np.empty(len(child), np.float32)
@@ -396,7 +403,7 @@ class SdTreeModel:
         def collect(piece: int) -> None:
             quadtree.collect_trees(
                 int(pieces[piece]), int(pieces[piece + 1]), self._is_variance_aware, self._totals, root, child, sums,
-                values, areas, split, is_ready,
+                squares, values, areas, split, is_ready,
             )
 
         run(collect, pieces.size - 1)
@@ -424,14 +431,14 @@ class SdTreeModel:
             return int(pieces[piece]), int(pieces[piece + 1]), self._flux_share, self._max_depth
 
         def scratch() -> tuple[np.ndarray, np.ndarray]:
-            return np.zeros((quadtree.MAX_NODES, 2), np.int32), np.zeros((quadtree.MAX_NODES, 2))
+            return np.zeros((quadtree.MAX_NODES, 2), np.int32), np.zeros((quadtree.MAX_NODES, 3))
 
         def count(piece: int) -> None:
             quadtree.count_refined(*span(piece), *pool, values, *scratch(), counts)
 
         run(count, pieces.size - 1)
         root = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        refined = QuadPool(root, np.empty((root[-1], 4), np.int32), np.empty((root[-1], 4), np.float32))
+        refined = _empty_pool(root)
 
         def write(piece: int) -> None:
             quadtree.write_refined(*span(piece), *pool, values, *scratch(), *refined)
