@@ -88,8 +88,9 @@ class SdTreeModel:
     gather is refined from it. So the shape of a quadtree never goes by the records that fill it.
 
     Müller et al. throw away what was gathered when an iteration ends, as the next is as long as all before. Here
-    iterations stop growing: then most of it is kept, as much as of four iterations, and fades, since what a quadrant
-    held before it was divided is spread evenly over its parts. Where few new records came, little is forgotten.
+    iterations stop growing: then most of it is kept, as much as of four iterations, once the trees have taken shape. It
+    fades all the same, since what a quadrant held before it was divided is spread evenly over its parts. Where few new
+    records came, little is forgotten.
 
     Parameters
     ----------
@@ -282,7 +283,7 @@ class SdTreeModel:
         count = self.region_count
         new = rows[:, 1] - rows[:, 0]
         known = self._totals[:, quadtree.TOTAL_COUNT]
-        kept = 1.0 - forgotten * np.minimum(new / np.maximum(known, 1.0), 1.0)
+        kept = 1.0 - forgotten * np.minimum(2.0 * new / np.maximum(known, 1.0), 1.0)
         capacity = min(count + 4 * int(len(order) / limit) + 128, _MAX_REGIONS)
         self._reserve(capacity)
 
