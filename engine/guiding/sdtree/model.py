@@ -85,7 +85,7 @@ class SdTreeModel:
     """A spatial tree of directional quadtrees that learns from records.
 
     Two sets of quadtrees: one gathers, and at the end of an update becomes the published one, as it is; the next one to
-    gather is refined from it. So the shape of a quadtree never goes by the records that fill it.
+    gather is refined from it. So the shape of a quadtree does not go by the newest records that fill it.
 
     Müller et al. throw away what was gathered when an iteration ends, as the next is as long as all before. Here
     iterations stop growing: then most of it is kept, as much as of four iterations, once the trees have taken shape. It

@@ -215,8 +215,8 @@ def _split(part, whole):
 def _even_share(sums, squares, node):
     """Weight of the prior against a node's records: 1 where these are none, near 0 where many share its energy.
 
-    The number of records is the effective one, (sum)^2 / (sum of squares): a dim sky hit a hundred times says nothing of
-    a lamp that was hit twice.
+    The number of records is the effective one, (sum)^2 / (sum of squares): a dim sky hit a hundred times says nothing
+    of a lamp that was hit twice.
     """
     total = np.float64(0.0)
     squared = np.float64(0.0)
