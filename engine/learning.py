@@ -21,7 +21,7 @@ from engine.guiding import trial
 from engine.guiding.light_share import LightShareModel
 from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
-from engine.guiding.trainer import RadianceTrainer, TrainerState
+from engine.guiding.trainer import NetworkTrainer, TrainerState
 from engine.guiding.trial import GuidingTrial
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
 from engine.guiding.vmm.leaves import find_leaves
@@ -191,7 +191,7 @@ class Learner:
         depends_on_clock = settings.guiding_method == "NEURAL_RIS" or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
-        self._trainer: RadianceTrainer | None = None
+        self._trainer: NetworkTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
         if settings.guiding_method == "NEURAL_RIS":
             self._start_network()
@@ -211,7 +211,7 @@ class Learner:
         # Learns as well as the paper's sizes from the records that a render has, at a third of the cost
         # (docs/experiments.md).
         self._shape = COMPACT_SHAPE
-        self._trainer = RadianceTrainer(
+        self._trainer = NetworkTrainer(
             self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
             deterministic=self.settings.deterministic,
         )

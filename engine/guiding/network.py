@@ -43,6 +43,10 @@ class TrainableShape(Protocol):
     def parameter_count(self) -> int:
         """Length of the parameter vector."""
 
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said."""
+
 
 @dataclass(frozen=True)
 class NetworkShape:
@@ -125,6 +129,11 @@ class NetworkShape:
     def row_width(self) -> int:
         """Floats of a record that training needs: position, direction, radiance."""
         return 6 + self.channel_count
+
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said."""
+        return TrainingSettings()
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:

@@ -172,6 +172,11 @@ class MixtureShape:
         return ROW_WIDTH
 
     @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said: as the paper of its position's encoding has it."""
+        return NPM_SETTINGS if self.position_encoding == "GRID" else NASG_SETTINGS
+
+    @property
     def layout(self) -> dict[str, tuple[int, ...]]:
         """Name and shape of each array of parameters, in the order of the parameter vector."""
         layout: dict[str, tuple[int, ...]] = {}
