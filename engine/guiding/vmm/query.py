@@ -38,15 +38,17 @@ from engine.kernels.vector import orthonormal_basis
 
 _FOUR_PI = np.float32(4.0 * np.pi)
 
-#: The lobe closest to max(cos, 0) / pi.
-_COSINE_LOBE_KAPPA = np.float32(2.18853)
-_COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.18853))))
+#: The lobe closest to max(cos, 0) / pi, and its density at its centre.
+COSINE_LOBE_KAPPA = np.float32(2.18853)
+COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.18853))))
+#: Squared length of kappa_a mean_a + kappa_b mean_b below which a product of lobes is uniform.
+LEAST_PRODUCT = np.float32(1e-7)
 
 #: Squared distance [m^2] beyond which a cached neighbour is none.
 _NO_NEIGHBOR = np.float32(1e35)
 
 #: Part of the predicted radiance that comes evenly from all directions.
-_EVEN_SHARE = np.float32(0.3)
+EVEN_SHARE = np.float32(0.3)
 _TEN_BITS = np.float32(1.0 / 512.0)
 
 
@@ -131,6 +133,49 @@ def find_region(field, leaf, p, u):
     return np.int64(field.neighbors[leaf, chosen])
 
 
+@kernel(forceinline=True)  # Loops over lobes stay vector code.
+def multiply_lobe(mean, kappa_a, coefficient_a, n, kappa_b, norm_b, squared_chord):
+    """Product of two von Mises-Fisher lobes, which is one again.
+
+    Parameters
+    ----------
+    mean : float32 tuple, unit
+    kappa_a : float32
+    coefficient_a : float32 [sr^-1], the first lobe's value at its mean, its weight included
+    n : float32 tuple, unit, mean of the second lobe
+    kappa_b, norm_b : float32, the second lobe's concentration, and its value at its mean
+    squared_chord : float32, |mean - n|^2
+
+    Returns
+    -------
+    mean : float32 tuple, unit
+    kappa, coefficient : float32
+    weight : float32, integral of the product over the sphere
+
+    References
+    ----------
+    Herholz et al. 2016, "Product Importance Sampling for Light Transport Path Guiding".
+    """
+    deficit = kappa_a * kappa_b * squared_chord
+    kappa_sum = kappa_a + kappa_b
+    kappa = math.sqrt(max(kappa_sum * kappa_sum - deficit, 0.0))
+    x = kappa_a * mean[0] + kappa_b * n[0]
+    y = kappa_a * mean[1] + kappa_b * n[1]
+    z = kappa_a * mean[2] + kappa_b * n[2]
+    squared = x * x + y * y + z * z
+    is_uniform = kappa < UNIFORM_KAPPA or squared < LEAST_PRODUCT
+    inverse_length = 1.0 / math.sqrt(1.0 if is_uniform else squared)
+    kappa = 0.0 if is_uniform else kappa
+    # kappa' - kappa_a - kappa_b without its cancellation.
+    exponent = -deficit / max(kappa + kappa_sum, 1e-6)
+    coefficient = coefficient_a * norm_b * exp_nonpositive(exponent)
+    weight = coefficient * (_FOUR_PI * spread(kappa))
+    x = n[0] if is_uniform else x * inverse_length
+    y = n[1] if is_uniform else y * inverse_length
+    z = n[2] if is_uniform else z * inverse_length
+    return (x, y, z), kappa, coefficient, weight
+
+
 @kernel
 def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
     """Write the mixture to sample at a point into lane `row` of `guide`.
@@ -150,14 +195,14 @@ def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
 
     References
     ----------
-    Ruppert et al. 2020, section 5 (parallax); the product of two lobes: Herholz et al. 2016.
+    Ruppert et al. 2020, section 5 (parallax).
     """
     count = (np.int64(field.lobe_count[region]) + 7) & ~7
     offset_x = field.pivot[region, 0] - p[0]
     offset_y = field.pivot[region, 1] - p[1]
     offset_z = field.pivot[region, 2] - p[2]
-    kappa_b = _COSINE_LOBE_KAPPA if cosine_lobe else np.float32(0.0)
-    norm_b = _COSINE_LOBE_NORM if cosine_lobe else np.float32(1.0)
+    kappa_b = COSINE_LOBE_KAPPA if cosine_lobe else np.float32(0.0)
+    norm_b = COSINE_LOBE_NORM if cosine_lobe else np.float32(1.0)
     total = np.float32(0.0)
     for k in range(count):
         # mu' ~ mu d + (pivot - p), divided by d.
@@ -173,27 +218,17 @@ def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
         y = field.lobes[region, LOBE_Y, k] if at_source else y * inverse_length
         z = field.lobes[region, LOBE_Z, k] if at_source else z * inverse_length
 
-        kappa_a = field.lobes[region, LOBE_KAPPA, k]
         chord_x = x - n[0]
         chord_y = y - n[1]
         chord_z = z - n[2]
-        deficit = kappa_a * kappa_b * (chord_x * chord_x + chord_y * chord_y + chord_z * chord_z)
-        kappa_sum = kappa_a + kappa_b
-        kappa = math.sqrt(max(kappa_sum * kappa_sum - deficit, 0.0))
-        x = kappa_a * x + kappa_b * n[0]
-        y = kappa_a * y + kappa_b * n[1]
-        z = kappa_a * z + kappa_b * n[2]
-        squared = x * x + y * y + z * z
-        is_uniform = kappa < UNIFORM_KAPPA or squared < 1e-7
-        inverse_length = 1.0 / math.sqrt(1.0 if is_uniform else squared)
-        kappa = 0.0 if is_uniform else kappa
-        # kappa' - kappa_a - kappa_b without its cancellation.
-        exponent = -deficit / max(kappa + kappa_sum, 1e-6)
-        coefficient = field.lobes[region, LOBE_COEFFICIENT, k] * norm_b * exp_nonpositive(exponent)
-        weight = coefficient * (_FOUR_PI * spread(kappa))
-        guide.lobes[row, GUIDE_X, k] = n[0] if is_uniform else x * inverse_length
-        guide.lobes[row, GUIDE_Y, k] = n[1] if is_uniform else y * inverse_length
-        guide.lobes[row, GUIDE_Z, k] = n[2] if is_uniform else z * inverse_length
+        squared_chord = chord_x * chord_x + chord_y * chord_y + chord_z * chord_z
+        mean, kappa, coefficient, weight = multiply_lobe(
+            (x, y, z), field.lobes[region, LOBE_KAPPA, k], field.lobes[region, LOBE_COEFFICIENT, k],
+            n, kappa_b, norm_b, squared_chord,
+        )
+        guide.lobes[row, GUIDE_X, k] = mean[0]
+        guide.lobes[row, GUIDE_Y, k] = mean[1]
+        guide.lobes[row, GUIDE_Z, k] = mean[2]
         guide.lobes[row, GUIDE_KAPPA, k] = kappa
         guide.lobes[row, GUIDE_COEFFICIENT, k] = coefficient
         guide.lobes[row, GUIDE_WEIGHT, k] = weight
@@ -279,4 +314,4 @@ def predict_vmm(guide, row, wi, guide_pdf):
     exponent = -0.5 * guide.cosine[row, COSINE_KAPPA] * (x * x + y * y + z * z)
     density = guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
     even = guide.cosine[row, COSINE_FLUENCE] / _FOUR_PI
-    return (1.0 - _EVEN_SHARE) * density + _EVEN_SHARE * even
+    return (1.0 - EVEN_SHARE) * density + EVEN_SHARE * even
