@@ -16,12 +16,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from engine.guiding.lobes.nasg import NASG_OUTPUTS
+from engine.guiding.lobes.vmf import VMF_OUTPUTS
 from engine.guiding.mixture.rows import ROW_WIDTH
 from engine.guiding.network import TrainingSettings
 from engine.scene.arrays import Float32Array
 
 #: Raw outputs a lobe, by model of lobe.
-LOBE_OUTPUTS = {"VMF": 4, "NASG": 8}
+LOBE_OUTPUTS = {"VMF": VMF_OUTPUTS, "NASG": NASG_OUTPUTS}
 
 #: Features are a multiple of this many; those left over are 1, a stand-in for the bias that layers have not.
 FEATURE_STEP = 8
