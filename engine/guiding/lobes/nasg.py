@@ -9,9 +9,10 @@ so with a = 0 it is a von Mises-Fisher lobe. All depends on d = v - z (or v + z,
 log g follow from |d|^2 and d.x without cancellation, in the narrowest lobes too.
 
 At v = z the density is 1 / K. At v = -z it has no limit: along the meridian at azimuth phi it falls to 0 like
-g^(a cos(phi)^2), but to exp(-2 lambda) / K where cos(phi) = 0. (Appendix A of the paper adds an epsilon to q for a limit
-of 0 everywhere; in float32 the factor g^epsilon is 1 until far below the rounding of v.) Here g is held above LEAST_GAP,
-in logarithm and azimuth alike, and the value at -z itself is exp(-2 lambda) / K: samples that round to -z have a density.
+g^(a cos(phi)^2), but to exp(-2 lambda) / K where cos(phi) = 0. (Appendix A of the paper adds an epsilon to q, for a
+limit of 0 everywhere; in float32 the factor g^epsilon is 1 until far below the rounding of v.) Here g is held above
+LEAST_GAP, in logarithm and azimuth alike, and the value at -z itself is exp(-2 lambda) / K: samples that round to -z
+have a density.
 
 Outputs of a lobe, raw and unbounded, in the order of the NASG_* columns:
 
@@ -96,8 +97,8 @@ _LN_2 = np.float32(math.log(2.0))
 class NasgLobes(Bundle):
     """Mixtures ready for sampling at given points, L lanes.
 
-    lobes : float32 (L, NASG_ROWS, K), K a multiple of 8: coefficient = weight / K [sr^-1], lambda, a, axes z and x
-        (unit, orthogonal, world; three rows each), weight; unused lobes are 0
+    lobes : float32 (L, NASG_ROWS, K), K a multiple of 8: coefficient (weight times the density at the lobe's centre)
+        [sr^-1], lambda, a, axes z and x (unit, orthogonal, world; three rows each), weight; unused lobes are 0
     count : int32 (L,), lobes to look at, a multiple of 8
     fluence : float32 (L,), incident radiance (mean over channels) integrated over all directions
     """
@@ -185,7 +186,7 @@ def decode_nasg(raw, row, first, lobe_count, guide, lane, fluence):
     row : int
     first : int
         Column of the first lobe's outputs; lobe k's begin at `first + k * NASG_OUTPUTS`.
-    lobe_count : int, 1 to the K of `guide`
+    lobe_count : int, 1 to what `guide` has room for
     guide : NasgLobes
     lane : int
     fluence : float32, incident radiance (mean over channels) integrated over all directions, for `predict_nasg`

@@ -19,8 +19,6 @@ Dong et al. 2023, "Neural Parametric Mixtures for Path Guiding", Eqs. (3), (4) a
 Ruppert et al. 2020, narrower than the 15 of logarithm that implementations allow.
 """
 
-import math
-
 import numpy as np
 
 from engine.guiding.vmm.field import (
