@@ -10,7 +10,6 @@ from engine.guiding.vmm.field import GUIDE_KAPPA, GUIDE_WEIGHT, GUIDE_X, GUIDE_Z
 from tests.guiding_harness import sphere_grid, uniform_directions, unit
 from tests.test_guiding_lobes import (
     A_CAP,
-    CAP,
     ECCENTRICITIES,
     HOSTILE,
     KAPPAS,
@@ -112,7 +111,7 @@ def test_densities_are_the_kernels(model, dtype):
 
 
 def test_densities_integrate_to_one():
-    directions = sphere_grid(200, 400)
+    directions = sphere_grid(80, 160)
     rng = np.random.default_rng(3)
     for model in OUTPUTS:
         raw = rng.normal(size=8 * OUTPUTS[model])
@@ -148,15 +147,12 @@ def test_product_with_the_cosine_is_the_kernels():
 # Gradients
 
 
-@pytest.mark.parametrize("model", OUTPUTS)
-@pytest.mark.parametrize("with_cosine", [False, True])
+@pytest.mark.parametrize("model, with_cosine", [("vmf", False), ("vmf", True), ("nasg", False)])
 def test_gradients_are_finite_differences(model, with_cosine):
-    if with_cosine and model == "nasg":
-        pytest.skip("no product")
     rng = np.random.default_rng(5)
-    raw = rng.normal(size=(40, 3 * OUTPUTS[model])) * 1.5
-    raw[:10, 1 :: OUTPUTS[model]] = rng.uniform(-6.5, -2.0, (10, 3))
-    raw[10:20, 1 :: OUTPUTS[model]] = rng.uniform(3.0, 6.0, (10, 3))
+    raw = rng.normal(size=(18, 2 * OUTPUTS[model])) * 1.5
+    raw[:6, 1 :: OUTPUTS[model]] = rng.uniform(-6.5, -2.0, (6, 2))
+    raw[6:12, 1 :: OUTPUTS[model]] = rng.uniform(3.0, 6.0, (6, 2))
     directions = torch.tensor(near_lobes(model, raw, rng))
     normals = torch.tensor(uniform_directions(rng, len(raw)))
 
@@ -209,9 +205,9 @@ def test_gradients_are_finite_at_and_around_the_poles(dtype):
                     directions.append(unit(sign * z + step * axis))
     values, gradient = log_pdf("nasg", rows, directions, dtype)
     assert np.isfinite(values).all() and np.isfinite(gradient).all()
-    front = np.arange(len(rows)) % 2 == 1
+    chord = np.asarray(directions) - lobes.decode("nasg", torch.tensor(np.asarray(rows))).mean[:, 0].numpy()
     # About the mean all is tame. Opposite to it g^q really is that steep, but no steeper than LEAST_GAP lets it be.
-    assert np.abs(gradient[front]).max() < 0.2 * CAP
+    assert np.abs(gradient[(chord**2).sum(1) < 1e-9]).max() < 1e3
     assert np.abs(gradient).max() < 50.0 * A_CAP / 2.0**-12
 
 
@@ -236,24 +232,30 @@ def test_broken_outputs_have_finite_values_and_gradients(model, dtype):
 
 
 def test_clamped_outputs_find_their_way_back():
-    """Gradients are those of the log density, which training ascends."""
+    """A loss that falls outwards has no gradient, one that falls inwards has its own."""
+
+    def loss_gradient(raw, directions):
+        outputs = torch.tensor(raw, requires_grad=True)
+        loss = -lobes.log_pdf(lobes.decode("vmf", outputs), torch.tensor(directions)).sum()
+        loss.backward()
+        return outputs.grad.numpy()
+
     raw = np.repeat(outputs_of("vmf")[None], 4, 0)
     raw[:, VMF_LOG_KAPPA] = 12.0, 12.0, -9.0, -9.0
     mean = lobes.decode("vmf", torch.tensor(raw)).mean[0, 0].numpy()
-    directions = np.stack([mean, -mean, mean, -mean])
-    outputs = torch.tensor(raw, requires_grad=True)
-    loss = -lobes.log_pdf(lobes.decode("vmf", outputs), torch.tensor(directions)).sum()
-    loss.backward()
-    gradient = outputs.grad[:, VMF_LOG_KAPPA].numpy()
+    gradient = loss_gradient(raw, np.stack([mean, -mean, mean, -mean]))[:, VMF_LOG_KAPPA]
     # Too narrow: at the mean it would become narrower still, opposite to it wider. Too wide: the other way round.
-    assert gradient[0] == 0.0 and gradient[1] > 0.0
+    assert gradient[0] == 0.0 and gradient[1] > 1e3
     assert gradient[2] < 0.0 and gradient[3] == 0.0
 
-    both = np.concatenate([raw[:1], raw[:1]], 1)
+    # The wide lobe has too much weight, and the narrow one, which the direction asks for, too little; or none of both.
+    both = np.concatenate([raw[0], raw[0]])[None]
     both[0, [VMF_LOG_KAPPA, VMF_OUTPUTS + VMF_LOG_KAPPA]] = -2.0, 3.0
     both[0, [VMF_LOGIT, VMF_OUTPUTS + VMF_LOGIT]] = 20.0, -15.0
-    _, gradient = log_pdf("vmf", both, mean[None])
-    assert gradient[0, VMF_OUTPUTS + VMF_LOGIT] > 0.0 and gradient[0, VMF_LOGIT] < 0.0
+    gradient = loss_gradient(both, mean[None])[0]
+    assert gradient[VMF_LOGIT] > 0.0 and gradient[VMF_OUTPUTS + VMF_LOGIT] < 0.0
+    gradient = loss_gradient(both, -mean[None])[0]
+    assert gradient[VMF_LOGIT] == 0.0 and gradient[VMF_OUTPUTS + VMF_LOGIT] == 0.0
 
 
 def test_what_is_no_direction_says_nothing():
@@ -275,11 +277,11 @@ def test_training_finds_an_anisotropic_lobe():
     """Maximum likelihood on samples of the kernel, from somewhere else."""
     truth = outputs_of("nasg", 60.0, 20.0, (0.3, -0.7, 0.4, 0.9, 0.2))
     mixtures = Mixtures("nasg", [truth])
-    directions = torch.tensor(mixtures.sample(4000))
+    directions = torch.tensor(mixtures.sample(1500))
     start = np.float32(outputs_of("nasg", 3.0, 1.0, (0.8, -0.3, 0.7, 0.5, 0.6)))
     outputs = torch.tensor(start, requires_grad=True)
-    optimizer = torch.optim.Adam([outputs], lr=0.05)
-    for _ in range(300):
+    optimizer = torch.optim.Adam([outputs], lr=0.1)
+    for _ in range(150):
         optimizer.zero_grad()
         loss = -lobes.log_pdf(lobes.decode("nasg", outputs[None].expand(len(directions), NASG_OUTPUTS)), directions)
         loss.mean().backward()

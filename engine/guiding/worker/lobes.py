@@ -4,7 +4,8 @@
 Columns, constants and decoding are those of `engine.guiding.lobes.vmf` and `engine.guiding.lobes.nasg`. Values and
 gradients are finite whatever the outputs and directions are, in float32 and float64.
 
-- A clamped output keeps a gradient that leads back inside and loses one that leads further out: no lobe gets stuck.
+- A clamped output keeps the gradient of a loss that falls towards the inside and loses that of one that falls further
+  out: what is differentiated must be minimised, and no lobe gets stuck.
 - A lobe with a NaN among its outputs is uniform, and none of its outputs has a gradient.
 - A direction that is none (NaN, or not of unit length) has the uniform density, without gradient.
 
@@ -17,7 +18,7 @@ Neural Path Guiding with Normalized Anisotropic Spherical Gaussians", Eqs. (10) 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsFloat
 
 import torch
 
@@ -64,7 +65,7 @@ class Lobes(NamedTuple):
 
 
 class _Clamp(torch.autograd.Function):
-    """Clamping, but that outside the bounds a descent may still step inwards."""
+    """Clamping, but that outside the bounds a descent of the loss may still step inwards."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, low: float, high: float) -> torch.Tensor:
@@ -79,7 +80,7 @@ class _Clamp(torch.autograd.Function):
         return gradient.masked_fill(leads_out, 0.0), None, None
 
 
-def _exp(x: torch.Tensor, low: float, high: float, is_nan: torch.Tensor) -> torch.Tensor:
+def _exp(x: torch.Tensor, low: SupportsFloat, high: SupportsFloat, is_nan: torch.Tensor) -> torch.Tensor:
     """exp of x clamped, 0 in lobes that are to be uniform."""
     return torch.exp(_Clamp.apply(x, float(low), float(high))).masked_fill(is_nan, 0.0)
 
