@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -318,7 +319,8 @@ def test_steps_of_the_grids_and_their_average():
         )
         assert not gradient.any()
         for entry in np.flatnonzero(has_gradient):
-            mean[entry] = expected[entry] + decay_beyond[min(step - 1 - last[entry], 8)] * (mean[entry] - expected[entry])
+            missed = decay_beyond[min(step - 1 - last[entry], 8)]
+            mean[entry] = expected[entry] + missed * (mean[entry] - expected[entry])
             last[entry] = step
             m[entry] = 0.9 * m[entry] + 0.1 * g[entry]
             v[entry] = 0.99 * v[entry] + 0.01 * g[entry] ** 2.0
@@ -337,7 +339,7 @@ def test_steps_of_the_grids_and_their_average():
 def random_matrices(sizes, seed=0):
     rng = np.random.default_rng(seed)
     return [
-        (rng.normal(size=(a, b)) * math.sqrt(2.0 / a)).astype(np.float32) for a, b in zip(sizes[:-1], sizes[1:])
+        (rng.normal(size=(a, b)) * math.sqrt(2.0 / a)).astype(np.float32) for a, b in pairwise(sizes)
     ]
 
 

@@ -90,8 +90,8 @@ def _multiply_block(typing_context, scratch, source, target, weights, first, dep
     """scratch[target:target + BLOCK_ROWS, column:column + PANEL] = the same rows of `source` times a panel.
 
     Written as vector instructions: left to itself, LLVM keeps the sums in memory. `scratch` is float32 (rows, columns),
-    `weights` float32 (count,), all others int64; `depth` is at least 1. Where `is_rectified` is not 0, negative sums and
-    NaN become 0.
+    `weights` float32 (count,), all others int64; `depth` is at least 1. Where `is_rectified` is not 0, NaN and negative
+    sums become 0.
     """
 
     def codegen(context, builder, signature, arguments):

@@ -50,7 +50,9 @@ def is_fit(rows: Float32Array) -> np.ndarray:
     return is_finite & (rows[:, ROW_PDF] > 0.0) & (rows[:, ROW_RADIANCE:ROW_TIME] >= 0.0).all(axis=1)
 
 
-def make_rows(position: Float32Array, wi: Float32Array, wo: Float32Array, normal: Float32Array, **scalars) -> Float32Array:
+def make_rows(
+    position: Float32Array, wi: Float32Array, wo: Float32Array, normal: Float32Array, **scalars: Float32Array | float
+) -> Float32Array:
     """Rows of arrays, without those that cannot be learned from (`is_fit`).
 
     Parameters

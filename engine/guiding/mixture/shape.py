@@ -4,14 +4,14 @@
 References
 ----------
 Dong et al. 2023, "Neural Parametric Mixtures for Path Guiding" (NPM), sections 4.3 and 5, Eqs. 13 and 14.
-Huang et al. 2024, "Online Neural Path Guiding with Normalized Anisotropic Spherical Gaussians" (NASG), sections 5 and 6,
-Tables 1 and 2.
+Huang et al. 2024, "Online Neural Path Guiding with Normalized Anisotropic Spherical Gaussians" (NASG), sections 5 and
+6, Tables 1 and 2.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -106,8 +106,9 @@ class MixtureShape:
             "width": (8, 256),
             "hidden_layers": (1, 8),
         }
-        for axis in ("normal", "wo"):
-            limits[f"{axis}_size"] = {"BLOB": (3, 64), "HARMONICS": (1, 4)}.get(getattr(self, f"{axis}_encoding"), (0, 0))
+        sizes = {"BLOB": (3, 64), "HARMONICS": (1, 4)}
+        limits["normal_size"] = sizes.get(self.normal_encoding, (0, 0))
+        limits["wo_size"] = sizes.get(self.wo_encoding, (0, 0))
         for name, (least, most) in limits.items():
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
@@ -220,14 +221,13 @@ NPM_OFFICIAL = MixtureShape(
     interpolation="SMOOTH", normal_encoding="BLOB", normal_size=4, wo_encoding="HARMONICS", wo_size=2, roughness_bins=4,
     hidden_layers=3, target="PRODUCT",
 )
-_NASG_NETWORK = {
-    "position_encoding": "BLOB", "normal_encoding": "RAW", "width": 128, "hidden_layers": 4, "has_selection": True,
-}
-NASG = MixtureShape(lobe_model="NASG", **_NASG_NETWORK)
-NASG_COSINE = MixtureShape(lobe_model="NASG", target="COSINE", **_NASG_NETWORK)
-NASG_PRODUCT = MixtureShape(lobe_model="NASG", target="PRODUCT", wo_encoding="RAW", **_NASG_NETWORK)
+NASG = MixtureShape(
+    lobe_model="NASG", position_encoding="BLOB", normal_encoding="RAW", width=128, hidden_layers=4, has_selection=True
+)
+NASG_COSINE = replace(NASG, target="COSINE")
+NASG_PRODUCT = replace(NASG, target="PRODUCT", wo_encoding="RAW")
 #: Isotropic lobes in the same network: as many parameters as eight anisotropic ones have, roughly.
-SG = MixtureShape(lobe_model="VMF", lobe_count=14, target="PRODUCT", wo_encoding="RAW", **_NASG_NETWORK)
+SG = replace(NASG_PRODUCT, lobe_model="VMF", lobe_count=14)
 
 
 @dataclass(frozen=True)

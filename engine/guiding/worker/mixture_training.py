@@ -268,7 +268,7 @@ class MixtureTraining:
         shape, settings = self.shape, self.settings
         wi = torch.from_numpy(np.ascontiguousarray(rows[:, ROW_WI : ROW_WI + 3]))
         lobe_columns = shape.output_width - int(shape.has_selection)
-        log_mixture = log_pdf(decode(shape.lobe_model, raw[:, :lobe_columns]), wi)
+        log_mixture = log_pdf(decode(shape.lobe_model.lower(), raw[:, :lobe_columns]), wi)
         floor = torch.full_like(log_mixture, math.log(settings.epsilon)) if settings.epsilon > 0.0 else None
         learned = log_mixture if floor is None else torch.logaddexp(log_mixture, floor)
         if not shape.has_selection:
