@@ -23,7 +23,7 @@ from engine.guiding.network import NETWORK_SHAPES
 from engine.guiding.network_query import NetworkField, make_network_field
 from engine.guiding.selection import SelectionModel
 from engine.guiding.table import TableModel
-from engine.guiding.trainer import RadianceTrainer, TrainerState
+from engine.guiding.trainer import NetworkTrainer, TrainerState
 from engine.guiding.trial import GuidingTrial
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
 from engine.guiding.vmm.leaves import find_leaves
@@ -199,7 +199,7 @@ class Learner:
         depends_on_clock = settings.guiding_method == "NEURAL_RIS" or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
-        self._trainer: RadianceTrainer | None = None
+        self._trainer: NetworkTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
         if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
             self._start_network()
@@ -219,7 +219,7 @@ class Learner:
     def _start_network(self) -> None:
         self.report.has_trained = True
         self._shape = NETWORK_SHAPES[self.settings.network_size]
-        self._trainer = RadianceTrainer(
+        self._trainer = NetworkTrainer(
             self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
             deterministic=self.settings.deterministic,
         )

@@ -23,7 +23,7 @@ from engine.guiding import channel as channel_module
 from engine.guiding.channel import Channel, row_width
 from engine.guiding.network import NetworkShape, Snapshot, TrainingSettings, initial_parameters
 from engine.guiding.records import allocate_records
-from engine.guiding.trainer import RadianceTrainer, TrainerState
+from engine.guiding.trainer import NetworkTrainer, TrainerState
 
 SHAPE = NetworkShape(level_count=2, finest_resolution=16, table_size=1 << 8, width=16, hidden_layers=1)
 SETTINGS = TrainingSettings(submission_rows=1000, batch_size=256)
@@ -133,7 +133,7 @@ def trainer(tmp_path):
     made = []
 
     def make(*script, **options):
-        handle = RadianceTrainer(SHAPE, BOUNDS, settings=SETTINGS, **options)
+        handle = NetworkTrainer(SHAPE, BOUNDS, settings=SETTINGS, **options)
         if script:
             path = tmp_path / f"worker{len(made)}.py"
             path.write_text("".join(textwrap.dedent(part) for part in (HELLO, *script)))
@@ -279,9 +279,9 @@ def test_worker_goes_with_its_renderer(tmp_path, end):
     script.write_text(
         textwrap.dedent(f"""
         import os, sys
-        from engine.guiding.trainer import RadianceTrainer
+        from engine.guiding.trainer import NetworkTrainer
         from tests.test_guiding_trainer import SHAPE, SETTINGS
-        trainer = RadianceTrainer(SHAPE, settings=SETTINGS)
+        trainer = NetworkTrainer(SHAPE, settings=SETTINGS)
         trainer.start()
         print(trainer._process.pid, flush=True)
         {end}
@@ -301,7 +301,7 @@ needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reas
 
 @needs_torch
 def test_real_worker_trains_in_the_background():
-    with RadianceTrainer(SHAPE, settings=SETTINGS, training_share=1.0) as trainer:
+    with NetworkTrainer(SHAPE, settings=SETTINGS, training_share=1.0) as trainer:
         received = None
         for part in range(600):
             trainer.submit(some_records(1000, part), 1000)
@@ -321,7 +321,7 @@ def test_real_worker_repeats_itself():
     """Deterministic: the same records, the same bits, whatever the machine does and how many threads it has."""
     results = []
     for threads in (1, 4):
-        with RadianceTrainer(SHAPE, seed=3, settings=SETTINGS, deterministic=True, thread_count=threads) as trainer:
+        with NetworkTrainer(SHAPE, seed=3, settings=SETTINGS, deterministic=True, thread_count=threads) as trainer:
             for part in range(4):
                 assert trainer.submit(some_records(1500, part), 1500) == 1000
                 if part % 2:
@@ -333,7 +333,7 @@ def test_real_worker_repeats_itself():
 
 @needs_torch
 def test_waiting_for_a_dead_worker_ends():
-    with RadianceTrainer(SHAPE, settings=SETTINGS, deterministic=True) as trainer:
+    with NetworkTrainer(SHAPE, settings=SETTINGS, deterministic=True) as trainer:
         trainer.submit(some_records(), 500)
         threading.Timer(0.2, trainer._process.kill).start()
         assert trainer.train_until(10**9) is None

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from engine.guiding.network import NetworkShape, Snapshot, TrainingSettings
+from engine.guiding.mixture.rows import pack_training_rows
+from engine.guiding.network import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records import Records
 from engine.jit import kernel
 from engine.kernels.rng import hash_combine
@@ -42,9 +43,9 @@ _HEADER = np.dtype(
 _PAGE = 4096
 
 
-def row_width(shape: NetworkShape) -> int:
-    """Floats of a record that training needs: position, direction, radiance."""
-    return 6 + shape.channel_count
+def row_width(shape: TrainableShape) -> int:
+    """Floats of a record that training needs."""
+    return shape.row_width
 
 
 @kernel
@@ -102,7 +103,7 @@ class Channel:
 
     Parameters
     ----------
-    shape : NetworkShape
+    shape : TrainableShape
     slot_rows : int
         Records of one submission at most.
     descriptor : int
@@ -111,7 +112,7 @@ class Channel:
         Name of that file where the system has no unnamed ones, removed by `close`.
     """
 
-    def __init__(self, shape: NetworkShape, slot_rows: int, descriptor: int, path: Path | None = None) -> None:
+    def __init__(self, shape: TrainableShape, slot_rows: int, descriptor: int, path: Path | None = None) -> None:
         self.shape = shape
         self.slot_rows = slot_rows
         self.descriptor = descriptor
@@ -120,14 +121,14 @@ class Channel:
         self._map: mmap.mmap | None = mmap.mmap(descriptor, self.size(shape, slot_rows))
 
     @staticmethod
-    def size(shape: NetworkShape, slot_rows: int) -> int:
+    def size(shape: TrainableShape, slot_rows: int) -> int:
         """Bytes of the shared memory."""
         snapshot = _HEADER.itemsize + 4 * shape.parameter_count
         rows = 4 * row_width(shape) * slot_rows
         return SLOT_COUNT * (-(-snapshot // _PAGE) + -(-rows // _PAGE)) * _PAGE
 
     @classmethod
-    def create(cls, shape: NetworkShape, settings: TrainingSettings) -> Channel:
+    def create(cls, shape: TrainableShape, settings: TrainingSettings) -> Channel:
         """Reserve the memory.
 
         Raises
@@ -168,7 +169,7 @@ class Channel:
         return {"descriptor": self.descriptor, "slot_rows": self.slot_rows}
 
     @classmethod
-    def attach(cls, shape: NetworkShape, address: dict[str, Any]) -> Channel:
+    def attach(cls, shape: TrainableShape, address: dict[str, Any]) -> Channel:
         """The worker's end, from the renderer's `address`."""
         path = address.get("path")
         descriptor = address["descriptor"] if path is None else os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
@@ -224,10 +225,14 @@ class Channel:
         torn = zlib.crc32(snapshot.parameters.data) != int(header["checksum"])
         return None if torn or version < 0 or int(header["version"]) != version else snapshot
 
-    def write_rows(self, slot: int, records: Records, row_count: int, seed: int) -> int:
-        """Pick records for a slot (renderer); returns how many of those picked were fit to be written."""
+    def write_rows(self, slot: int, records: Records | Float32Array, row_count: int, seed: int) -> int:
+        """Pick records for a slot (renderer); returns how many of those picked were fit to be written.
+
+        Records for the radiance network, rows of `row_width` floats for those that guide (`mixture/rows.py`).
+        """
         taken = min(row_count, self.slot_rows)
-        return int(pack_rows(records, row_count, taken, np.uint32(seed & 0xFFFFFFFF), self.rows(slot)))
+        pack = pack_rows if isinstance(records, Records) else pack_training_rows
+        return int(pack(records, row_count, taken, np.uint32(seed & 0xFFFFFFFF), self.rows(slot)))
 
     def close(self) -> None:
         """Give the memory back. Views that are still alive keep the mapping, not the file."""

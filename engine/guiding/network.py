@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -24,6 +25,27 @@ from engine.scene.arrays import Float32Array
 LOG_RADIANCE_LIMIT = 10.0
 #: Space along each axis that the bounds take in the unit cube; the rest holds everything outside (`encoding.py`).
 INNER_EXTENT = 0.9
+
+
+class TrainableShape(Protocol):
+    """What the trainer, the channel and snapshots ask of the shape of any network; a dataclass of plain values.
+
+    kind : names its training in the worker (`worker/service.py`)
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    def row_width(self) -> int:
+        """Floats of a record that training needs."""
+
+    @property
+    def parameter_count(self) -> int:
+        """Length of the parameter vector."""
+
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +74,8 @@ class NetworkShape:
     width: int = 64
     hidden_layers: int = 3
     channel_count: int = 3
+
+    kind: ClassVar[str] = "RADIANCE"
 
     def __post_init__(self) -> None:
         limits = {
@@ -100,6 +124,16 @@ class NetworkShape:
     def direction_width(self) -> int:
         """Features of an encoded direction."""
         return 3 * self.direction_bins
+
+    @property
+    def row_width(self) -> int:
+        """Floats of a record that training needs: position, direction, radiance."""
+        return 6 + self.channel_count
+
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said."""
+        return TrainingSettings()
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
@@ -184,7 +218,7 @@ class Snapshot:
     bounds: Float32Array
     parameters: Float32Array = field(repr=False)
 
-    def validate(self, shape: NetworkShape) -> None:
+    def validate(self, shape: TrainableShape) -> None:
         """Refuse what must not reach the renderer.
 
         Raises

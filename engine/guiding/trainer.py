@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The renderer's handle on the worker that trains the radiance network. Knows no torch, never blocks, never raises.
+"""The renderer's handle on the worker that trains a network. Knows no torch, never blocks, never raises.
 
 Whatever goes wrong with the worker ends in `TrainerStatus.state == DEAD` with a message, and rendering goes on with the
 last snapshot or without one. The worker is a plain subprocess, so that it may run under another Python than the
@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from engine.guiding.channel import SLOT_COUNT, Channel
-from engine.guiding.network import NetworkShape, Snapshot, TrainingSettings
+from engine.guiding.network import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records import Records
 from engine.scene.arrays import Float32Array
 
@@ -70,20 +70,22 @@ class TrainerStatus:
     refused_snapshots: int = 0
 
 
-class RadianceTrainer:
-    """Trains the network in another process.
+class NetworkTrainer:
+    """Trains a network in another process.
 
     Parameters
     ----------
-    shape : NetworkShape
+    shape : NetworkShape, MixtureShape
+        Of the network; its kind says how it is trained.
     bounds : float32 (2, 3) [m] or None
-        What the hash grid resolves; None: nearly all of the first records' positions (`network.robust_bounds`).
+        What the network resolves; None: nearly all of the first records' positions (`network.robust_bounds`).
     seed : int
     training_share : float in (0, 1]
         Of the machine's processor time that training may use.
     deterministic : bool
         Train in `train_until` only, on one thread: the same records give the same snapshot.
-    settings : TrainingSettings
+    settings : TrainingSettings, MixtureSettings
+        As the kind of network has; None: the defaults of its shape.
     interpreter : str or None
         Python for the worker; None: the renderer's own.
     thread_count : int
@@ -94,7 +96,7 @@ class RadianceTrainer:
 
     def __init__(
         self,
-        shape: NetworkShape,
+        shape: TrainableShape,
         bounds: Float32Array | None = None,
         seed: int = 0,
         training_share: float = 0.25,
@@ -108,7 +110,7 @@ class RadianceTrainer:
         if not 0.0 < training_share <= 1.0:
             raise ValueError(f"training_share is {training_share}: choose a fraction above 0 and at most 1")
         self.shape = shape
-        self.settings = settings or TrainingSettings()
+        self.settings = settings or shape.training_settings
         self._bounds = bounds
         self._seed = seed
         self._training_share = training_share
@@ -172,7 +174,8 @@ class RadianceTrainer:
             package=_PACKAGE,
             path=[entry for entry in sys.path if entry],
             parent=os.getpid(),
-            shape=dataclasses.asdict(self.shape),
+            kind=self.shape.kind,
+            shape=dataclasses.asdict(self.shape),  # type: ignore[call-overload]
             settings=dataclasses.asdict(self.settings),
             bounds=None if self._bounds is None else self._bounds.tolist(),
             seed=self._seed,
@@ -188,7 +191,7 @@ class RadianceTrainer:
         """Stop the worker and give its memory back; the trainer cannot be used again."""
         self._die("closed")
 
-    def __enter__(self) -> RadianceTrainer:
+    def __enter__(self) -> NetworkTrainer:
         self.start()
         return self
 
@@ -304,12 +307,13 @@ class RadianceTrainer:
         with self._changed:
             return self._status
 
-    def submit(self, records: Records, row_count: int, samples: float = 1.0) -> int:
+    def submit(self, records: Records | Float32Array, row_count: int, samples: float = 1.0) -> int:
         """Hand over the records of an iteration; the worker's part of them, if there are more than it takes.
 
         Parameters
         ----------
-        records : Records
+        records : Records, or float32 (N, ROW_WIDTH)
+            Rows for networks that guide (`mixture/rows.py`).
         row_count : int
             Rows in use. With `deterministic`, their order decides the result.
         samples : float

@@ -16,8 +16,8 @@ from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
 from engine.guidance import Guidance
 from engine.guiding.network import NETWORK_SHAPES
-from engine.guiding.network_query import SCRATCH_ROWS, no_network
-from engine.guiding.perceptron import MAX_WIDTH
+from engine.guiding.network_query import no_network
+from engine.guiding.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.table import no_table
 from engine.guiding.vertices import allocate_log, allocate_vertex_records, collect_records
 from engine.guiding.vmm.field import allocate_guide, no_field
@@ -192,7 +192,7 @@ class Batch:
             **{name: np.zeros(lanes, np.int32) for name in LANE_LISTS},
             f_cos=np.zeros((lanes, channel_count), np.float32),
             latent=np.zeros((1, MAX_WIDTH), np.float32),
-            hidden=np.zeros((SCRATCH_ROWS, MAX_WIDTH), np.float32),
+            hidden=allocate_scratch(MAX_WIDTH),
             paths=allocate_paths(lanes, channel_count),
             points=allocate_points(lanes),
             closures=allocate_closures(lanes, channel_count),

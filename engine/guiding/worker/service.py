@@ -21,7 +21,9 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from engine.guiding.channel import SLOT_COUNT, Channel
+from engine.guiding.mixture.shape import MixtureSettings, MixtureShape
 from engine.guiding.network import NetworkShape, TrainingSettings
+from engine.scene.arrays import Float32Array
 
 #: Steps between two looks at the held-out records.
 _CHECK_STEPS = 64
@@ -31,19 +33,44 @@ _PATIENCE = 3
 _HEARTBEAT = 1.0  # [s]
 
 
+#: What trains: shape and settings by the shape's kind.
+_KINDS: dict[str, tuple[type, type]] = {
+    NetworkShape.kind: (NetworkShape, TrainingSettings),
+    MixtureShape.kind: (MixtureShape, MixtureSettings),
+}
+
+
+def _make_training(
+    shape: Any, settings: Any, seed: int, bounds: Float32Array | None, thread_count: int, is_deterministic: bool
+) -> tuple[Any, str]:
+    """The training of a shape's kind, and the device it runs on. Imports torch, which takes seconds."""
+    if isinstance(shape, MixtureShape):
+        from engine.guiding.worker.mixture_training import MixtureTraining
+
+        # Lobes and grids are small work for many kernels: a GPU would mostly wait.
+        return MixtureTraining(shape, settings, seed, bounds, thread_count), "cpu"
+    import torch
+
+    from engine.guiding.worker.training import RadianceTraining
+
+    device = "cuda" if not is_deterministic and torch.cuda.is_available() else "cpu"
+    return RadianceTraining(shape, settings, seed, bounds, thread_count, device), device
+
+
 class Service:
     """One training, served.
 
     Parameters
     ----------
     config : dict
-        As `RadianceTrainer` writes it.
+        As `NetworkTrainer` writes it.
     answers : text stream
     """
 
     def __init__(self, config: dict[str, Any], answers: TextIO) -> None:
-        self.shape = NetworkShape(**config["shape"])
-        self.settings = TrainingSettings(**config["settings"])
+        make_shape, make_settings = _KINDS[config["kind"]]
+        self.shape = make_shape(**config["shape"])
+        self.settings = make_settings(**config["settings"])
         self.config = config
         self.channel = Channel.attach(self.shape, config["channel"])
         self._answers = answers
@@ -82,18 +109,13 @@ class Service:
 
     def run(self) -> None:
         """Train until the input ends."""
-        import torch
-
-        from engine.guiding.worker.training import RadianceTraining
-
         config = self.config
-        use_cuda = not config["deterministic"] and torch.cuda.is_available()
         thread_count = 1 if config["deterministic"] else max(1, config["thread_count"])
         bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
-        self.training = RadianceTraining(
-            self.shape, self.settings, config["seed"], bounds, thread_count, "cuda" if use_cuda else "cpu"
+        self.training, device = _make_training(
+            self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"]
         )
-        self.answer("ready", device="cuda" if use_cuda else "cpu", threads=thread_count)
+        self.answer("ready", device=device, threads=thread_count)
         if config["deterministic"]:
             self.train_on_command()
         else:

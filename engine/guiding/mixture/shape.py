@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shapes of mixture networks: what they see of a point, their layers, and what they are trained for.
+
+References
+----------
+Dong et al. 2023, "Neural Parametric Mixtures for Path Guiding" (NPM), sections 4.3 and 5, Eqs. 13 and 14.
+Huang et al. 2024, "Online Neural Path Guiding with Normalized Anisotropic Spherical Gaussians" (NASG), sections 5 and
+6, Tables 1 and 2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from engine.guiding.lobes.nasg import NASG_OUTPUTS
+from engine.guiding.lobes.vmf import VMF_OUTPUTS
+from engine.guiding.mixture.rows import ROW_WIDTH
+from engine.guiding.network import TrainingSettings
+from engine.scene.arrays import Float32Array
+
+#: Raw outputs a lobe, by model of lobe.
+LOBE_OUTPUTS = {"VMF": VMF_OUTPUTS, "NASG": NASG_OUTPUTS}
+
+#: Features are a multiple of this many; those left over are 1, a stand-in for the bias that layers have not.
+FEATURE_STEP = 8
+
+#: NASG gives its learned share to the guide little by little, in equal steps over so many samples a pixel
+#: (Huang et al. 2024, section 6: M = 4 images a step, B = 64 steps).
+BLEND_STEP_SAMPLES = 4
+BLEND_STEPS = 64
+
+_DIRECTION_ENCODINGS = ("NONE", "RAW", "BLOB", "HARMONICS")
+
+
+@dataclass(frozen=True)
+class MixtureShape:
+    """Sizes and meaning of a mixture network; the defaults are those of `NPM`.
+
+    lobe_model : 'VMF' or 'NASG'
+    lobe_count : lobes of a mixture
+    position_encoding : 'GRID', dense grids of learned features, interpolated; 'BLOB', one-blob
+    level_count, level_features : grids, and features of each
+    base_resolution, growth : cells along an axis of the coarsest grid, and by how much each next one is finer
+    interpolation : 'LINEAR' or 'SMOOTH' (smoothstep) between a grid's points
+    position_bins : of the one-blob encoding, for each coordinate
+    normal_encoding, wo_encoding : of the shading normal and of the direction to the viewer: 'NONE', 'RAW' (the three
+        coordinates), 'BLOB' (one-blob), 'HARMONICS' (spherical, all bands below a degree)
+    normal_size, wo_size : bins a coordinate of 'BLOB', degree of 'HARMONICS'
+    roughness_bins : of the one-blob encoding of 1 - exp(-roughness), 0 = not seen
+    width, hidden_layers : of the perceptron, which has no bias
+    target : what the mixture is proportional to: 'RADIANCE' (incident), 'COSINE' (radiance times |cos|) or 'PRODUCT'
+        (radiance times BSDF times |cos|)
+    has_selection : whether a last output learns how often to prefer the mixture to the BSDF
+
+    Raises
+    ------
+    ValueError
+        Naming what is out of range.
+    """
+
+    lobe_model: str = "VMF"
+    lobe_count: int = 8
+    position_encoding: str = "GRID"
+    level_count: int = 8
+    level_features: int = 4
+    base_resolution: int = 8
+    growth: float = 1.405
+    interpolation: str = "LINEAR"
+    position_bins: int = 19
+    normal_encoding: str = "NONE"
+    normal_size: int = 0
+    wo_encoding: str = "NONE"
+    wo_size: int = 0
+    roughness_bins: int = 0
+    width: int = 64
+    hidden_layers: int = 2
+    target: str = "RADIANCE"
+    has_selection: bool = False
+
+    kind: ClassVar[str] = "MIXTURE"
+
+    def __post_init__(self) -> None:
+        choices = {
+            "lobe_model": tuple(LOBE_OUTPUTS),
+            "position_encoding": ("GRID", "BLOB"),
+            "interpolation": ("LINEAR", "SMOOTH"),
+            "normal_encoding": _DIRECTION_ENCODINGS,
+            "wo_encoding": _DIRECTION_ENCODINGS,
+            "target": ("RADIANCE", "COSINE", "PRODUCT"),
+        }
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}: choose one of {', '.join(allowed)}")
+        limits = {
+            "lobe_count": (1, 16),
+            "level_count": (1, 16),
+            "level_features": (4, 8),
+            "base_resolution": (1, 128),
+            "growth": (1.0, 4.0),
+            "position_bins": (3, 64),
+            "roughness_bins": (0, 64),
+            "width": (8, 256),
+            "hidden_layers": (1, 8),
+        }
+        sizes = {"BLOB": (3, 64), "HARMONICS": (1, 4)}
+        limits["normal_size"] = sizes.get(self.normal_encoding, (0, 0))
+        limits["wo_size"] = sizes.get(self.wo_encoding, (0, 0))
+        for name, (least, most) in limits.items():
+            if not least <= getattr(self, name) <= most:
+                raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
+        if self.level_features % 4:
+            raise ValueError(f"level_features is {self.level_features}: choose 4 or 8")
+        if self.width % 8:
+            raise ValueError(f"width is {self.width}: choose a multiple of 8")
+        if 0 < self.roughness_bins < 3:
+            raise ValueError(f"roughness_bins is {self.roughness_bins}: choose 0, or 3 and more")
+        if self.wo_encoding != "NONE" and self.target != "PRODUCT":
+            raise ValueError(f"wo_encoding is {self.wo_encoding!r}: only the target 'PRODUCT' depends on the viewer")
+        if self.position_encoding == "GRID" and max(self.resolutions) > 256:
+            raise ValueError(f"growth is {self.growth}: the finest grid has {max(self.resolutions)} cells, choose 256")
+
+    @property
+    def resolutions(self) -> tuple[int, ...]:
+        """Cells along an axis of each grid; none without grids."""
+        if self.position_encoding != "GRID":
+            return ()
+        return tuple(math.floor(self.base_resolution * self.growth**level) for level in range(self.level_count))
+
+    @property
+    def level_offsets(self) -> tuple[int, ...]:
+        """First entry of each grid in the table, and the number of all entries at the end."""
+        offsets = [0]
+        for resolution in self.resolutions:
+            offsets.append(offsets[-1] + (resolution + 1) ** 3)
+        return tuple(offsets)
+
+    @property
+    def position_width(self) -> int:
+        """Features of the position, which come first."""
+        if self.position_encoding == "GRID":
+            return self.level_count * self.level_features
+        return 3 * self.position_bins
+
+    @property
+    def used_width(self) -> int:
+        """Features without those that are always 1."""
+        direction_width = {"NONE": lambda size: 0, "RAW": lambda size: 3, "BLOB": lambda size: 3 * size}
+        direction_width["HARMONICS"] = lambda size: size * size
+        normal = direction_width[self.normal_encoding](self.normal_size)
+        wo = direction_width[self.wo_encoding](self.wo_size)
+        return self.position_width + normal + wo + self.roughness_bins
+
+    @property
+    def feature_width(self) -> int:
+        """Inputs of the perceptron."""
+        return -(-self.used_width // FEATURE_STEP) * FEATURE_STEP
+
+    @property
+    def selection_column(self) -> int:
+        """Which raw output is the logit of the guide's share, after those of the lobes; -1 = there is none."""
+        return self.lobe_count * LOBE_OUTPUTS[self.lobe_model] if self.has_selection else -1
+
+    @property
+    def output_width(self) -> int:
+        """Raw outputs."""
+        return self.lobe_count * LOBE_OUTPUTS[self.lobe_model] + int(self.has_selection)
+
+    @property
+    def row_width(self) -> int:
+        """Floats of a record that training needs."""
+        return ROW_WIDTH
+
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said: as the paper of its position's encoding has it."""
+        return NPM_SETTINGS if self.position_encoding == "GRID" else NASG_SETTINGS
+
+    @property
+    def layout(self) -> dict[str, tuple[int, ...]]:
+        """Name and shape of each array of parameters, in the order of the parameter vector."""
+        layout: dict[str, tuple[int, ...]] = {}
+        if self.position_encoding == "GRID":
+            layout["table"] = (self.level_offsets[-1], self.level_features)
+        layout["input_weights"] = (self.feature_width, self.width)
+        layout["hidden_weights"] = (self.hidden_layers - 1, self.width, self.width)
+        layout["output_weights"] = (self.width, self.output_width)
+        return layout
+
+    @property
+    def parameter_count(self) -> int:
+        """Length of the parameter vector."""
+        return sum(math.prod(shape) for shape in self.layout.values())
+
+    def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
+        """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
+        arrays, start = {}, 0
+        for name, shape in self.layout.items():
+            stop = start + math.prod(shape)
+            arrays[name] = parameters[start:stop].reshape(shape)
+            start = stop
+        return arrays
+
+    def matrices(self, parameters: Float32Array) -> list[Float32Array]:
+        """Weight matrices (inputs, outputs) of the perceptron's layers, views into the parameter vector."""
+        arrays = self.split(parameters)
+        return [arrays["input_weights"], *arrays["hidden_weights"], arrays["output_weights"]]
+
+
+#: Incident radiance, and the whole integrand, as in the paper: three linear layers. Where it is silent (degree of the
+#: harmonics, encoding of the roughness) its authors' program speaks.
+NPM = MixtureShape()
+NPM_PRODUCT = MixtureShape(
+    normal_encoding="HARMONICS", normal_size=2, wo_encoding="HARMONICS", wo_size=2, roughness_bins=4, target="PRODUCT"
+)
+#: The sizes of its authors' program, which leaves the cosine to a product at sampling; here it is learned too.
+NPM_OFFICIAL = MixtureShape(
+    interpolation="SMOOTH", normal_encoding="BLOB", normal_size=4, wo_encoding="HARMONICS", wo_size=2, roughness_bins=4,
+    hidden_layers=3, target="PRODUCT",
+)
+NASG = MixtureShape(
+    lobe_model="NASG", position_encoding="BLOB", normal_encoding="RAW", width=128, hidden_layers=4, has_selection=True
+)
+NASG_COSINE = replace(NASG, target="COSINE")
+NASG_PRODUCT = replace(NASG, target="PRODUCT", wo_encoding="RAW")
+#: Isotropic lobes in the same network: as many parameters as eight anisotropic ones have, roughly.
+SG = replace(NASG_PRODUCT, lobe_model="VMF", lobe_count=14)
+
+
+@dataclass(frozen=True)
+class MixtureSettings(TrainingSettings):
+    """How a mixture network is trained: what `TrainingSettings` says, and
+
+    epsilon : [sr^-1] added to the density that a direction was drawn with, and to the mixture's
+    averaging : share of its past that the average of parameters keeps at every step; snapshots carry the average
+    selection_share : of the loss, that goes to the mixture and the BSDF together (e of Huang et al. 2024, Eq. 18)
+    outlier_share : of a batch's weight, that a row has at most
+    gradient_limit : length that the perceptron's gradient is cut to
+    mis_compensation : learn what the BSDF's own sampling leaves over (Dong et al. 2025, Eq. 12)
+    bsdf_share : of the directions, that are drawn from the BSDF; for the compensation
+    """
+
+    learning_rate: float = 5e-3
+    table_learning_rate: float = 5e-3
+    weight_decay: float = 1e-6
+    epsilon: float = 1e-5
+    averaging: float = 0.95
+    selection_share: float = 0.2
+    outlier_share: float = 0.01
+    gradient_limit: float = 10.0
+    mis_compensation: bool = False
+    bsdf_share: float = 0.5
+
+
+#: Learning rates of the papers and of the NPM authors' program.
+NPM_SETTINGS = MixtureSettings()
+NPM_OFFICIAL_SETTINGS = MixtureSettings(learning_rate=1e-2, table_learning_rate=1e-2, mis_compensation=True)
+NASG_SETTINGS = MixtureSettings(learning_rate=2e-3, averaging=0.0)
+
+
+def selection_blend(samples: float) -> float:
+    """Factor in [0, 1] of the learned share after so many samples a pixel (b of Huang et al. 2024, section 6)."""
+    return min(1.0, math.floor(max(samples, 0.0) / BLEND_STEP_SAMPLES) / BLEND_STEPS)
+
+
+def initial_parameters(shape: MixtureShape, seed: int) -> Float32Array:
+    """Parameters before training: grids next to zero, He-initialised layers, a broad mixture everywhere.
+
+    Returns
+    -------
+    float32 (parameter_count,)
+        A function of `shape` and `seed` alone.
+    """
+    rng = np.random.Generator(np.random.Philox(seed))
+    parameters = np.zeros(shape.parameter_count, np.float32)
+    for name, array in shape.split(parameters).items():
+        if name == "table":
+            limit = 1e-4
+        elif name == "output_weights":
+            # A tenth of He's: the first lobes are broad.
+            limit = 0.1 * math.sqrt(6.0 / shape.width)
+        else:
+            limit = math.sqrt(6.0 / array.shape[-2])
+        array[...] = rng.uniform(-limit, limit, array.shape)
+    return parameters
