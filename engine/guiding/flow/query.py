@@ -273,25 +273,46 @@ def _move_back(guide, lane, y):
 
 
 @kernel
-def eval_flow(guide, lane, wi):
-    """Density of `sample_flow` at unit direction wi: float32 [sr^-1], positive; 0 if wi is no direction.
+def flow_to_uniform(guide, lane, a, b):
+    """Take a point of the square through all layers: where it lands, and the density there over the unit square.
 
     References: Müller et al. 2019, section 3 (the density of a composition is the product of its parts').
     """
+    density = np.float32(1.0)
+    for layer in range(guide.network.passed_weights.shape[0]):
+        moves_b = (layer & 1) == 0
+        _shape_layer(guide, lane, layer, a if moves_b else b)
+        moved, factor = _move(guide, lane, b if moves_b else a)
+        a = a if moves_b else moved
+        b = moved if moves_b else b
+        density *= factor
+    return a, b, density
+
+
+@kernel
+def flow_from_uniform(guide, lane, a, b):
+    """Take a point of the square back through all layers: the inverse of `flow_to_uniform`."""
+    layer_count = guide.network.passed_weights.shape[0]
+    for step in range(layer_count):
+        layer = layer_count - 1 - step
+        moves_b = (layer & 1) == 0
+        _shape_layer(guide, lane, layer, a if moves_b else b)
+        moved = _move_back(guide, lane, b if moves_b else a)
+        a = a if moves_b else moved
+        b = moved if moves_b else b
+    return a, b
+
+
+@kernel
+def eval_flow(guide, lane, wi):
+    """Density of `sample_flow` at unit direction wi: float32 [sr^-1], positive; 0 if wi is no direction."""
     size = max(abs(wi[0]), max(abs(wi[1]), abs(wi[2])))
     is_direction = size <= _COORDINATE_LIMIT and wi[0] == wi[0] and wi[1] == wi[1] and wi[2] == wi[2]
     if not is_direction:
         return np.float32(0.0)
     a, b = direction_to_square(wi)
-    pdf = INV_FOUR_PI
-    for layer in range(guide.network.passed_weights.shape[0]):
-        moves_b = (layer & 1) == 0
-        _shape_layer(guide, lane, layer, a if moves_b else b)
-        moved, density = _move(guide, lane, b if moves_b else a)
-        a = a if moves_b else moved
-        b = moved if moves_b else b
-        pdf *= density
-    return pdf
+    _, _, density = flow_to_uniform(guide, lane, a, b)
+    return INV_FOUR_PI * density
 
 
 @kernel
@@ -306,14 +327,7 @@ def sample_flow(guide, lane, u0, u1, u2):
     """
     a = u0 if (u0 >= 0.0 and u0 < 1.0) else np.float32(0.5)
     b = u1 if (u1 >= 0.0 and u1 < 1.0) else np.float32(0.5)
-    layer_count = guide.network.passed_weights.shape[0]
-    for step in range(layer_count):
-        layer = layer_count - 1 - step
-        moves_b = (layer & 1) == 0
-        _shape_layer(guide, lane, layer, a if moves_b else b)
-        moved = _move_back(guide, lane, b if moves_b else a)
-        a = a if moves_b else moved
-        b = moved if moves_b else b
+    a, b = flow_from_uniform(guide, lane, a, b)
     return square_to_direction(a, b)
 
 

@@ -175,8 +175,8 @@ def initial_flow_parameters(shape: FlowShape, seed: int) -> Float32Array:
     """
     rng = np.random.Generator(np.random.Philox(seed))
     parameters = np.zeros(shape.parameter_count, np.float32)
-    # A one-blob's squares sum to about a half, whatever its bins.
-    first_fan_in = 0.5 * (len(shape.condition_bins) + 1)
+    # He's size were all features one: the coarse answer comes first, what each bin has to say later.
+    first_fan_in = shape.condition_width + shape.blob_bins
     limits = {
         "condition_weights": math.sqrt(6.0 / first_fan_in),
         "passed_weights": math.sqrt(6.0 / first_fan_in),
