@@ -90,6 +90,12 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         items=(
             ("OFF", "Off", "Sample materials and lights only"),
             ("VMM", "Mixtures", "Learn lobes of incident light, and draw from them or from the material"),
+            ("SDTREE", "SD-Tree", "Learn a tree of space and directions"),
+            ("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance"),
+            ("NPM", "Neural Mixtures", "Train a network for lobes of incident light"),
+            ("NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material"),
+            ("NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes"),
+            ("FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons"),
             ("VMM_RIS", "Mixtures, Resampled", "Weigh several directions by the learned lobes times the material"),
             ("TABLE_RIS", "Tables, Resampled", "Weigh several directions by learned tables times the material"),
             ("NEURAL_RIS", "Neural, Resampled", "Weigh several directions by a neural network times the material"),
@@ -159,6 +165,57 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
             ("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
         ),
         default=_DEFAULTS.network_size,
+    )
+    source_field: EnumProperty(  # type: ignore[valid-type]
+        name="Source",
+        description="What the directions are drawn from that are resampled",
+        items=(
+            ("VMM", "Mixtures", "Learn lobes of incident light"),
+            ("SDTREE", "SD-Tree", "Learn a tree of space and directions"),
+            ("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance"),
+            ("NPM", "Neural Mixtures", "Train a network for lobes of incident light"),
+            ("NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material"),
+            ("NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes"),
+            ("FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons"),
+        ),
+        default=_DEFAULTS.source_field,
+    )
+    mixture_target: EnumProperty(  # type: ignore[valid-type]
+        name="Target",
+        description="What anisotropic neural mixtures are proportional to",
+        items=(
+            ("RADIANCE", "Light", "Incident light"),
+            ("COSINE", "Light and Cosine", "Incident light times the cosine"),
+            ("PRODUCT", "Product", "Incident light times the material"),
+        ),
+        default=_DEFAULTS.mixture_target,
+    )
+    mixture_lobes: EnumProperty(  # type: ignore[valid-type]
+        name="Lobes",
+        description="Lobes of neural mixtures",
+        items=(
+            ("OWN", "Own", "Those of the method"),
+            ("VMF", "Round", "Von Mises-Fisher"),
+            ("NASG", "Stretched", "Normalized anisotropic spherical Gaussians"),
+            ("SG", "Round, More", "Fourteen spherical Gaussians"),
+        ),
+        default=_DEFAULTS.mixture_lobes,
+    )
+    mixture_preset: EnumProperty(  # type: ignore[valid-type]
+        name="Preset",
+        description="Sizes and training of neural mixtures",
+        items=(("PAPER", "Paper", "As published"), ("OFFICIAL", "Program", "As in the authors' program")),
+        default=_DEFAULTS.mixture_preset,
+    )
+    network_selection: BoolProperty(  # type: ignore[valid-type]
+        name="Network's Share",
+        description="Let a neural mixture learn how often to guide, instead of a share by region",
+        default=_DEFAULTS.network_selection,
+    )
+    mis_compensation: BoolProperty(  # type: ignore[valid-type]
+        name="MIS Compensation",
+        description="Let a neural mixture learn what sampling the material leaves over",
+        default=_DEFAULTS.mis_compensation,
     )
     sample_weighting: EnumProperty(  # type: ignore[valid-type]
         name="Sample Weighting",

@@ -112,6 +112,7 @@ class BundleType(types.Type):
     """Numba's type of a bundle: its name; per field a tuple, a bundle, rows, or (dtype, dimensions, inner shape)."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
+        self.class_name = name
         self.fields = fields
         self.index = {field: k for k, (field, _) in enumerate(fields)}
         super().__init__(name=f"{name}({fields})")

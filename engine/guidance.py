@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine.guiding.guide import SourceField
 from engine.guiding.network_query import NetworkField
 from engine.guiding.table import TableField
 from engine.guiding.vmm.field import VmmField
@@ -25,6 +26,7 @@ class Guidance:
     benefit : float32 (R,), of guiding by region (`engine.guiding.selection`)
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
+    source : SdTreeField, MixtureNetwork, FlowField or None, what to draw directions from if not from `field`
     probes_only : bool, whether it is for recorded paths, and the others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
@@ -42,3 +44,4 @@ class Guidance:
     table: TableField | None = None
     network: NetworkField | None = None
     probes_only: bool = False
+    source: SourceField | None = None

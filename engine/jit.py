@@ -18,7 +18,7 @@ import hashlib
 import importlib.util
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -201,6 +201,31 @@ def kernel(
         return _serve_callers(dispatcher, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target))
 
     return decorate if function is None else decorate(function)
+
+
+def by_bundle(kernels: Mapping[type, Any], argument: int = 0) -> Any:
+    """A kernel that stands for several with the same arguments: which one, the class of a bundle among them decides.
+
+    The choice is made when a caller is compiled, and costs nothing.
+
+    Parameters
+    ----------
+    kernels : mapping of bundle class to kernel
+    argument : int
+        Position of the bundle that decides.
+    """
+    if numba.config.DISABLE_JIT:
+        return lambda *arguments: kernels[type(arguments[argument])](*arguments)
+    by_name = {cls.__name__: chosen for cls, chosen in kernels.items()}
+    dispatcher = numba.njit(next(iter(by_name.values())).py_func)
+    dispatcher.get_call_template = lambda args, kws: by_name[args[argument].class_name].get_call_template(args, kws)
+
+    def get_overload(signature: Any) -> object:
+        arguments, _returned = sigutils.normalize_signature(signature)
+        return by_name[arguments[argument].class_name].get_overload(signature)
+
+    dispatcher.get_overload = get_overload
+    return dispatcher
 
 
 class BoundKernel:

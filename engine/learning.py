@@ -22,6 +22,7 @@ from engine.guiding.light_share import LightShareModel
 from engine.guiding.network import NETWORK_SHAPES
 from engine.guiding.network_query import NetworkField, make_network_field
 from engine.guiding.selection import SelectionModel
+from engine.guiding.source_model import DETERMINISTIC_STEPS, SourceModel, TreeSource, make_source_model
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import NetworkTrainer, TrainerState
 from engine.guiding.trial import GuidingTrial
@@ -38,7 +39,7 @@ from engine.ris.orca import (
     pixel_weights,
 )
 from engine.scene.description import Notice
-from engine.settings import RenderSettings
+from engine.settings import NETWORK_SOURCES, SOURCES, RenderSettings
 from engine.work import Unit, UnitCosts
 
 #: Samples a pixel of the longest iterations.
@@ -51,8 +52,6 @@ _EXPECTED_RECORDS_PER_PATH = 4.0
 _GUIDED_COST = 1.0
 _LEARNING_COST = 1.15
 _NEURAL_CANDIDATE_COST = 0.4
-#: Steps of training between two iterations where it must not depend on clocks.
-_DETERMINISTIC_STEPS = 64
 #: Share of the guided vertices from which on resampling is measured: of a few candidates at a time a network's cost is
 #: that of the calls.
 _LEAST_MEASURED = 0.2
@@ -103,6 +102,9 @@ class GuidingReport:
     network_stopped_at: int = 0
     candidates_per_vertex: float = 0.0
     worker: str = ""
+    #: What directions are drawn from, if not the mixture field.
+    source: str = ""
+    source_seconds: float = 0.0
     #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
     efficiency: float = float("nan")
     stopped_at: int = 0
@@ -112,12 +114,13 @@ class GuidingReport:
     def describe(self, stage_seconds: dict[str, float]) -> None:
         """Write `lines` for people, given the time of the tracing threads by stage."""
         tracing = sum(stage_seconds.values())
-        everything = max(tracing + self.field_seconds + self.training_seconds, 1e-9)
+        training = self.training_seconds + self.source_seconds
+        everything = max(tracing + self.field_seconds + training, 1e-9)
         inference = stage_seconds.get("predict_radiance", 0.0)
         self.lines = [
             f"guiding {self.method}: {(tracing - inference) / everything:.0%} of the time tracing, "
             f"{self.field_seconds / everything:.0%} fitting, {inference / everything:.0%} predicting, "
-            f"{self.training_seconds / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
+            f"{training / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
             f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
         ]
         if self.stopped_at:
@@ -125,6 +128,8 @@ class GuidingReport:
                 f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
                 f"{self.stopped_at + 1} on are not guided"
             )
+        if self.source:
+            self.lines.append(self.source)
         if self.worker:
             self.lines.append(
                 f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
@@ -196,11 +201,13 @@ class Learner:
         self._trial: GuidingTrial | None = None
         self._has_won = self._is_over = False
         #: Where samples are given, the images of statistical methods do not depend on clocks.
-        depends_on_clock = settings.guiding_method == "NEURAL_RIS" or settings.time_limit > 0.0
+        has_network = settings.guiding_method == "NEURAL_RIS" or settings.source in NETWORK_SOURCES
+        depends_on_clock = has_network or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
         self._trainer: NetworkTrainer | None = None
         self.report = GuidingReport(method=settings.guiding_method)
+        self._source: SourceModel | None = make_source_model(settings)
         if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
             self._start_network()
         if settings.radiance_cache and settings.guiding_method not in ("TABLE_RIS", "NEURAL_RIS"):
@@ -256,6 +263,8 @@ class Learner:
         leaf = np.zeros(256, np.int32)
         find_leaves(vmm.field, records.position, leaf)
         SelectionModel(0.5).update(vmm, records, leaf, variance=1.0, ray_count=1.0)
+        if isinstance(self._source, TreeSource):
+            TreeSource(self.settings).learn(records, 256, 1.0, 1.0, self._executor, 1)
         table = None
         if self.settings.guiding_method == "TABLE_RIS":
             model = TableModel()
@@ -306,7 +315,8 @@ class Learner:
             self._trial = None
             self.parts = [(*next_range, True)]
             return Guidance(self.settings, 0)
-        is_tried = self.settings.guiding_trial and self._vmm is not None and not self._has_won
+        knows_something = self._vmm is not None if self._source is None else self._source.field is not None
+        is_tried = self.settings.guiding_trial and knows_something and not self._has_won
         self.parts = trial.parts(self._iteration, *next_range, is_tried=is_tried)
         self._trial = GuidingTrial(self._paths_per_sample) if len(self.parts) > 1 else None
         next_samples = self.parts[0][1]
@@ -323,6 +333,7 @@ class Learner:
             self._deltas.add(records.position[:row_count], records.benefit[:row_count])
         self._weigh_network(costs, recorded_share, next_range[0])
         self._train(records, row_count, samples)
+        self._learn_source(records, row_count, samples, recorded_share)
 
         method = self.settings.guiding_method
         ray_count = costs.ray_count / max(costs.path_count, 1)
@@ -348,7 +359,7 @@ class Learner:
             self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
             self._selection.benefit, fixed, allocation, weights,
             self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._network,
-            self._probes_only(),
+            self._probes_only(), self._source.field if self._source is not None else None,
         )
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
@@ -375,8 +386,7 @@ class Learner:
         if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:
             self._is_over = True
             self.report.stopped_at = next_sample
-            if self._trainer is not None:
-                self._end_training()
+            self._stop_training()
         self.report.efficiency = efficiency
 
     def _probability(self) -> np.ndarray:
@@ -389,7 +399,7 @@ class Learner:
     def _fixed_count(self) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
         settings = self.settings
-        if settings.guiding_method == "VMM":
+        if settings.guiding_method in SOURCES:
             return 1
         if settings.guiding_method == "VMM_RIS":
             return settings.candidate_count
@@ -412,6 +422,21 @@ class Learner:
         self.report.lobe_count = float(self._vmm.field.lobe_count.mean())
         self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
 
+    def _learn_source(
+        self, records: VertexRecords, row_count: int, samples: int, recorded_share: float
+    ) -> None:
+        """Learn what directions are drawn from, if it is not the mixture field."""
+        source = self._source
+        if source is None:
+            return
+        started = time.perf_counter()
+        source.learn(records, row_count, samples, recorded_share, self._executor, self._thread_count)
+        if self.settings.source not in NETWORK_SOURCES:
+            self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+        self.report.source, self.report.source_seconds = source.describe(), source.seconds
+        self.notices.extend(source.notices)
+        source.notices.clear()
+
     def _train(self, records: VertexRecords, row_count: int, samples: int) -> None:
         trainer = self._trainer
         if trainer is None:
@@ -419,7 +444,7 @@ class Learner:
         if row_count:
             trainer.submit(as_records(records), row_count, float(samples))
         if self.settings.deterministic:
-            snapshot = trainer.train_until(self._iteration * _DETERMINISTIC_STEPS)
+            snapshot = trainer.train_until(self._iteration * DETERMINISTIC_STEPS)
         else:
             snapshot = trainer.poll()
         status = trainer.status
@@ -488,8 +513,16 @@ class Learner:
     def close(self) -> None:
         """End the worker."""
         self._executor.shutdown(wait=True)
+        self._stop_training()
+
+    def _stop_training(self) -> None:
+        """End all training."""
         if self._trainer is not None:
             self._end_training()
+        if self._source is not None:
+            self._source.close()
+            self.report.source = self._source.describe()
+            self.report.source_seconds = self._source.seconds
 
     def _end_training(self) -> None:
         assert self._trainer is not None

@@ -453,7 +453,7 @@ class _Job:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         use_features = self.integrator.use_features
         self._batches = [
-            Batch(self.scene, largest, use_features=use_features, is_guided=self.learner is not None)
+            Batch(self.scene, largest, self.settings, use_features=use_features, is_guided=self.learner is not None)
             for _ in range(self.thread_count)
         ]
         if self._tiles:

@@ -5,7 +5,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-GUIDING_METHODS = ("OFF", "VMM", "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
+#: What directions can be drawn from.
+SOURCES = ("VMM", "SDTREE", "SDTREE_VARIANCE", "NPM", "NPM_PRODUCT", "NASG", "FLOW")
+#: Sources that are networks of their own.
+NETWORK_SOURCES = ("NPM", "NPM_PRODUCT", "NASG", "FLOW")
+#: Drawing from a source alone, or resampling what it proposes by something learned.
+GUIDING_METHODS = ("OFF", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
+#: What `NASG` is proportional to: incident radiance, that times the cosine, or times the whole BSDF.
+MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
+#: Lobes of neural mixtures: those of the method's paper, or others.
+MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
+#: Sizes of neural mixtures: the paper's, or those of its authors' program.
+MIXTURE_PRESETS = ("PAPER", "OFFICIAL")
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")
@@ -52,6 +63,12 @@ class RenderSettings:
     ris_target: str = "COLOR"
     orca_error: str = "RELATIVE"
     network_size: str = "COMPACT"
+    source_field: str = "VMM"  # what directions are drawn from before they are resampled
+    mixture_target: str = "PRODUCT"
+    mixture_lobes: str = "OWN"
+    mixture_preset: str = "PAPER"
+    network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
+    mis_compensation: bool = False  # let a neural mixture learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"
     radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
     training_share: float = 0.25  # of the processors' time
@@ -81,6 +98,10 @@ class RenderSettings:
             ("candidate_allocation", CANDIDATE_ALLOCATIONS),
             ("ris_target", RIS_TARGETS),
             ("network_size", NETWORK_SIZES),
+            ("source_field", SOURCES),
+            ("mixture_target", MIXTURE_TARGETS),
+            ("mixture_lobes", MIXTURE_LOBES),
+            ("mixture_preset", MIXTURE_PRESETS),
             ("orca_error", ORCA_ERRORS),
             ("sample_weighting", SAMPLE_WEIGHTINGS),
         ):
@@ -100,3 +121,13 @@ class RenderSettings:
         for name in ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose 0 or more")
+
+    @property
+    def source(self) -> str:
+        """What directions are drawn from, one of SOURCES."""
+        return self.guiding_method if self.guiding_method in SOURCES else self.source_field
+
+    @property
+    def resamples(self) -> bool:
+        """Whether candidates are weighed against each other."""
+        return self.guiding_method in ("VMM_RIS", "TABLE_RIS", "NEURAL_RIS")

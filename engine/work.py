@@ -12,7 +12,7 @@ from engine.film import FilmTile
 from engine.guiding.network_query import NetworkField
 from engine.guiding.table import TableField
 from engine.guiding.vertices import VertexLog, VertexRecords
-from engine.guiding.vmm.field import GuideLobes, VmmField
+from engine.guiding.vmm.field import VmmField
 from engine.kernels.bsdf.tables import BsdfTables
 from engine.ris.candidates import Candidates
 from engine.ris.orca import Allocation
@@ -177,6 +177,7 @@ class Work(Bundle):
     single, several : int32 (L,), guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     f_cos : float32 (L, C)
+    guide : see `engine.guiding.guide`
     latent, hidden : float32, activations of a network (`engine.guiding.network_query.predict_network`)
     """
 
@@ -208,6 +209,6 @@ class Work(Bundle):
     light_closures: Closures
     guided: GuidedLanes
     log: VertexLog
-    guide: GuideLobes
+    guide: Bundle
     candidates: Candidates
     records: VertexRecords

@@ -117,14 +117,14 @@ def field_of(lobes, pivot=(0.0, 0.0, 0.0), extent=10.0, fluence=1.0) -> VmmField
 def _densities(guide, row, directions, out):
     for k in range(directions.shape[0]):
         wi = (directions[k, 0], directions[k, 1], directions[k, 2])
-        out[k, 0] = query.eval_guide(guide, row, wi)
+        out[k, 0] = query.eval_vmm(guide, row, wi)
         out[k, 1] = query.predict_vmm(guide, row, wi, out[k, 0])
 
 
 @kernel
 def _samples(guide, row, u, out):
     for k in range(u.shape[0]):
-        wi = query.sample_guide(guide, row, u[k, 0], u[k, 1], u[k, 2])
+        wi = query.sample_vmm(guide, row, u[k, 0], u[k, 1], u[k, 2])
         out[k, 0] = wi[0]
         out[k, 1] = wi[1]
         out[k, 2] = wi[2]
@@ -144,19 +144,19 @@ def guide_at(field, p, n=(0.0, 0.0, 1.0), cosine_lobe=False, region=0) -> GuideL
     guide = allocate_guide(1)
     point = tuple(np.float32(value) for value in p)
     normal = tuple(np.float32(value) for value in unit(n))
-    query.prepare_guide(field, region, point, normal, cosine_lobe, guide, 0)
+    query.prepare_vmm(field, region, point, normal, cosine_lobe, guide, 0)
     return guide
 
 
 def densities(guide, directions):
-    """`eval_guide` and `predict_vmm` at directions: two float64 (N,)."""
+    """`eval_vmm` and `predict_vmm` at directions: two float64 (N,)."""
     out = np.zeros((len(directions), 2), np.float32)
     _densities(guide, 0, np.asarray(directions, np.float32), out)
     return out[:, 0].astype(np.float64), out[:, 1].astype(np.float64)
 
 
 def samples(guide, rng, count):
-    """Directions from `sample_guide`: float64 (count, 3)."""
+    """Directions from `sample_vmm`: float64 (count, 3)."""
     out = np.zeros((count, 3), np.float32)
     _samples(guide, 0, rng.random((count, 3)).astype(np.float32), out)
     return out.astype(np.float64)

@@ -11,8 +11,9 @@ import pytest
 
 from engine.guiding.flow import query
 from engine.guiding.flow.field import allocate_flow_guide, make_flow_field, no_flow_field, view_flow_field
-from engine.guiding.flow.shape import (
-    MIN_WIDTH,
+from engine.guiding.flow.shape import MIN_WIDTH, UNIFORM_SHARE, FlowSettings, FlowShape, initial_flow_parameters
+from engine.guiding.network import Snapshot
+from engine.guiding.rows import (
     ROW_NORMAL,
     ROW_PDF,
     ROW_POSITION,
@@ -22,12 +23,7 @@ from engine.guiding.flow.shape import (
     ROW_WI,
     ROW_WIDTH,
     ROW_WO,
-    UNIFORM_SHARE,
-    FlowSettings,
-    FlowShape,
-    initial_flow_parameters,
 )
-from engine.guiding.network import Snapshot
 from engine.jit import kernel
 from tests import chi2
 from tests.guiding_harness import mixture_density, sphere_grid, uniform_directions, unit

@@ -47,7 +47,7 @@ from engine.guiding.vmm.field import (
     GUIDE_Z,
     allocate_guide,
 )
-from engine.guiding.vmm.query import eval_guide, predict_vmm, sample_guide
+from engine.guiding.vmm.query import eval_vmm, predict_vmm, sample_vmm
 from engine.jit import kernel
 from tests import chi2
 from tests.guiding_harness import (
@@ -89,7 +89,7 @@ def _decode_nasg(raw, first, lobe_count, guide, fluence):
 def _query_vmf(guide, lane, directions, out):
     for i in range(directions.shape[0]):
         wi = (directions[i, 0], directions[i, 1], directions[i, 2])
-        out[i, 0] = eval_guide(guide, lane, wi)
+        out[i, 0] = eval_vmm(guide, lane, wi)
         out[i, 1] = predict_vmm(guide, lane, wi, out[i, 0])
 
 
@@ -104,7 +104,7 @@ def _query_nasg(guide, lane, directions, out):
 @kernel
 def _sample_vmf(guide, lane, u, out):
     for i in range(u.shape[0]):
-        out[i, 0], out[i, 1], out[i, 2] = sample_guide(guide, lane, u[i, 0], u[i, 1], u[i, 2])
+        out[i, 0], out[i, 1], out[i, 2] = sample_vmm(guide, lane, u[i, 0], u[i, 1], u[i, 2])
 
 
 @kernel

@@ -26,7 +26,15 @@ from engine.guiding.mixture.inference import (
     no_mixture_network,
     selection_probability,
 )
-from engine.guiding.mixture.rows import (
+from engine.guiding.mixture.shape import MixtureShape, initial_parameters, selection_blend
+from engine.guiding.network import Snapshot
+from engine.guiding.perceptron import (
+    CHUNK_ROWS,
+    allocate_scratch,
+    evaluate_perceptron,
+    pack_perceptron,
+)
+from engine.guiding.rows import (
     ROW_GUIDE_PDF,
     ROW_PDF,
     ROW_RADIANCE,
@@ -35,14 +43,6 @@ from engine.guiding.mixture.rows import (
     is_fit,
     make_rows,
     pack_training_rows,
-)
-from engine.guiding.mixture.shape import MixtureShape, initial_parameters, selection_blend
-from engine.guiding.network import Snapshot
-from engine.guiding.perceptron import (
-    CHUNK_ROWS,
-    allocate_scratch,
-    evaluate_perceptron,
-    pack_perceptron,
 )
 
 BOUNDS = np.array(((-1.0, 0.0, 2.0), (3.0, 1.0, 4.0)), np.float32)

@@ -23,7 +23,8 @@ from engine.guiding.mixture.inference import (
     make_mixture_network,
     selection_probability,
 )
-from engine.guiding.mixture.rows import (
+from engine.guiding.mixture.shape import MixtureShape
+from engine.guiding.rows import (
     ROW_BSDF_PDF,
     ROW_GUIDE_PDF,
     ROW_NORMAL,
@@ -36,10 +37,9 @@ from engine.guiding.mixture.rows import (
     ROW_WO,
     make_rows,
 )
-from engine.guiding.mixture.shape import MixtureShape
 from engine.guiding.trainer import NetworkTrainer
 from engine.guiding.vmm.field import allocate_guide
-from engine.guiding.vmm.query import eval_guide
+from engine.guiding.vmm.query import eval_vmm
 from engine.jit import kernel
 
 pytest.importorskip("torch")
@@ -120,7 +120,7 @@ def mixture_densities(raw, wi, lobe_count, is_anisotropic, vmf, nasg, out):
         for k in range(per_point):
             row = point * per_point + k
             w = (wi[row, 0], wi[row, 1], wi[row, 2])
-            out[point, k] = eval_nasg(nasg, 0, w) if is_anisotropic else eval_guide(vmf, 0, w)
+            out[point, k] = eval_nasg(nasg, 0, w) if is_anisotropic else eval_vmm(vmf, 0, w)
 
 
 def infer(shape, snapshot, position, wo, roughness=0.2):

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from engine.guiding.mixture.rows import pack_training_rows
 from engine.guiding.network import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records import Records
+from engine.guiding.rows import pack_training_rows
 from engine.jit import kernel
 from engine.kernels.rng import hash_combine
 from engine.scene.arrays import Float32Array
@@ -228,7 +228,7 @@ class Channel:
     def write_rows(self, slot: int, records: Records | Float32Array, row_count: int, seed: int) -> int:
         """Pick records for a slot (renderer); returns how many of those picked were fit to be written.
 
-        Records for the radiance network, rows of `row_width` floats for those that guide (`mixture/rows.py`).
+        Records for the radiance network, rows of `row_width` floats for those that guide (`rows.py`).
         """
         taken = min(row_count, self.slot_rows)
         pack = pack_rows if isinstance(records, Records) else pack_training_rows

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
+from engine.guiding.guide import eval_guide, predict_guide, sample_guide
 from engine.guiding.vertices import distance_scale, log_vertex
-from engine.guiding.vmm.query import eval_guide, predict_vmm, sample_guide
 from engine.jit import kernel
-from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, sample_among
+from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, mean_roughness, sample_among
 from engine.kernels.path import real_3, scatter_path
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
@@ -85,7 +85,7 @@ def send_on(
     Parameters
     ----------
     guided : GuidedLanes
-    guide : GuideLobes
+    guide : see `engine.guiding.guide`
     samples : LightSamples
     log : VertexLog
     pixel_weight : float32 (P,)
@@ -119,15 +119,16 @@ def send_on(
         paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)
     paths.dimension[lane] += SETS_PER_VERTEX
     # What the path is expected to bring to its pixel, over the pixel's value.
-    expected = predict_vmm(guide, lane, wi, guide_pdf) * math.sqrt(pixel_weight[paths.pixel[lane]])
+    expected = predict_guide(guide, lane, wi, guide_pdf) * math.sqrt(pixel_weight[paths.pixel[lane]])
     expected *= total / len(paths.channels)
     paths.survival[lane] = min(max(_SURE_SHARE * expected, _LEAST_SURVIVAL), 1.0)
     if log.is_recording[lane] != 0:
         wo = real_3(points, lane, POINT_WO)
         ns = real_3(points, lane, POINT_NS)
         log_vertex(
-            log, paths, lane, real_3(points, lane, POINT_P), wi, ns, 1.0 / weight, roughness,
-            distance_scale(ns, wo, wi, eta), paths.mis_distance[lane] + paths.hit_distance[lane], benefit, bsdf_pdf,
+            log, paths, lane, real_3(points, lane, POINT_P), wo, wi, ns, 1.0 / weight, roughness,
+            mean_roughness(closures, lane), distance_scale(ns, wo, wi, eta),
+            paths.mis_distance[lane] + paths.hit_distance[lane], benefit, bsdf_pdf,
             guided.rough_share[lane] * guide_pdf, samples.weight[lane], before,
         )
     scatter_path(options, paths, points, closures, lane, wi, label, source_pdf, bsdf_pdf)

@@ -313,7 +313,7 @@ class NetworkTrainer:
         Parameters
         ----------
         records : Records, or float32 (N, ROW_WIDTH)
-            Rows for networks that guide (`mixture/rows.py`).
+            Rows for networks that guide (`rows.py`).
         row_count : int
             Rows in use. With `deterministic`, their order decides the result.
         samples : float

@@ -38,7 +38,9 @@ VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
 VERTEX_THROUGHPUT = 20  # and after
 VERTEX_RADIANCE = 24  # the path's sum at the scattering
 VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
-VERTEX_WIDTH = 32  # two cache lines
+VERTEX_WO = 29
+VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
+VERTEX_WIDTH = 48  # three cache lines
 
 
 class VertexLog(Bundle):
@@ -63,6 +65,9 @@ class VertexRecords(Bundle):
         channels, times the pixel's weight
     light_squared : float32 (R,), the same of the light that the vertex found itself, by light sampling or by emitting,
         as if it had sampled a light for sure
+    wo : float32 (R, 3), unit, from the vertex to where the path came from
+    surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
+    reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
     """
 
     position: Float32Array
@@ -78,6 +83,9 @@ class VertexRecords(Bundle):
     guide_pdf: Float32Array
     contribution_squared: Float32Array
     light_squared: Float32Array
+    wo: Float32Array
+    surface_roughness: Float32Array
+    reflectance: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -101,13 +109,15 @@ def distance_scale(n, wo, wi, eta):
 
 @kernel
 def log_vertex(
-    log, paths, lane, p, wi, ns, pdf, roughness, scale, travel, benefit, bsdf_pdf, guide_pdf, light_weight, before
-):
+    log, paths, lane, p, wo, wi, ns, pdf, roughness, surface_roughness, scale, travel, benefit, bsdf_pdf, guide_pdf,
+    light_weight, before,
+):  # fmt: skip
     """Append the scattering that has just updated `paths.throughput`.
 
     Parameters
     ----------
     pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
+    surface_roughness : float32, of `mean_roughness`
     bsdf_pdf, guide_pdf : float32 [sr^-1], NaN where not guided
     light_weight : float32, of the vertex's light sample, 0 if it took none
     before : float32 (L, C), throughput before the scattering
@@ -120,10 +130,12 @@ def log_vertex(
     real = log.real
     for c in range(3):
         real[row, VERTEX_P + c] = p[c]
+        real[row, VERTEX_WO + c] = wo[c]
         real[row, VERTEX_WI + c] = wi[c]
         real[row, VERTEX_NS + c] = ns[c]
     real[row, VERTEX_PDF] = pdf
     real[row, VERTEX_ROUGHNESS] = roughness
+    real[row, VERTEX_SURFACE_ROUGHNESS] = surface_roughness
     real[row, VERTEX_SCALE] = scale
     real[row, VERTEX_TRAVEL] = travel
     real[row, VERTEX_BENEFIT] = benefit
@@ -178,6 +190,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                 known_count = 0
                 squared = 0.0
                 contribution = 0.0
+                reflectance = 0.0
                 light = 0.0
                 for c in range(channel_count):
                     # Rounding of the long sum may leave a little less than before.
@@ -190,6 +203,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     found = real[row, VERTEX_RADIANCE + c] - earlier
                     light += found * found
                     value = -1.0
+                    if before > 0.0:
+                        reflectance += throughput / before
                     if throughput > 0.0:
                         value = gain / throughput
                         total += value
@@ -205,9 +220,13 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                         records.position[record_count, c] = real[row, VERTEX_P + c]
                         records.direction[record_count, c] = real[row, VERTEX_WI + c]
                         records.normal[record_count, c] = real[row, VERTEX_NS + c]
+                        records.wo[record_count, c] = real[row, VERTEX_WO + c]
                     records.pdf[record_count] = real[row, VERTEX_PDF]
                     records.distance[record_count] = distance
                     records.roughness[record_count] = roughness
+                    records.surface_roughness[record_count] = real[row, VERTEX_SURFACE_ROUGHNESS]
+                    # Throughput grew by the BSDF over the density.
+                    records.reflectance[record_count] = reflectance * real[row, VERTEX_PDF] / channel_count
                     records.time[record_count] = paths.time[lane]
                     squared /= channel_count
                     records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared
@@ -238,7 +257,7 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
 
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(),
+        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
     )
 
 

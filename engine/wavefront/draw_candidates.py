@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
+from engine.guiding.guide import ask_for_guide
 from engine.guiding.scattering import propose
-from engine.guiding.vmm.field import GUIDE_LINES
 from engine.jit import kernel
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
@@ -15,7 +15,6 @@ from engine.kernels.prefetch import (
     ask_for_point,
     ask_for_throughput,
     lane_ahead,
-    prefetch_lines,
 )
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import store
@@ -72,7 +71,7 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
         ask_for_throughput(paths, ahead)
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
-        prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
+        ask_for_guide(guide, ahead)
         k += 1
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: the guide's part in the source density of every light sample, for its MIS weight."""
 
-from engine.guiding.vmm.field import GUIDE_LINES
-from engine.guiding.vmm.query import eval_guide
+from engine.guiding.guide import ask_for_guide, eval_guide
 from engine.jit import kernel
-from engine.kernels.prefetch import lane_ahead, prefetch, prefetch_lines
+from engine.kernels.prefetch import lane_ahead, prefetch
 from engine.kernels.vector import load
 
 
@@ -24,7 +23,7 @@ def guide_lights(guided, guide, samples, lit, lit_count):
         lane = lit[k]
         ahead = lane_ahead(lit, k, lit_count)
         prefetch(samples.direction, ahead)
-        prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
+        ask_for_guide(guide, ahead)
         share = guided.rough_share[lane]
         if share > 0.0:
             pdf = eval_guide(guide, lane, load(samples.direction, lane))

@@ -15,12 +15,13 @@ import numpy as np
 from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
 from engine.guidance import Guidance
+from engine.guiding.guide import allocate_guide_of, with_field
 from engine.guiding.network import NETWORK_SHAPES
 from engine.guiding.network_query import no_network
 from engine.guiding.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.table import no_table
 from engine.guiding.vertices import allocate_log, allocate_vertex_records, collect_records
-from engine.guiding.vmm.field import allocate_guide, no_field
+from engine.guiding.vmm.field import no_field
 from engine.jit import BoundKernel, in_python
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
@@ -177,7 +178,8 @@ class Batch:
     """One thread's memory: everything a unit needs, allocated once."""
 
     def __init__(
-        self, scene: Scene, pixel_count: int, *, use_features: bool, is_guided: bool = False, channel_count: int = 3
+        self, scene: Scene, pixel_count: int, settings: RenderSettings, *, use_features: bool, is_guided: bool = False,
+        channel_count: int = 3,
     ) -> None:
         lanes = LANE_COUNT
         self._scratch = RayScratch()
@@ -202,7 +204,7 @@ class Batch:
             light_closures=allocate_closures(lanes, channel_count),
             guided=allocate_guided_lanes(lanes),
             log=allocate_log(lanes, use_vertices=is_guided),
-            guide=allocate_guide(lanes if is_guided else 1),
+            guide=allocate_guide_of(settings, lanes if is_guided else 1),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
         )
@@ -211,11 +213,19 @@ class Batch:
         self.statistics = Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
         self.unit_costs = UnitCosts()
+        self._guidance: Guidance | None = None
 
     @property
     def record_count(self) -> int:
         """Records of the unit in work."""
         return int(self.work.counts[RECORDS])
+
+    def follow(self, guidance: Guidance | None) -> None:
+        """Draw directions from what an iteration has learned."""
+        if guidance is not self._guidance:
+            self._guidance = guidance
+            if guidance is not None and guidance.source is not None:
+                self.work = self.work._replace(guide=with_field(self.work.guide, guidance.source))
 
     def begin(self) -> None:
         """All lanes free, nothing counted, the film black."""
@@ -407,6 +417,7 @@ class Integrator:
         bool
             False if it was stopped; the film is then incomplete.
         """
+        batch.follow(self.guidance)
         batch.begin()
         started = time.perf_counter()
         if self.ray_observer is None and self._compiled_loop is not None:

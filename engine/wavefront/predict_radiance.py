@@ -3,9 +3,9 @@
 
 import numpy as np
 
+from engine.guiding.guide import predict_guide
 from engine.guiding.network_query import predict_network
 from engine.guiding.table import predict_table
-from engine.guiding.vmm.query import predict_vmm
 from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
@@ -21,7 +21,7 @@ def predict_by_mixture(table, network, latent, hidden, guide, guided, candidates
     """Fill `candidates.radiance` with the grey radiance of the lane's mixture."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
-        radiance = predict_vmm(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
+        radiance = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
         for c in range(candidates.radiance.shape[1]):
             candidates.radiance[row, c] = radiance
 
@@ -51,7 +51,7 @@ def blend_with_mixture(guide, candidates, row_count):
     """Give the lane's mixture its share of `candidates.radiance`; what is negative, infinite or NaN there is black."""
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
-        mixture = predict_vmm(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
+        mixture = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
         for c in range(candidates.radiance.shape[1]):
             learned = candidates.radiance[row, c]
             # Written so that NaN fails.

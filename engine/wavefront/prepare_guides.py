@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: decide which lanes are guided, ready their mixtures, and allot candidates."""
+"""Stage: decide which lanes are guided, ready what they sample by, and allot candidates."""
 
 import numpy as np
 
-from engine.guiding.vmm.query import find_region, locate_leaf, prepare_guide
+from engine.guiding.guide import query_guides, ready_guide
+from engine.guiding.vmm.query import find_region, locate_leaf
 from engine.jit import kernel
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine, unit_float
 from engine.ris.orca import candidate_count
-from engine.state import POINT_NS, POINT_P
+from engine.state import POINT_P
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
@@ -35,7 +36,7 @@ def prepare_guides(
         can be learned anew.
     light_share : float32 (R,)
         Probability of sampling a light, by region.
-    guide : GuideLobes
+    guide : see `engine.guiding.guide`
     samples : LightSamples
     log : VertexLog
     pixel_weight : float32 (P,)
@@ -73,7 +74,9 @@ def prepare_guides(
         region = find_region(field, leaf, p, bits)
         if region < 0:
             continue
-        prepare_guide(field, region, p, real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
+        look_up = hash_combine(bits, np.uint32(4))
+        if not ready_guide(guide, lane, field, region, points, closures, is_diffuse, look_up):
+            continue
         guided.rough_share[lane] = share
         guided.region[lane] = region
         guided.leaf[lane] = leaf
@@ -90,3 +93,4 @@ def prepare_guides(
             count = candidate_count(allocation, leaf, squared, is_recorded, u)
         # The cache needs a prediction, which single candidates go without.
         guided.candidate_count[lane] = max(count, 2) if guiding.use_cache != 0 else count
+    query_guides(guide, guided, points, lanes, lane_count)

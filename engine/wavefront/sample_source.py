@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: draw the only candidate of a vertex and send the path on."""
 
+from engine.guiding.guide import ask_for_guide
 from engine.guiding.scattering import propose, send_on
-from engine.guiding.vmm.field import GUIDE_LINES
 from engine.jit import kernel
 from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
 from engine.kernels.prefetch import (
@@ -12,7 +12,6 @@ from engine.kernels.prefetch import (
     ask_for_ray,
     ask_for_throughput,
     lane_ahead,
-    prefetch_lines,
 )
 
 
@@ -37,7 +36,7 @@ def sample_source(
         ask_for_history(paths, ahead)
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
-        prefetch_lines(guide.lobes, ahead, GUIDE_LINES)
+        ask_for_guide(guide, ahead)
         # What `scatter` has left of the number that chose against the delta lobes.
         share = guided.rough_share[lane]
         u0 = min(max((paths.random[lane, 0] - (1.0 - share)) / share, 0.0), ONE_MINUS_EPSILON)

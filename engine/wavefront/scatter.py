@@ -3,7 +3,7 @@
 
 from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
-from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
+from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, mean_roughness, sample_among
 from engine.kernels.constants import NAN
 from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.prefetch import (
@@ -94,7 +94,8 @@ def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes
             if label & RAY_SINGULAR:
                 roughness = 0.0
             log_vertex(
-                log, paths, lane, real_3(points, lane, POINT_P), wi, real_3(points, lane, POINT_NS), pdf, roughness,
+                log, paths, lane, real_3(points, lane, POINT_P), wo, wi, real_3(points, lane, POINT_NS), pdf, roughness,
+                mean_roughness(closures, lane),
                 distance_scale(real_3(points, lane, POINT_NS), wo, wi, eta),
                 paths.mis_distance[lane] + paths.hit_distance[lane], NAN, NAN, NAN, samples.weight[lane],
                 f_cos,

@@ -24,17 +24,8 @@ from engine.guiding.flow.field import (
     SPLINE_HEIGHT,
     SPLINE_SUM,
 )
-from engine.guiding.flow.shape import (
-    ACTIVATION_LIMIT,
-    LOGIT_LIMIT,
-    MIN_WIDTH,
-    ROW_NORMAL,
-    ROW_POSITION,
-    ROW_ROUGHNESS,
-    ROW_WI,
-    ROW_WO,
-    UNIFORM_SHARE,
-)
+from engine.guiding.flow.shape import ACTIVATION_LIMIT, LOGIT_LIMIT, MIN_WIDTH, UNIFORM_SHARE
+from engine.guiding.rows import ROW_NORMAL, ROW_POSITION, ROW_ROUGHNESS, ROW_WI, ROW_WO
 from engine.guiding.vmm.numeric import exp_nonpositive
 from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX, INV_FOUR_PI, INV_TWO_PI, ONE_MINUS_EPSILON, TWO_PI

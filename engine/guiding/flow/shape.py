@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from engine.guiding.network import TrainingSettings
+from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
 #: No bin is narrower: as in a layer of one bin this bounds the density, to 2 / MIN_WIDTH times the layer below it.
@@ -28,23 +30,6 @@ UNIFORM_SHARE = 1e-3
 #: The perceptrons' outputs are clamped to this before exponentials, their activations to the other.
 LOGIT_LIMIT = 30.0
 ACTIVATION_LIMIT = 1e6
-
-# Columns of a record, float32 (N, ROW_WIDTH), world space.
-ROW_POSITION = 0
-ROW_WI = 3
-ROW_WO = 6
-ROW_NORMAL = 9
-ROW_ROUGHNESS = 12
-#: Estimate of incident radiance along wi, mean over channels.
-ROW_RADIANCE = 13
-#: BSDF times cosine at wi, mean over channels.
-ROW_REFLECTANCE = 14
-#: Density that drew wi [sr^-1].
-ROW_PDF = 15
-ROW_BSDF_PDF = 16
-ROW_GUIDE_PDF = 17
-ROW_TIME = 18
-ROW_WIDTH = 19
 
 #: What the density is made proportional to: radiance times BSDF times cosine, or radiance alone.
 TARGETS = ("PRODUCT", "RADIANCE")
@@ -75,6 +60,8 @@ class FlowShape:
     roughness_bins: int = 8
     width: int = 64
     hidden_layers: int = 3
+
+    kind: ClassVar[str] = "FLOW"
 
     def __post_init__(self) -> None:
         limits = {
@@ -118,6 +105,16 @@ class FlowShape:
             "output_weights": (self.layer_count, self.width, self.output_width),
             "output_bias": (self.layer_count, self.output_width),
         }
+
+    @property
+    def row_width(self) -> int:
+        """Floats of a record that training needs."""
+        return ROW_WIDTH
+
+    @property
+    def training_settings(self) -> TrainingSettings:
+        """How it is trained if nothing else is said."""
+        return FlowSettings()
 
     @property
     def parameter_count(self) -> int:

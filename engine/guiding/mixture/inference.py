@@ -31,7 +31,8 @@ HEADER_IS_READY = 0
 HEADER_LOBE_COUNT = 1
 HEADER_OUTPUT_WIDTH = 2
 HEADER_SELECTION = 3  # column of the selection's logit, -1 = none
-HEADER_COUNT = 4
+HEADER_HAS_COSINE = 4  # whether the cosine is part of what was learned
+HEADER_COUNT = 5
 
 
 class MixtureNetwork(Bundle):
@@ -55,6 +56,7 @@ def _make(shape: MixtureShape, bounds: Float32Array, parameters: Float32Array | 
     header[HEADER_LOBE_COUNT] = shape.lobe_count
     header[HEADER_OUTPUT_WIDTH] = shape.output_width
     header[HEADER_SELECTION] = shape.selection_column
+    header[HEADER_HAS_COSINE] = shape.target != "RADIANCE"
     table = np.zeros((1, shape.level_features), np.float32)
     matrices = []
     if parameters is not None:

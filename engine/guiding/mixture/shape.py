@@ -18,8 +18,8 @@ import numpy as np
 
 from engine.guiding.lobes.nasg import NASG_OUTPUTS
 from engine.guiding.lobes.vmf import VMF_OUTPUTS
-from engine.guiding.mixture.rows import ROW_WIDTH
 from engine.guiding.network import TrainingSettings
+from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
 #: Raw outputs a lobe, by model of lobe.

@@ -177,7 +177,7 @@ def multiply_lobe(mean, kappa_a, coefficient_a, n, kappa_b, norm_b, squared_chor
 
 
 @kernel
-def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
+def prepare_vmm(field, region, p, n, cosine_lobe, guide, row):
     """Write the mixture to sample at a point into lane `row` of `guide`.
 
     Lobes turn towards where their light comes from, as seen from p instead of the pivot, and are multiplied by the lobe
@@ -247,8 +247,8 @@ def prepare_guide(field, region, p, n, cosine_lobe, guide, row):
 
 
 @kernel
-def eval_guide(guide, row, wi):
-    """Density of `sample_guide` at unit direction wi: float32 [sr^-1]."""
+def eval_vmm(guide, row, wi):
+    """Density of `sample_vmm` at unit direction wi: float32 [sr^-1]."""
     pdf = np.float32(0.0)
     for k in range(guide.count[row]):
         x = wi[0] - guide.lobes[row, GUIDE_X, k]
@@ -260,7 +260,7 @@ def eval_guide(guide, row, wi):
 
 
 @kernel
-def sample_guide(guide, row, u0, u1, u2):
+def sample_vmm(guide, row, u0, u1, u2):
     """Draw a unit direction from lane `row` of `guide`: float32 tuple.
 
     Parameters
@@ -303,7 +303,7 @@ def sample_guide(guide, row, u0, u1, u2):
 
 @kernel
 def predict_vmm(guide, row, wi, guide_pdf):
-    """Incident radiance (mean over channels) along unit direction wi, given `guide_pdf` = `eval_guide` there.
+    """Incident radiance (mean over channels) along unit direction wi, given `guide_pdf` = `eval_vmm` there.
 
     The cosine lobe is divided out again: fluence times the density of incident radiance alone, part of it held even:
     where no lobe reaches, little is known, and a target of nothing there would leave what comes to rare, heavy samples.

@@ -22,17 +22,13 @@ from engine.guiding.flow.shape import (
     ACTIVATION_LIMIT,
     LOGIT_LIMIT,
     MIN_WIDTH,
-    ROW_PDF,
-    ROW_POSITION,
-    ROW_RADIANCE,
-    ROW_REFLECTANCE,
-    ROW_WI,
     UNIFORM_SHARE,
     FlowSettings,
     FlowShape,
     initial_flow_parameters,
 )
 from engine.guiding.network import Snapshot, robust_bounds
+from engine.guiding.rows import ROW_PDF, ROW_POSITION, ROW_RADIANCE, ROW_REFLECTANCE, ROW_WI
 from engine.guiding.worker.samples import VALIDATION_STRIDE, SampleWindow
 from engine.scene.arrays import Float32Array
 

@@ -31,7 +31,9 @@ from engine.guiding.mixture.features import (
     make_mixture_encoding,
     step_grids,
 )
-from engine.guiding.mixture.rows import (
+from engine.guiding.mixture.shape import MixtureSettings, MixtureShape, initial_parameters
+from engine.guiding.network import Snapshot, robust_bounds
+from engine.guiding.rows import (
     ROW_BSDF_PDF,
     ROW_GUIDE_PDF,
     ROW_NORMAL,
@@ -45,8 +47,6 @@ from engine.guiding.mixture.rows import (
     ROW_WO,
     is_fit,
 )
-from engine.guiding.mixture.shape import MixtureSettings, MixtureShape, initial_parameters
-from engine.guiding.network import Snapshot, robust_bounds
 from engine.guiding.worker.lobes import decode, log_pdf
 from engine.guiding.worker.samples import VALIDATION_STRIDE, SampleWindow
 from engine.scene.arrays import Float32Array

@@ -21,8 +21,10 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from engine.guiding.channel import SLOT_COUNT, Channel
+from engine.guiding.flow.shape import FlowSettings, FlowShape
 from engine.guiding.mixture.shape import MixtureSettings, MixtureShape
 from engine.guiding.network import NetworkShape, TrainingSettings
+from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
 #: Steps between two looks at the held-out records.
@@ -37,6 +39,7 @@ _HEARTBEAT = 1.0  # [s]
 _KINDS: dict[str, tuple[type, type]] = {
     NetworkShape.kind: (NetworkShape, TrainingSettings),
     MixtureShape.kind: (MixtureShape, MixtureSettings),
+    FlowShape.kind: (FlowShape, FlowSettings),
 }
 
 
@@ -49,12 +52,27 @@ def _make_training(
 
         # Lobes and grids are small work for many kernels: a GPU would mostly wait.
         return MixtureTraining(shape, settings, seed, bounds, thread_count), "cpu"
+    if isinstance(shape, FlowShape):
+        from engine.guiding.worker.flow_training import FlowTraining
+
+        return FlowTraining(shape, settings, seed, bounds, thread_count), "cpu"
     import torch
 
     from engine.guiding.worker.training import RadianceTraining
 
     device = "cuda" if not is_deterministic and torch.cuda.is_available() else "cpu"
     return RadianceTraining(shape, settings, seed, bounds, thread_count, device), device
+
+
+def _rehearse(training: Any, row_width: int) -> None:
+    """Have a training that is not used for anything else load (or compile) all its kernels."""
+    rows = np.random.default_rng(0).uniform(0.1, 1.0, (256, row_width)).astype(np.float32)
+    for first in range(3, 12 if row_width == ROW_WIDTH else 6, 3):
+        rows[:, first : first + 3] /= np.linalg.norm(rows[:, first : first + 3], axis=1, keepdims=True)
+    training.add(rows, 1.0)
+    training.step()
+    training.improvement()
+    training.snapshot()
 
 
 class Service:
@@ -112,9 +130,9 @@ class Service:
         config = self.config
         thread_count = 1 if config["deterministic"] else max(1, config["thread_count"])
         bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
-        self.training, device = _make_training(
-            self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"]
-        )
+        arguments = (self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"])
+        _rehearse(_make_training(*arguments)[0], self.shape.row_width)
+        self.training, device = _make_training(*arguments)
         self.answer("ready", device=device, threads=thread_count)
         if config["deterministic"]:
             self.train_on_command()

@@ -26,6 +26,7 @@ from engine.kernels.bsdf.glossy import add_glass as add_glass
 from engine.kernels.bsdf.glossy import add_glossy as add_glossy
 from engine.kernels.bsdf.glossy import add_refraction as add_refraction
 from engine.kernels.bsdf.guided import eval_guided as eval_guided
+from engine.kernels.bsdf.guided import mean_roughness as mean_roughness
 from engine.kernels.bsdf.guided import rough_share as rough_share
 from engine.kernels.bsdf.kinds import HAS_DELTA as HAS_DELTA
 from engine.kernels.bsdf.kinds import HAS_EVAL as HAS_EVAL

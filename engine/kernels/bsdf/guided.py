@@ -8,6 +8,8 @@ normal are distributed as they are under BSDF sampling, given the direction, and
 
 import math
 
+import numpy as np
+
 from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_lobes, is_delta_lobe
@@ -56,6 +58,27 @@ def rough_share(closures, lane, min_alpha):
     if not is_broad or not rough > 0.0:
         return 0.0, False
     return rough / total, is_diffuse
+
+
+@kernel
+def mean_roughness(closures, lane):
+    """Roughness of a surface as networks see it: the mean of its rough lobes, diffuse ones being 1: float32 in [0, 1].
+
+    That of a lobe is its alpha, as `sample_bsdf` returns it.
+    """
+    rough = 0.0
+    total = 0.0
+    for i in range(closures.count[lane]):
+        if is_delta_lobe(closures.kind, closures.param, lane, i):
+            continue
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        if closures.kind[lane, i] <= LAST_DIFFUSE:
+            rough += weight
+        else:
+            alpha_squared = closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]
+            rough += weight * min(math.sqrt(alpha_squared), 1.0)
+    return rough / total if total > 0.0 else np.float32(1.0)
 
 
 @kernel

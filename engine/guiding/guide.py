@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What stages sample by, whichever field has learned it: one face for all, chosen when a stage is compiled.
+
+A guide is a bundle of lanes. `ready_guide` says for a lane whether there is anything to sample by; once that has been
+asked of all lanes of a round, `query_guides` does what is better done for many at once. Then `eval_guide` is the
+density of `sample_guide`, and `predict_guide` says what radiance to expect from a direction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from engine.guiding.flow.field import FlowField, FlowGuide, allocate_flow_guide, no_flow_field
+from engine.guiding.flow.query import eval_flow, predict_flow, prepare_flow, sample_flow
+from engine.guiding.flow.shape import FlowShape
+from engine.guiding.mixture.guide import (
+    MixtureGuide,
+    allocate_mixture_guide,
+    ask_for_mixture,
+    eval_mixture,
+    predict_mixture,
+    query_mixtures,
+    sample_mixture,
+)
+from engine.guiding.mixture.inference import HEADER_IS_READY, MixtureNetwork
+from engine.guiding.sdtree.field import SdTreeField, SdTreeGuide, allocate_sdtree_guide, no_sdtree_field
+from engine.guiding.sdtree.query import (
+    eval_sdtree,
+    look_up_sdtree,
+    predict_sdtree,
+    prepare_sdtree_guide,
+    sample_sdtree,
+)
+from engine.guiding.sources import source_shape
+from engine.guiding.vmm.field import GUIDE_LINES, GuideLobes, allocate_guide
+from engine.guiding.vmm.query import eval_vmm, predict_vmm, prepare_vmm, sample_vmm
+from engine.jit import by_bundle, kernel
+from engine.kernels.bsdf import mean_roughness
+from engine.kernels.path import real_3
+from engine.kernels.prefetch import prefetch_lines
+from engine.settings import RenderSettings
+from engine.state import POINT_NS, POINT_P, POINT_WO
+
+#: Where a guide keeps the field that it samples from; lobes of the statistical mixture are copied to their lanes.
+_FIELDS: dict[type, str] = {SdTreeGuide: "tree", MixtureGuide: "network", FlowGuide: "network"}
+
+#: What an iteration may have learned to sample by, besides the statistical mixtures.
+SourceField = SdTreeField | MixtureNetwork | FlowField
+
+
+def allocate_guide_of(settings: RenderSettings, lane_count: int) -> Any:
+    """Lanes for the source of directions that the settings ask for; it has learned nothing."""
+    if settings.source in ("SDTREE", "SDTREE_VARIANCE"):
+        return allocate_sdtree_guide(lane_count, no_sdtree_field())
+    if settings.source == "VMM":
+        return allocate_guide(lane_count)
+    shape = source_shape(settings)
+    if isinstance(shape, FlowShape):
+        return allocate_flow_guide(no_flow_field(shape), lane_count)
+    return allocate_mixture_guide(shape, lane_count)
+
+
+def with_field(guide: Any, field: SourceField | None) -> Any:
+    """The same lanes for what has been learned since; None: for nothing new."""
+    return guide if field is None else guide._replace(**{_FIELDS[type(guide)]: field})
+
+
+@kernel
+def _ready_vmm(guide, lane, field, region, points, closures, is_diffuse, bits):
+    """The region's mixture, as seen from the vertex."""
+    prepare_vmm(field, region, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
+    return True
+
+
+@kernel
+def _ready_sdtree(guide, lane, field, region, points, closures, is_diffuse, bits):
+    """The quadtree of a cell near the vertex."""
+    cell = look_up_sdtree(guide.tree, real_3(points, lane, POINT_P), bits, True)
+    if cell < 0:
+        return False
+    prepare_sdtree_guide(guide, lane, cell)
+    return True
+
+
+@kernel
+def _ready_mixture(guide, lane, field, region, points, closures, is_diffuse, bits):
+    """What the network will be asked with."""
+    guide.fluence[lane] = field.fluence[region]
+    guide.roughness[lane] = mean_roughness(closures, lane)
+    guide.is_diffuse[lane] = 1 if is_diffuse else 0
+    return guide.network.header[HEADER_IS_READY] != 0
+
+
+@kernel
+def _ready_flow(guide, lane, field, region, points, closures, is_diffuse, bits):
+    """The flow, on condition of the vertex."""
+    if guide.network.is_ready[0] == 0:
+        return False
+    prepare_flow(
+        guide, lane, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO),
+        mean_roughness(closures, lane), field.fluence[region],
+    )
+    return True
+
+
+@kernel
+def _query_nothing(guide, guided, points, lanes, lane_count):
+    """Lanes that were made ready one by one."""
+
+
+@kernel
+def _ask_for_lobes(guide, lane):
+    """Have a lane's lobes brought to the cache."""
+    prefetch_lines(guide.lobes, lane, GUIDE_LINES)
+
+
+@kernel
+def _ask_for_nothing(guide, lane):
+    """A lane whose data are few, or not known ahead."""
+
+
+#: (guide, lane, field, region, points, closures, is_diffuse, bits) -> bool: make a lane ready to be sampled, if it can.
+#: `field` and `region` are of the mixture field, `bits` random.
+ready_guide = by_bundle(
+    {GuideLobes: _ready_vmm, SdTreeGuide: _ready_sdtree, MixtureGuide: _ready_mixture, FlowGuide: _ready_flow}
+)
+#: (guide, guided, points, lanes, lane_count): make all lanes ready that `ready_guide` has agreed to.
+query_guides = by_bundle(
+    {
+        GuideLobes: _query_nothing, SdTreeGuide: _query_nothing, MixtureGuide: query_mixtures,
+        FlowGuide: _query_nothing,
+    }
+)  # fmt: skip
+#: (guide, lane): have a lane's data brought to the cache.
+ask_for_guide = by_bundle(
+    {
+        GuideLobes: _ask_for_lobes, SdTreeGuide: _ask_for_nothing, MixtureGuide: ask_for_mixture,
+        FlowGuide: _ask_for_nothing,
+    }
+)  # fmt: skip
+#: (guide, lane, wi) -> float32 [sr^-1]: density of `sample_guide`.
+eval_guide = by_bundle(
+    {GuideLobes: eval_vmm, SdTreeGuide: eval_sdtree, MixtureGuide: eval_mixture, FlowGuide: eval_flow}
+)
+#: (guide, lane, u0, u1, u2) -> unit direction.
+sample_guide = by_bundle(
+    {GuideLobes: sample_vmm, SdTreeGuide: sample_sdtree, MixtureGuide: sample_mixture, FlowGuide: sample_flow}
+)
+#: (guide, lane, wi, guide_pdf) -> float32: incident radiance along wi, mean over channels.
+predict_guide = by_bundle(
+    {GuideLobes: predict_vmm, SdTreeGuide: predict_sdtree, MixtureGuide: predict_mixture, FlowGuide: predict_flow}
+)

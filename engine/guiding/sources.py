@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Networks that directions are drawn from: their shape and training, as the settings ask for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from engine.guiding.flow.shape import FlowSettings, FlowShape
+from engine.guiding.mixture.shape import (
+    NASG,
+    NASG_COSINE,
+    NASG_PRODUCT,
+    NPM,
+    NPM_OFFICIAL,
+    NPM_OFFICIAL_SETTINGS,
+    NPM_PRODUCT,
+    SG,
+    MixtureSettings,
+    MixtureShape,
+)
+from engine.settings import RenderSettings
+
+_NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
+#: Spherical Gaussians in NASG's place have as many parameters with more lobes.
+_LOBE_COUNTS = {"VMF": 8, "NASG": 8, "SG": SG.lobe_count}
+
+
+def source_shape(settings: RenderSettings) -> MixtureShape | FlowShape:
+    """Shape of the network that `settings.source` names.
+
+    Raises
+    ------
+    ValueError
+        If it names none.
+    """
+    if settings.source == "FLOW":
+        return FlowShape()
+    if settings.source == "NASG":
+        shape = _NASG_SHAPES[settings.mixture_target]
+    elif settings.source in ("NPM", "NPM_PRODUCT"):
+        product = NPM_OFFICIAL if settings.mixture_preset == "OFFICIAL" else NPM_PRODUCT
+        shape = product if settings.source == "NPM_PRODUCT" else NPM
+    else:
+        raise ValueError(f"source {settings.source!r} is no network")
+    shape = replace(shape, has_selection=settings.network_selection)
+    if settings.mixture_lobes != "OWN":
+        shape = replace(
+            shape, lobe_model="NASG" if settings.mixture_lobes == "NASG" else "VMF",
+            lobe_count=_LOBE_COUNTS[settings.mixture_lobes],
+        )
+    return shape
+
+
+def source_training(settings: RenderSettings) -> MixtureSettings | FlowSettings:
+    """How that network is trained."""
+    shape = source_shape(settings)
+    if isinstance(shape, FlowShape):
+        return FlowSettings()
+    training = shape.training_settings
+    if settings.mixture_preset == "OFFICIAL" and settings.source != "NASG":
+        training = NPM_OFFICIAL_SETTINGS
+    assert isinstance(training, MixtureSettings)
+    return replace(
+        training, mis_compensation=settings.mis_compensation, bsdf_share=1.0 - settings.guiding_probability
+    )
