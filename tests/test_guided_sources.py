@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole renders by every source of directions: whatever it has learned, the mean is that of an unguided render."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine import learning
+from engine.guiding import source_model
+from engine.guiding.flow.field import make_flow_field
+from engine.guiding.flow.shape import FlowShape, initial_flow_parameters
+from engine.guiding.mixture.inference import make_mixture_network
+from engine.guiding.mixture.shape import initial_parameters
+from engine.guiding.network import Snapshot
+from engine.guiding.sources import source_shape
+from engine.settings import NETWORK_SOURCES
+from tests.test_guided_render import Z_LIMIT, corner_scene, pit_scene, render, z_score
+
+SEEDS = 6
+TREES = ("SDTREE", "SDTREE_VARIANCE")
+BOUNDS = np.array(((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)), np.float32)
+LONGEST = {"samples": 63, "max_bounces": 12, "diffuse_bounces": 12, "guiding_trial": False}
+
+
+class Untrained:
+    """A network source that has learned nothing: its parameters are drawn at random, and wild."""
+
+    def __init__(self, settings, scale):
+        shape = source_shape(settings)
+        is_flow = isinstance(shape, FlowShape)
+        initial = initial_flow_parameters if is_flow else initial_parameters
+        parameters = scale * initial(shape, settings.seed)
+        snapshot = Snapshot(1, 1, 0.0, 1.0, BOUNDS, parameters.astype(np.float32))
+        self.field = make_flow_field(shape, snapshot) if is_flow else make_mixture_network(shape, snapshot)
+        self.seconds = 0.0
+        self.notices = []
+
+    def learn(self, *_arguments):
+        pass
+
+    def describe(self):
+        return ""
+
+    def close(self):
+        pass
+
+
+def means(method, seeds=SEEDS, **settings):
+    return np.array(
+        [
+            render(method, seed, scene=pit_scene, **(LONGEST | settings)).passes["Combined"][..., :3].mean()
+            for seed in range(seeds)
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return means("OFF")
+
+
+def check_mean(guided, plain):
+    assert z_score(guided, plain) < Z_LIMIT
+    # The test can see a bias of 2%.
+    assert z_score(1.02 * guided, plain) > Z_LIMIT
+
+
+@pytest.mark.parametrize("method", TREES)
+def test_trees_leave_the_mean_unchanged(method, plain):
+    check_mean(means(method), plain)
+
+
+@pytest.mark.parametrize("scale", [1.0, 20.0])
+@pytest.mark.parametrize("method", NETWORK_SOURCES)
+def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plain, monkeypatch):
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, scale))
+    # By the vertex, or by region.
+    check_mean(means(method, network_selection=scale == 1.0 and method != "FLOW"), plain)
+
+
+@pytest.mark.parametrize("lobes", ["VMF", "NASG", "SG"])
+def test_lobes_are_interchangeable(lobes, plain, monkeypatch):
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    check_mean(means("NPM", mixture_lobes=lobes), plain)
+
+
+@pytest.mark.parametrize("source", ["SDTREE", "NASG", "FLOW"])
+def test_any_source_can_be_resampled(source, plain, monkeypatch):
+    if source in NETWORK_SOURCES:
+        monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    report = render("VMM_RIS", 1, scene=pit_scene, source_field=source, candidate_count=3, **LONGEST).report
+    assert report.guiding.candidates_per_vertex == pytest.approx(3.0)
+    check_mean(means("VMM_RIS", source_field=source, candidate_count=3), plain)
+
+
+@pytest.mark.parametrize("method", TREES)
+def test_the_image_of_trees_does_not_depend_on_threads(method):
+    one, two = (
+        render(method, 3, scene=corner_scene, threads=threads, samples=31, guiding_trial=False).passes["Combined"]
+        for threads in (1, 2)
+    )
+    assert np.array_equal(one, two)
+
+
+def test_trees_are_used():
+    report = render("SDTREE", 1, scene=pit_scene, **LONGEST).report.guiding
+    assert report.candidates_per_vertex == 1.0 and "regions" in report.source
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", NETWORK_SOURCES)
+def test_trained_networks_leave_the_mean_unchanged(method, plain, monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 16)
+    report = render(method, 1, scene=pit_scene, deterministic=True, **LONGEST).report
+    assert not [notice for notice in report.notices if "Guiding" in notice.subject]
+    assert "snapshots" in report.guiding.source and report.guiding.candidates_per_vertex == 1.0
+    check_mean(means(method, deterministic=True), plain)
+
+
+@pytest.mark.slow
+def test_the_image_of_a_network_does_not_depend_on_threads(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 16)
+    one, two = (
+        render(
+            "NPM_PRODUCT", 3, scene=corner_scene, threads=threads, samples=31, guiding_trial=False, deterministic=True
+        ).passes["Combined"]
+        for threads in (1, 2)
+    )
+    assert np.array_equal(one, two)
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_gone_is_named(monkeypatch):
+    monkeypatch.setattr(
+        source_model.NetworkTrainer, "_launch", lambda trainer, channel: (_ for _ in ()).throw(OSError("no process"))
+    )
+    report = render("NPM", 1, scene=pit_scene, **LONGEST).report
+    assert any(notice.subject == "Guiding / NPM" and "no process" in notice.problem for notice in report.notices)
+
+
+def test_sources_that_are_no_networks_have_no_shape():
+    from engine.settings import RenderSettings
+
+    settings = RenderSettings(guiding_method="VMM")
+    with pytest.raises(ValueError, match="VMM"):
+        source_shape(settings)
+    assert source_shape(replace(settings, guiding_method="NEURAL_RIS", source_field="NASG")).lobe_model == "NASG"
