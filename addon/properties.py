@@ -204,7 +204,11 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     mixture_preset: EnumProperty(  # type: ignore[valid-type]
         name="Preset",
         description="Sizes and training of neural mixtures",
-        items=(("PAPER", "Paper", "As published"), ("OFFICIAL", "Program", "As in the authors' program")),
+        items=(
+            ("PAPER", "Paper", "As published"),
+            ("OFFICIAL", "Program", "As in the authors' program"),
+            ("COMPACT", "Compact", "Without grids, for renders of few samples"),
+        ),
         default=_DEFAULTS.mixture_preset,
     )
     network_selection: BoolProperty(  # type: ignore[valid-type]

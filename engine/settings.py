@@ -15,8 +15,8 @@ GUIDING_METHODS = ("OFF", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
 MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
 #: Lobes of neural mixtures: those of the method's paper, or others.
 MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
-#: Sizes of neural mixtures: the paper's, or those of its authors' program.
-MIXTURE_PRESETS = ("PAPER", "OFFICIAL")
+#: Sizes of neural mixtures: the paper's, those of its authors' program, or without grids, for renders of few records.
+MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")

@@ -68,6 +68,8 @@ def with_field(guide: Any, field: SourceField | None) -> Any:
 @kernel
 def _ready_vmm(guide, lane, field, region, points, closures, is_diffuse, bits):
     """The region's mixture, as seen from the vertex."""
+    if region < 0:
+        return False
     prepare_vmm(field, region, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), is_diffuse, guide, lane)
     return True
 
@@ -85,7 +87,7 @@ def _ready_sdtree(guide, lane, field, region, points, closures, is_diffuse, bits
 @kernel
 def _ready_mixture(guide, lane, field, region, points, closures, is_diffuse, bits):
     """What the network will be asked with."""
-    guide.fluence[lane] = field.fluence[region]
+    guide.fluence[lane] = field.fluence[region] if region >= 0 else np.float32(0.0)
     guide.roughness[lane] = mean_roughness(closures, lane)
     guide.is_diffuse[lane] = 1 if is_diffuse else 0
     return guide.network.header[HEADER_IS_READY] != 0
@@ -98,7 +100,7 @@ def _ready_flow(guide, lane, field, region, points, closures, is_diffuse, bits):
         return False
     prepare_flow(
         guide, lane, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO),
-        mean_roughness(closures, lane), field.fluence[region],
+        mean_roughness(closures, lane), field.fluence[region] if region >= 0 else np.float32(0.0),
     )
     return True
 
@@ -120,7 +122,7 @@ def _ask_for_nothing(guide, lane):
 
 
 #: (guide, lane, field, region, points, closures, is_diffuse, bits) -> bool: make a lane ready to be sampled, if it can.
-#: `field` and `region` are of the mixture field, `bits` random.
+#: `field` and `region` are of the mixture field (-1: it knows nothing here), `bits` random.
 ready_guide = by_bundle(
     {GuideLobes: _ready_vmm, SdTreeGuide: _ready_sdtree, MixtureGuide: _ready_mixture, FlowGuide: _ready_flow}
 )

@@ -10,16 +10,20 @@ from engine.guiding.mixture.shape import (
     NASG,
     NASG_COSINE,
     NASG_PRODUCT,
+    NASG_SETTINGS,
     NPM,
     NPM_OFFICIAL,
     NPM_OFFICIAL_SETTINGS,
     NPM_PRODUCT,
+    NPM_SETTINGS,
     SG,
     MixtureSettings,
     MixtureShape,
 )
 from engine.settings import RenderSettings
 
+#: One-blob bins for each coordinate, in place of grids whose cells see too few records (docs/experiments.md).
+_COMPACT_BINS = 32
 _NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
 #: Spherical Gaussians in NASG's place have as many parameters with more lobes.
 _LOBE_COUNTS = {"VMF": 8, "NASG": 8, "SG": SG.lobe_count}
@@ -42,6 +46,8 @@ def source_shape(settings: RenderSettings) -> MixtureShape | FlowShape:
         shape = product if settings.source == "NPM_PRODUCT" else NPM
     else:
         raise ValueError(f"source {settings.source!r} is no network")
+    if settings.mixture_preset == "COMPACT":
+        shape = replace(shape, position_encoding="BLOB", position_bins=_COMPACT_BINS)
     shape = replace(shape, has_selection=settings.network_selection)
     if settings.mixture_lobes != "OWN":
         shape = replace(
@@ -56,10 +62,9 @@ def source_training(settings: RenderSettings) -> MixtureSettings | FlowSettings:
     shape = source_shape(settings)
     if isinstance(shape, FlowShape):
         return FlowSettings()
-    training = shape.training_settings
+    training = NASG_SETTINGS if settings.source == "NASG" else NPM_SETTINGS
     if settings.mixture_preset == "OFFICIAL" and settings.source != "NASG":
         training = NPM_OFFICIAL_SETTINGS
-    assert isinstance(training, MixtureSettings)
     return replace(
         training, mis_compensation=settings.mis_compensation, bsdf_share=1.0 - settings.guiding_probability
     )

@@ -72,13 +72,11 @@ def prepare_guides(
             continue
         bits = hash_combine(bits, np.uint32(1))
         region = find_region(field, leaf, p, bits)
-        if region < 0:
-            continue
         look_up = hash_combine(bits, np.uint32(4))
         if not ready_guide(guide, lane, field, region, points, closures, is_diffuse, look_up):
             continue
         guided.rough_share[lane] = share
-        guided.region[lane] = region
+        guided.region[lane] = region if region >= 0 else leaf
         guided.leaf[lane] = leaf
         guided.probability[lane] = probability[leaf]
         count = guiding.candidate_count

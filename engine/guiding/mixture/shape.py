@@ -212,10 +212,8 @@ class MixtureShape:
 
 #: Incident radiance, and the whole integrand, as in the paper: three linear layers. Where it is silent (degree of the
 #: harmonics, encoding of the roughness) its authors' program speaks.
-NPM = MixtureShape()
-NPM_PRODUCT = MixtureShape(
-    normal_encoding="HARMONICS", normal_size=2, wo_encoding="HARMONICS", wo_size=2, roughness_bins=4, target="PRODUCT"
-)
+NPM = MixtureShape(normal_encoding="HARMONICS", normal_size=2, roughness_bins=4)
+NPM_PRODUCT = replace(NPM, wo_encoding="HARMONICS", wo_size=2, target="PRODUCT")
 #: The sizes of its authors' program, which leaves the cosine to a product at sampling; here it is learned too.
 NPM_OFFICIAL = MixtureShape(
     interpolation="SMOOTH", normal_encoding="BLOB", normal_size=4, wo_encoding="HARMONICS", wo_size=2, roughness_bins=4,
@@ -249,7 +247,7 @@ class MixtureSettings(TrainingSettings):
     epsilon: float = 1e-5
     averaging: float = 0.95
     selection_share: float = 0.2
-    outlier_share: float = 0.01
+    outlier_share: float = 1e-3
     gradient_limit: float = 10.0
     mis_compensation: bool = False
     bsdf_share: float = 0.5

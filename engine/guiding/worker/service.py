@@ -166,7 +166,12 @@ class Service:
     def train_on_command(self) -> None:
         """Train exactly as far as told, on exactly the records that came before."""
         while True:
-            message = self._commands.get()
+            try:
+                message = self._commands.get(timeout=_HEARTBEAT)
+            except queue.Empty:
+                # The renderer may be compiling for minutes: silence would pass for death.
+                self.report("IDLE" if self.training.can_train else "WAITING")
+                continue
             if message["kind"] != "train":
                 continue
             self.take_pending()
