@@ -26,10 +26,11 @@ from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
 class RenderRecord:
     """The facts of one render, as they go into its JSON file.
 
-    `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own evaluation,
-    export or synchronisation, acceleration structures and handing over the result; the same definition for every
-    renderer. Peak memory is the whole process's, Blender and open file included. `first_image_seconds` is the time from
-    the call to the first picture shown, nan where that is unknown (Cycles).
+    `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own
+    evaluation, export or synchronisation, acceleration structures and handing over the result; the same definition
+    for every renderer. `settings` are those the rival was given (`Rival.settings`). Peak memory is the whole
+    process's, Blender and open file included. `first_image_seconds` is the time from the call to the first picture
+    shown, nan where that is unknown (Cycles).
     """
 
     scene: str
@@ -41,6 +42,7 @@ class RenderRecord:
     samples_asked: int
     seconds_asked: float
     threads: int
+    settings: dict[str, Any] = field(default_factory=dict)
     samples: float = 0.0
     wall_seconds: float = 0.0
     export_seconds: float = 0.0
@@ -55,9 +57,10 @@ class RenderRecord:
     date: str = ""
 
     def is_same_work(self, other: RenderRecord, is_ours: bool) -> bool:
-        """Whether a finished render answers what `other` asks: same scene, size, budget, seed, threads, versions."""
+        """Whether a finished render answers what `other` asks: same scene, size, budget, settings, seed, versions."""
         keys = (
             "scene", "scene_hash", "rival", "seed", "width", "height", "samples_asked", "seconds_asked", "threads",
+            "settings",
         )  # fmt: skip
         if any(getattr(self, key) != getattr(other, key) for key in keys):
             return False
@@ -146,7 +149,7 @@ def _finished(exr: Path, record: RenderRecord, is_ours: bool) -> Render | None:
     return None
 
 
-def _render_isolated(source: SceneSource, rival: Rival, budget: Budget, record: RenderRecord, exr: Path) -> Render:
+def _render_isolated(source: SceneSource, budget: Budget, record: RenderRecord, exr: Path) -> Render:
     """`render_once` in a process of its own.
 
     Raises
@@ -154,9 +157,7 @@ def _render_isolated(source: SceneSource, rival: Rival, budget: Budget, record: 
     RuntimeError
         If that process failed, with the last line it wrote.
     """
-    task = json.dumps(
-        {"source": source.text, "rival": rival.name, "budget": asdict(budget), "record": asdict(record)}
-    )
+    task = json.dumps({"source": source.text, "budget": asdict(budget), "record": asdict(record)})
     command = [sys.executable, "-m", "benchmarks.isolated", task, str(exr)]
     finished = subprocess.run(command, capture_output=True, text=True, check=False)
     if finished.returncode:
@@ -216,6 +217,7 @@ def render_scene(
                 samples_asked=0 if budget.seconds else budget.samples,
                 seconds_asked=budget.seconds,
                 threads=threads or environment.thread_count(),
+                settings=rival.settings,
                 environment=environment.describe(),
             )
             exr = out / source.name / f"{rival.name}_{budget}_seed{seed}.exr"
@@ -223,7 +225,7 @@ def render_scene(
             if done is None:
                 try:
                     if isolate:
-                        done = _render_isolated(source, rival, budget, record, exr)
+                        done = _render_isolated(source, budget, record, exr)
                     else:
                         done = render_once(scene, rival, budget, record, exr)
                 except (RuntimeError, ValueError) as error:
