@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks import environment, metrics
 from benchmarks.images import Float32Array
-from benchmarks.rendering import Failure, Render, image_stack, render_scene
+from benchmarks.rendering import Failure, Render, RenderRecord, image_stack, render_scene
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.run import find_reference
 from benchmarks.scene_files import SceneSource
@@ -36,6 +36,8 @@ _PLAIN: dict[str, Any] = {
     "guiding_trial": False,
     "deterministic": True,
 }
+#: Beyond this share of pixels without light the variance over seeds is not the error.
+_MOST_UNLIT = 0.01
 #: The NPM authors' program scatters paths ten times, and so does a limit of nine bounces.
 _NPM_BOUNCES = 9
 
@@ -95,6 +97,9 @@ class MethodResult:
     mape, mape_trimmed : percentage error against the denominator of the scene, medians over seeds
     seed_error, seed_mape : trimmed, by seed: what each adds to `error`, and each one's `mape_trimmed`
     seed_seconds, samples : render seconds by seed; median samples per pixel
+    brightness : mean of its pictures over that of all methods': far from 1, it has missed light or met a firefly
+    unlit : share of the pixels in which some method found light and this one none, in no seed. The variance over seeds
+        is 0 there, though the error is not
     remarks : what the engine noted about guiding, such as the loss of a training process
     """
 
@@ -108,6 +113,8 @@ class MethodResult:
     mape_trimmed: float = math.nan
     seed_error: dict[int, float] = field(default_factory=dict)
     seed_mape: dict[int, float] = field(default_factory=dict)
+    brightness: float = math.nan
+    unlit: float = math.nan
     remarks: list[str] = field(default_factory=list)
 
     @property
@@ -158,7 +165,9 @@ def evaluate(scene: str, renders: Mapping[str, Sequence[Render]], reference: Flo
             method,
             float(statistics.median(record.samples for record in records)),
             dict(zip(seeds, (record.render_seconds for record in records), strict=True)),
-            remarks=_remarks(some),
+            brightness=float(np.mean(np.stack(images)[..., :3])) / metrics.image_scale(mean),
+            unlit=_unlit_share(images, mean),
+            remarks=list(dict.fromkeys(remark for record in records for remark in guiding_remarks(record))),
         )
         if len(images) >= 2:
             error = metrics.seed_variance(images, mean, least_seeds=2)
@@ -173,10 +182,16 @@ def evaluate(scene: str, renders: Mapping[str, Sequence[Render]], reference: Flo
     return results
 
 
-def _remarks(renders: Sequence[Render]) -> list[str]:
-    """Notices about guiding, each once: a network whose training died is no network."""
-    notices = [str(notice) for render in renders for notice in render.record.details.get("notices", [])]
-    return list(dict.fromkeys(notice for notice in notices if notice.startswith("Guiding")))
+def _unlit_share(images: Sequence[Float32Array], mean: Float32Array) -> float:
+    """Share of the lit pixels of `mean` that are black in all of `images`."""
+    is_lit = (mean[..., :3] > 0.0).any(axis=-1)
+    is_own = np.stack([(image[..., :3] != 0.0).any(axis=-1) for image in images]).any(axis=0)
+    return float((is_lit & ~is_own).sum() / max(int(is_lit.sum()), 1))
+
+
+def guiding_remarks(record: RenderRecord) -> list[str]:
+    """Notices about guiding: a network whose training died is no network."""
+    return [str(notice) for notice in record.details.get("notices", []) if str(notice).startswith("Guiding")]
 
 
 def used_measure(measure: str, results: Sequence[MethodResult]) -> str:
@@ -213,13 +228,15 @@ def result_table(results: Sequence[MethodResult], measure: str) -> str:
                 r.error_trimmed,
                 r.mape,
                 r.mape_trimmed,
+                r.brightness,
+                r.unlit,
                 str(gain(_find(results, r.scene, "OFF"), r, measure)),
                 str(gain(_find(results, r.scene, "SDTREE"), r, measure)),
             ]
         )
     header = [
-        "scene", "method", "spp", "render s", "relMSE", "trimmed", "MAPE", "trimmed", f"OFF / it, {measure}",
-        f"SDTREE / it, {measure}",
+        "scene", "method", "spp", "render s", "relMSE", "trimmed", "MAPE", "trimmed", "mean", "unlit",
+        f"OFF / it, {measure}", f"SDTREE / it, {measure}",
     ]  # fmt: skip
     return table(header, rows)
 
@@ -264,7 +281,7 @@ def compare_methods(
     sample_weighting: str = "ITERATION",
     references: Path | None = None,
 ) -> int:
-    """Render what `out` does not hold already, evaluate, print, write `out/summary.json`.
+    """Render, evaluate, print, write `out/summary.json`. What `out` holds is kept, but for renders with remarks.
 
     Parameters
     ----------
@@ -278,7 +295,7 @@ def compare_methods(
     Returns
     -------
     int
-        Number of failures.
+        Number of failures, renders with remarks included.
 
     Raises
     ------
@@ -295,8 +312,9 @@ def compare_methods(
         reference = find_reference(references, source)
         size = (reference.shape[1], reference.shape[0]) if reference is not None else None
         renders, failed = render_scene(
-            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads, resume=True
-        )
+            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads, resume=True,
+            is_usable=lambda record: not guiding_remarks(record),
+        )  # fmt: skip
         failures += [(source.name, failure) for failure in failed]
         results += evaluate(source.name, renders, reference)
         compared_with[source.name] = "the mean of all renders" if reference is None else "a reference"
@@ -312,7 +330,9 @@ def compare_methods(
     print(f"\n{result_table(results, measure)}\n\n{summary_table(results, measure, protocol.paper_gains)}")
     for r in results:
         for remark in r.remarks:
-            print(f"{r.scene}, {r.method}: {remark}")
+            print(f"{r.scene}, {r.method}: {remark} (the same command renders it again)")
+        if r.unlit > _MOST_UNLIT:
+            print(f"{r.scene}, {r.method}: no light in {r.unlit:.1%} of the lit pixels, whose error relMSE misses")
     for name, failure in failures:
         print(f"failed: {name}, {failure.rival}: {failure.message}")
 
@@ -338,4 +358,4 @@ def compare_methods(
         "failures": [{"scene": name, **asdict(failure)} for name, failure in failures],
     }
     (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    return len(failures)
+    return len(failures) + sum(bool(r.remarks) for r in results)

@@ -188,13 +188,15 @@ def render_scene(
     resume: bool = False,
     isolate: bool = False,
     without_lamps: bool = False,
+    is_usable: Callable[[RenderRecord], bool] = lambda record: True,
     say: Callable[[str], None] = print,
 ) -> tuple[dict[str, list[Render]], list[Failure]]:
     """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
     touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
-    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it.
+    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it. With `resume` finished renders that
+    are `is_usable` are kept.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
@@ -222,6 +224,8 @@ def render_scene(
             )
             exr = out / source.name / f"{rival.name}_{budget}_seed{seed}.exr"
             done = _finished(exr, record, rival.is_ours) if resume else None
+            if done is not None and not is_usable(done.record):
+                done = None
             if done is None:
                 try:
                     if isolate:
