@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Command line of the benchmarks: `python -m benchmarks run|parity|profile|gallery|scenes`."""
+"""Command line of the benchmarks: `python -m benchmarks run|papers|parity|profile|gallery|scenes`."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
+from engine.settings import SAMPLE_WEIGHTINGS
 
 #: What runs where no scene is named.
 SHORT_SET = ["diffuse", "glass-rough", "principled-everything", "many-lights", "world-image-sun", "evening-room"]
@@ -17,8 +20,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Compare NEURALGUIDE with Cycles.")
     commands = parser.add_subparsers(dest="command", required=True)
 
-    def add(name: str, text: str, samples: int, seeds: int, out: str) -> argparse.ArgumentParser:
+    def add(
+        name: str, text: str, samples: int, seeds: int, out: str, first: Sequence[str] = ()
+    ) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=text)
+        if first:
+            command.add_argument(first[0], choices=first[1:])
         command.add_argument(
             "scenes", nargs="*", help=f".blend files, folders of them, or {BUILTIN}NAME (patterns allowed)"
         )
@@ -34,9 +41,22 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--rivals", nargs="+", default=["cycles", "OFF"], help="cycles, cycles-guided, OFF, ...")
     run.add_argument("--seconds", type=float, default=0.0, help="stop by time instead of samples")
     run.add_argument(
+        "--no-nee", action="store_true", help="without light sampling (ours only); results go into OUT/no-nee"
+    )
+    run.add_argument(
         "--isolate", action="store_true", help="a process for every render: honest memory and first-image figures"
     )
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
+    papers = add(
+        "papers", "methods of guiding by a paper's own protocol; finished renders are kept", 0, 3, "out/papers",
+        ("paper", *PROTOCOLS),
+    )  # fmt: skip
+    papers.add_argument("--methods", nargs="+", help="instead of the paper's, e.g. OFF SDTREE VMM NPM NASG-SG")
+    papers.add_argument(
+        "--sample-weighting", choices=SAMPLE_WEIGHTINGS, default=SAMPLE_WEIGHTINGS[0],
+        help="how samples from before much was learned count (default: %(default)s)",
+    )  # fmt: skip
+    papers.add_argument("--references", type=Path, help="folder of NAME.exr to take percentage errors against")
     parity = add("parity", "is it Cycles' picture?", 256, 4, "out/parity")
     parity.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
     parity.add_argument(
@@ -73,16 +93,38 @@ def main(arguments: list[str] | None = None) -> int:
         if chosen.command == "run":
             from benchmarks.run import run
 
+            settings = {"use_nee": False} if chosen.no_nee else {}
+            if chosen.no_nee:
+                common["out"] = chosen.out / "no-nee"
             return (
                 1
                 if run(
                     _scenes(chosen, SHORT_SET),
-                    [find_rival(name) for name in chosen.rivals],
+                    [find_rival(name, settings) for name in chosen.rivals],
                     Budget(chosen.samples, chosen.seconds),
                     chosen.seeds,
                     references=chosen.references,
                     isolate=chosen.isolate,
                     **common,
+                )
+                else 0
+            )
+        if chosen.command == "papers":
+            from benchmarks.papers import compare_methods
+
+            return (
+                1
+                if compare_methods(
+                    PROTOCOLS[chosen.paper],
+                    _scenes(chosen, ["evening-room"]),
+                    seed_count=chosen.seeds,
+                    methods=chosen.methods,
+                    samples=chosen.samples,
+                    sample_weighting=chosen.sample_weighting,
+                    references=chosen.references,
+                    out=chosen.out / chosen.paper,
+                    pixels=chosen.pixels,
+                    threads=chosen.threads,
                 )
                 else 0
             )

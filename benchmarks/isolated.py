@@ -18,7 +18,7 @@ def main(task: str, exr: str) -> int:
     record = RenderRecord(**asked["record"])
     scene = open_scene(SceneSource(asked["source"]), size=(record.width, record.height))
     try:
-        render_once(scene, find_rival(asked["rival"]), Budget(**asked["budget"]), record, Path(exr))
+        render_once(scene, find_rival(record.rival, record.settings), Budget(**asked["budget"]), record, Path(exr))
     except (RuntimeError, ValueError) as error:
         print(str(error).strip(), file=sys.stderr)
         return 1

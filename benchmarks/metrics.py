@@ -3,7 +3,7 @@
 
 Two kinds of figures, never to be mixed up:
 
-- *against a reference*: `relative_squared_error`, `absolute_percentage_error`, `flip`; they hold the noise of both
+- *against a reference*: `relative_squared_error`, `percentage_error`, `flip`; they hold the noise of both
   images and any bias;
 - *from independent seeds*: `seed_variance`; the expected squared error of one render about its own mean. It sees no
   bias and needs no converged reference, only a moderately good one for the denominator.
@@ -67,32 +67,53 @@ def relative_squared_error(image: FloatArray, reference: FloatArray) -> Error:
     return reduce_error(relative_squared_error_map(image, reference))
 
 
-def seed_variance_map(images: Sequence[FloatArray], reference: FloatArray) -> npt.NDArray[np.float64]:
+def seed_variance_map(
+    images: Sequence[FloatArray], reference: FloatArray, least_seeds: int = 3
+) -> npt.NDArray[np.float64]:
     """Unbiased variance over independent seeds divided by r^2 + 0.01, mean over RGB; float64 (height, width).
 
     Raises
     ------
     ValueError
-        For fewer than 3 images, whose variance says nothing.
+        For fewer than `least_seeds` images. Two are unbiased too, but say nothing of their own spread, and what
+        trimming leaves out is then mostly luck.
     """
-    if len(images) < 3:
-        raise ValueError(f"seed variance from {len(images)} images: render at least 3 seeds")
+    if len(images) < max(least_seeds, 2):
+        raise ValueError(f"seed variance from {len(images)} images: render at least {max(least_seeds, 2)} seeds")
     scale = image_scale(reference)
     stack = np.stack([_colour(image) for image in images]) / scale
     r = _colour(reference) / scale
     return np.asarray((stack.var(axis=0, ddof=1) / (r**2 + EPSILON)).mean(axis=-1))
 
 
-def seed_variance(images: Sequence[FloatArray], reference: FloatArray) -> Error:
+def seed_variance(images: Sequence[FloatArray], reference: FloatArray, least_seeds: int = 3) -> Error:
     """Expected relative squared error of one render about its own mean, from independent seeds."""
-    return reduce_error(seed_variance_map(images, reference))
+    return reduce_error(seed_variance_map(images, reference, least_seeds))
 
 
-def absolute_percentage_error(image: FloatArray, reference: FloatArray) -> float:
+def seed_deviations(images: Sequence[FloatArray], reference: FloatArray) -> list[Error]:
+    """What each seed contributes to the seed variance: the figures in `whole` have that of `seed_variance` as mean.
+
+    Squared distances from the mean of all seeds, times count / (count - 1). Of two images both are as far from their
+    mean: their figures are equal and have no spread.
+    """
+    scale, count = image_scale(reference), len(images)
+    stack = np.stack([_colour(image) for image in images]) / scale
+    r = _colour(reference) / scale
+    squared = (stack - stack.mean(axis=0)) ** 2 * (count / max(count - 1, 1))
+    return [reduce_error(seed.mean(axis=-1)) for seed in squared / (r**2 + EPSILON)]
+
+
+def percentage_error(image: FloatArray, reference: FloatArray) -> Error:
     """Mean of |x - r| / (r + 0.01) over pixels and RGB, both divided by the mean of r."""
     scale = image_scale(reference)
     x, r = _colour(image) / scale, _colour(reference) / scale
-    return float((np.abs(x - r) / (np.abs(r) + EPSILON)).mean())
+    return reduce_error((np.abs(x - r) / (np.abs(r) + EPSILON)).mean(axis=-1))
+
+
+def absolute_percentage_error(image: FloatArray, reference: FloatArray) -> float:
+    """`percentage_error` of all pixels."""
+    return percentage_error(image, reference).whole
 
 
 def flip(image: FloatArray, reference: FloatArray) -> float:

@@ -26,10 +26,11 @@ from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
 class RenderRecord:
     """The facts of one render, as they go into its JSON file.
 
-    `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own evaluation,
-    export or synchronisation, acceleration structures and handing over the result; the same definition for every
-    renderer. Peak memory is the whole process's, Blender and open file included. `first_image_seconds` is the time from
-    the call to the first picture shown, nan where that is unknown (Cycles).
+    `export_seconds` is everything of `wall_seconds` that is neither tracing nor compiling: Blender's own
+    evaluation, export or synchronisation, acceleration structures and handing over the result; the same definition
+    for every renderer. `settings` are those the rival was given (`Rival.settings`). Peak memory is the whole
+    process's, Blender and open file included. `first_image_seconds` is the time from the call to the first picture
+    shown, nan where that is unknown (Cycles).
     """
 
     scene: str
@@ -41,6 +42,7 @@ class RenderRecord:
     samples_asked: int
     seconds_asked: float
     threads: int
+    settings: dict[str, Any] = field(default_factory=dict)
     samples: float = 0.0
     wall_seconds: float = 0.0
     export_seconds: float = 0.0
@@ -55,9 +57,10 @@ class RenderRecord:
     date: str = ""
 
     def is_same_work(self, other: RenderRecord, is_ours: bool) -> bool:
-        """Whether a finished render answers what `other` asks: same scene, size, budget, seed, threads, versions."""
+        """Whether a finished render answers what `other` asks: same scene, size, budget, settings, seed, versions."""
         keys = (
             "scene", "scene_hash", "rival", "seed", "width", "height", "samples_asked", "seconds_asked", "threads",
+            "settings",
         )  # fmt: skip
         if any(getattr(self, key) != getattr(other, key) for key in keys):
             return False
@@ -146,7 +149,7 @@ def _finished(exr: Path, record: RenderRecord, is_ours: bool) -> Render | None:
     return None
 
 
-def _render_isolated(source: SceneSource, rival: Rival, budget: Budget, record: RenderRecord, exr: Path) -> Render:
+def _render_isolated(source: SceneSource, budget: Budget, record: RenderRecord, exr: Path) -> Render:
     """`render_once` in a process of its own.
 
     Raises
@@ -154,9 +157,7 @@ def _render_isolated(source: SceneSource, rival: Rival, budget: Budget, record: 
     RuntimeError
         If that process failed, with the last line it wrote.
     """
-    task = json.dumps(
-        {"source": source.text, "rival": rival.name, "budget": asdict(budget), "record": asdict(record)}
-    )
+    task = json.dumps({"source": source.text, "budget": asdict(budget), "record": asdict(record)})
     command = [sys.executable, "-m", "benchmarks.isolated", task, str(exr)]
     finished = subprocess.run(command, capture_output=True, text=True, check=False)
     if finished.returncode:
@@ -187,13 +188,15 @@ def render_scene(
     resume: bool = False,
     isolate: bool = False,
     without_lamps: bool = False,
+    is_usable: Callable[[RenderRecord], bool] = lambda record: True,
     say: Callable[[str], None] = print,
 ) -> tuple[dict[str, list[Render]], list[Failure]]:
     """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
     touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
-    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it.
+    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it. With `resume` finished renders that
+    are `is_usable` are kept.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
@@ -216,14 +219,17 @@ def render_scene(
                 samples_asked=0 if budget.seconds else budget.samples,
                 seconds_asked=budget.seconds,
                 threads=threads or environment.thread_count(),
+                settings=rival.settings,
                 environment=environment.describe(),
             )
             exr = out / source.name / f"{rival.name}_{budget}_seed{seed}.exr"
             done = _finished(exr, record, rival.is_ours) if resume else None
+            if done is not None and not is_usable(done.record):
+                done = None
             if done is None:
                 try:
                     if isolate:
-                        done = _render_isolated(source, rival, budget, record, exr)
+                        done = _render_isolated(source, budget, record, exr)
                     else:
                         done = render_once(scene, rival, budget, record, exr)
                 except (RuntimeError, ValueError) as error:

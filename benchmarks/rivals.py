@@ -9,12 +9,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 #: Samples asked for where only time is to stop a render.
 UNLIMITED_SAMPLES = 1 << 20
+
+#: Names of ours that stand for a guiding method with settings of its own.
+VARIANTS: dict[str, dict[str, Any]] = {
+    "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
+    "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
+    "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},
+}
 
 
 @dataclass(frozen=True)
@@ -56,12 +63,14 @@ class Rival:
 
     configure : callable (scene, budget, seed, threads)
     measure : callable (scene, exr header, budget, wall_seconds, largest sample seen) -> Measurement
+    settings : what it is told beside what its name says and the scene's Cycles settings, as in `RenderSettings`
     """
 
     name: str
     is_ours: bool
     configure: Callable[[Any, Budget, int, int], None]
     measure: Callable[[Any, dict[str, Any], Budget, float, int], Measurement]
+    settings: dict[str, Any] = field(default_factory=dict)
 
 
 def _configure_common(scene: Any, threads: int) -> None:
@@ -123,7 +132,9 @@ def _measure_cycles(
     return Measurement(max(stamp(".render_time"), 0.005), samples=samples, details=details)
 
 
-def _configure_ours(method: str) -> Callable[[Any, Budget, int, int], None]:
+def _configure_ours(settings: Mapping[str, Any]) -> Callable[[Any, Budget, int, int], None]:
+    varied = {name for variant in VARIANTS.values() for name in variant}
+
     def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
         import addon
         from addon.properties import copy_cycles_settings
@@ -136,8 +147,12 @@ def _configure_ours(method: str) -> Callable[[Any, Budget, int, int], None]:
         ours.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
         ours.time_limit = budget.seconds
         ours.seed, ours.use_animated_seed = seed, False
-        ours.guiding_method = method
         ours.threads = threads
+        # Rivals take turns on one open scene: a variant must not leave its settings to the next.
+        for name in varied - settings.keys():
+            ours.property_unset(name)
+        for name, value in settings.items():
+            setattr(ours, name, value)
 
     return configure
 
@@ -155,6 +170,7 @@ def _measure_ours(
         "build_seconds": report.build_seconds,
         "stage_seconds": dict(report.stage_seconds),
         "reject_count": report.reject_count,
+        "guiding": list(report.guiding.lines),
         "notices": [f"{n.subject}: {n.problem}; {n.fallback}" for n in report.notices],
     }
     return Measurement(
@@ -167,18 +183,34 @@ def _measure_ours(
     )
 
 
-def find_rival(name: str) -> Rival:
-    """The rival called `name`: 'cycles', 'cycles-guided', or a guiding method of ours such as 'OFF'.
+def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
+    """The rival called `name`: 'cycles', 'cycles-guided', a guiding method of ours such as 'OFF', or a variant.
+
+    Parameters
+    ----------
+    name : str
+    settings : mapping, optional
+        Settings of ours by their names in `engine.settings.RenderSettings`; they override the scene's Cycles settings.
 
     Raises
     ------
     ValueError
-        Naming those there are.
+        Naming those there are; or saying which settings make no sense.
     """
-    if name in ("cycles", "cycles-guided"):
-        return Rival(name, False, _configure_cycles(name == "cycles-guided"), _measure_cycles)
-    from engine.settings import GUIDING_METHODS
+    from engine.settings import GUIDING_METHODS, RenderSettings
 
-    if name not in GUIDING_METHODS:
-        raise ValueError(f"no rival {name!r}; there are: cycles, cycles-guided, {', '.join(GUIDING_METHODS)}")
-    return Rival(name, True, _configure_ours(name), _measure_ours)
+    settings = dict(settings or {})
+    if name in ("cycles", "cycles-guided"):
+        if settings:
+            raise ValueError(f"{name} has no {', '.join(settings)}: leave it out, or those")
+        return Rival(name, False, _configure_cycles(name == "cycles-guided"), _measure_cycles)
+    if name not in GUIDING_METHODS and name not in VARIANTS:
+        known = ("cycles", "cycles-guided", *GUIDING_METHODS, *VARIANTS)
+        raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}")
+    settings |= VARIANTS.get(name, {})
+    chosen = {"guiding_method": name} | settings
+    unknown = chosen.keys() - RenderSettings.__dataclass_fields__.keys()
+    if unknown:
+        raise ValueError(f"no setting {', '.join(sorted(unknown))}")
+    RenderSettings(**chosen)
+    return Rival(name, True, _configure_ours(chosen), _measure_ours, settings)

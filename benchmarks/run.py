@@ -188,7 +188,10 @@ def run(
     first = rivals[0].name
     facts = environment.describe()
     used = threads or facts["cores"]
+    settings = {rival.name: rival.settings for rival in rivals if rival.settings}
     print(f"\n{budget}, {seed_count} seeds, {used} threads, commit {facts['commit']}, {facts['cpu']}\n")
+    for name, chosen in settings.items():
+        print(f"{name}: " + ", ".join(f"{key} {value}" for key, value in chosen.items()))
     print(result_table(results, first))
     print()
     print(summary_table(results, first))
@@ -197,6 +200,9 @@ def run(
     for name, failure in failures:
         print(f"failed: {name}, {failure.rival}: {failure.message}")
     out.mkdir(parents=True, exist_ok=True)
-    summary = {"environment": facts, "budget": asdict(budget), "results": [asdict(r) for r in results]}
+    summary = {
+        "environment": facts, "budget": asdict(budget), "settings": settings,
+        "results": [asdict(r) for r in results],
+    }  # fmt: skip
     (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     return len(failures)
