@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from engine.guiding.flow.field import FlowField, FlowGuide, allocate_flow_guide, no_flow_field
 from engine.guiding.flow.query import eval_flow, predict_flow, prepare_flow, sample_flow
 from engine.guiding.flow.shape import FlowShape
