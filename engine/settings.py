@@ -66,7 +66,7 @@ class RenderSettings:
     source_field: str = "VMM"  # what directions are drawn from before they are resampled
     mixture_target: str = "PRODUCT"
     mixture_lobes: str = "OWN"
-    mixture_preset: str = "PAPER"
+    mixture_preset: str = "COMPACT"
     network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
     mis_compensation: bool = False  # let a neural mixture learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"

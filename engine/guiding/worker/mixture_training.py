@@ -213,13 +213,15 @@ class MixtureTraining:
             return
         if self.bounds is None:
             self.bounds = robust_bounds(rows[:, ROW_POSITION : ROW_POSITION + 3])
+        first = self.rows_received
+        # Black ones count: how often the others are looked at goes by how much of the scene has been seen.
+        self.rows_received += rows.shape[0]
         rows = rows[targets(self.shape, rows) > 0.0]
         if rows.shape[0] == 0:
             return
-        is_validation = (self.rows_received + np.arange(rows.shape[0])) % VALIDATION_STRIDE == 0
+        is_validation = (first + np.arange(rows.shape[0])) % VALIDATION_STRIDE == 0
         # A first row that only validates would be nothing to train on.
         is_validation &= rows.shape[0] > 1
-        self.rows_received += rows.shape[0]
         self._validation.add(rows[is_validation], samples)
         self._window.add(rows[~is_validation], samples)
         self._reference = None

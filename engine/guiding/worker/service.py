@@ -163,8 +163,14 @@ class Service:
             "progress", state=state, step=training.step_count, loss=training.loss, seconds=time.process_time()
         )
 
+    def has_budget(self) -> bool:
+        """Whether there are records that training has not looked at often enough: more would learn their noise."""
+        training = self.training
+        looks = training.step_count * self.settings.batch_size
+        return training.can_train and looks < self.settings.epochs * training.rows_received
+
     def train_on_command(self) -> None:
-        """Train exactly as far as told, on exactly the records that came before."""
+        """Train exactly as far as told, or as records are worth, on exactly those that came before."""
         while True:
             try:
                 message = self._commands.get(timeout=_HEARTBEAT)
@@ -176,7 +182,7 @@ class Service:
                 continue
             self.take_pending()
             told = time.monotonic()
-            while self.training.can_train and self.training.step_count < message["until"]:
+            while self.has_budget() and self.training.step_count < message["until"]:
                 self.training.step()
                 if time.monotonic() - told > _HEARTBEAT:
                     told = time.monotonic()
@@ -197,12 +203,7 @@ class Service:
         while True:
             if self.take_pending():
                 rests = 0
-            budget = self.settings.epochs * training.rows_received
-            has_work = (
-                training.can_train
-                and rests < _PATIENCE
-                and training.step_count * self.settings.batch_size < budget
-            )
+            has_work = rests < _PATIENCE and self.has_budget()
             now = time.monotonic()
             if not has_work:
                 if training.step_count != last_step:
