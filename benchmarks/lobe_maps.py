@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -137,7 +138,8 @@ def look(
     -------
     surface : Surface
     density : float64 (rows, 2 * rows) [sr^-1]
-        Of the guide alone, without the BSDF's share of the candidates; 0 everywhere where nothing was learned.
+        Of the guide alone, without the BSDF's share of the candidates; 0 everywhere where paths are left to the BSDF
+        because what was learned does not reach the point (the mixture field is asked first, whatever the method).
 
     Raises
     ------
@@ -205,21 +207,25 @@ def has_size(light: Light) -> bool:
     return {"POINT": light.radius, "SPOT": light.radius, "SUN": light.angle}.get(light.kind, 1.0) > 0.0
 
 
-def learning_settings(settings: RenderSettings, method: str) -> RenderSettings:
+def learning_settings(settings: RenderSettings, method: str, **changes: Any) -> RenderSettings:
     """Settings to learn with: guided to the end, and nothing that makes light look other than it is."""
+    plain = {"time_limit": 0.0, "filter_glossy": 0.0, "clamp_direct": 0.0, "clamp_indirect": 0.0}
     return replace(
-        settings, guiding_method=method, guiding_trial=False, time_limit=0.0, filter_glossy=0.0, clamp_direct=0.0,
-        clamp_indirect=0.0, film_transparent=False,
+        settings, **{"guiding_method": method, "guiding_trial": False, "film_transparent": False, **plain, **changes}
     )
 
 
-def _truth_settings(settings: RenderSettings, surface: Surface, lights: Sequence[Light], samples: int) -> RenderSettings:
-    """Settings of a panorama: what is left of the path after it was scattered at the surface."""
+def _truth_settings(
+    settings: RenderSettings, surface: Surface, lights: Sequence[Light], samples: int
+) -> RenderSettings:
+    """Settings of a panorama: what is left of the path after it was scattered at the surface.
+
+    It is guided where that pays, which changes its noise only. So does sampling lights where rays meet all of them.
+    """
     kind = "diffuse_bounces" if surface.is_diffuse else "glossy_bounces"
     left = {name: max(getattr(settings, name) - 1, 0) for name in ("max_bounces", kind)}
-    # Where rays meet every light, sampling them changes the noise and nothing else.
-    return replace(
-        learning_settings(settings, "OFF"), samples=samples, pixel_filter="BOX",
+    return learning_settings(
+        settings, "VMM", guiding_trial=True, samples=samples, pixel_filter="BOX",
         use_nee=settings.use_nee or all(has_size(light) for light in lights), **left,
     )
 
@@ -312,7 +318,7 @@ class LobeMap:
     density : float64 (rows, 2 * rows) [sr^-1]
     target : of `targets`, which the method aims at
     integral : float, of the density over the map; not 1 where lobes are narrower than the map can show
-    divergence : dict by target [nat]
+    divergence : dict by target [nat], nan where paths are not guided at the point
     status : str, of the training where there is any
     """
 
@@ -379,12 +385,13 @@ def compare(
         session.settings = learning_settings(settings, method)
         result = session.render()
         _, density = look(session.scene, session.settings, result.guidance, pixel, rows)
-        notices += [f"{notice.subject}: {notice.problem}" for notice in result.report.notices if method in notice.subject]
-        learned.append(
-            LobeMap(
-                method, density, own_target(session.settings, surface), float((density * cell_angles(rows)).sum()),
-                {name: divergence(truth, density) for name, truth in truths.items()}, result.report.guiding.source,
-            )
-        )
+        about = [notice for notice in result.report.notices if method in notice.subject]
+        notices += [f"{notice.subject}: {notice.problem}" for notice in about]
+        differences = {
+            name: divergence(truth, density) if density.any() else float("nan") for name, truth in truths.items()
+        }
+        integral = float((density * cell_angles(rows)).sum())
+        aim = own_target(session.settings, surface)
+        learned.append(LobeMap(method, density, aim, integral, differences, result.report.guiding.source))
     session.close()
     return Comparison(surface, truths, noise, learned, notices)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +35,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("scene", help=".blend file or builtin:NAME")
     parser.add_argument(
-        "--pixel", nargs=2, type=int, required=True, metavar=("X", "Y"), help="of the image as --size has it, from its top left"
+        "--pixel", nargs=2, type=int, required=True, metavar=("X", "Y"),
+        help="of the image as --size has it, from its top left",
     )
     parser.add_argument("--methods", nargs="+", default=list(SOURCES), choices=SOURCES, help="default: all")
     parser.add_argument("--samples", type=int, default=63, help="a pixel, to learn in (default: %(default)s)")
@@ -71,11 +73,11 @@ def draw(comparison: Comparison, title: str, path: Path) -> None:
         own = learned.divergence[learned.target]
         other = "RADIANCE" if learned.target == "PRODUCT" else "PRODUCT"
         text = f"KL {own:.3f} from {learned.target.lower()} ({learned.divergence[other]:.3f} from {other.lower()})"
-        panels.append((f"{learned.method}\n{text}" if learned.integral else f"{learned.method}\nnothing learned", learned.density))
+        panels.append((f"{learned.method}\n{text if learned.integral else 'not guided here'}", learned.density))
     largest = max(float(density.max()) for density in comparison.truths.values())
     scale = LogNorm(largest / 10.0**_DECADES, largest, clip=True)
     row_count = -(-len(panels) // _COLUMNS)
-    figure = Figure(figsize=(4.2 * _COLUMNS, 2.6 * row_count + 1.0), dpi=80, layout="constrained")
+    figure = Figure(figsize=(4.2 * _COLUMNS, 2.4 * row_count + 0.6), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(row_count, _COLUMNS, squeeze=False)
     n = comparison.surface.normal
@@ -112,7 +114,9 @@ def _record(comparison: Comparison, facts: dict[str, Any]) -> dict[str, Any]:
         "methods": {
             learned.method: {
                 "target": learned.target,
-                "divergence": learned.divergence,
+                "divergence": {
+                    name: value if math.isfinite(value) else None for name, value in learned.divergence.items()
+                },
                 "integral": learned.integral,
                 "status": learned.status,
             }
@@ -162,7 +166,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"  {notice}")
     for learned in comparison.methods:
         values = ", ".join(f"{value:.3f} from {name.lower()}" for name, value in learned.divergence.items())
-        print(f"  {learned.method:16} KL {values}; aims at {learned.target.lower()}; integral {learned.integral:.3f}")
+        found = f"KL {values}; aims at {learned.target.lower()}; integral {learned.integral:.3f}"
+        print(f"  {learned.method:16} {found if learned.integral else 'not guided here'}")
     print(f"  wrote {chosen.output} and {figures}")
     return 0
 
