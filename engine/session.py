@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from engine.film import FEATURE_PASSES, Film
+from engine.guidance import Guidance
 from engine.guiding import trial
 from engine.guiding.vertices import VertexRecords
 from engine.kernel_cache import problem as cache_problem
@@ -90,10 +91,15 @@ class RenderReport:
 
 @dataclass
 class RenderResult:
-    """passes : dict of float32 (height, width, channels), row 0 at the bottom."""
+    """passes : dict of float32 (height, width, channels), row 0 at the bottom.
+
+    guidance : Guidance or None
+        What the last iteration went by; None of an unguided render.
+    """
 
     passes: dict[str, np.ndarray]
     report: RenderReport
+    guidance: Guidance | None = None
 
 
 def peak_memory() -> int:
@@ -326,7 +332,7 @@ class Session:
             cancelled=job.cancelled,
             guiding=guiding,
         )
-        return RenderResult(images(), report)
+        return RenderResult(images(), report, integrator.guidance)
 
 
 class _Job:

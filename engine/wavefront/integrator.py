@@ -27,6 +27,7 @@ from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.ris.orca import no_allocation
 from engine.scene.build import Scene
+from engine.scene.camera import CAMERA_LENS_RADIUS
 from engine.scene.light_arrays import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
 from engine.settings import RenderSettings
 from engine.shaders.arrays import (
@@ -403,6 +404,54 @@ class Integrator:
         )
         stages.collect_records(b.log, b.paths, batch.no_weight, b.active, 0, FAR, b.records, 0)
         self.guidance = None
+
+    def look_at(self, batch: Batch, pixel: tuple[int, int], path_count: int) -> np.ndarray:
+        """Bring paths through a pixel's centre to the first surface and ready it for guiding, as a round would.
+
+        For showing what was learned: `batch.work` then holds the lanes' points, closures and guides. Lanes are guided
+        wherever there is something to guide them by, whatever the region's guiding probability.
+
+        Parameters
+        ----------
+        batch : Batch, made for guided rendering
+        pixel : (int, int)
+            Column and row in the full image, row 0 at the bottom.
+        path_count : int
+            Lanes that look the field up, each with random numbers of its own; at most LANE_COUNT.
+
+        Returns
+        -------
+        int32 (surface_count,)
+            Lanes that met a surface; those that can be guided have `batch.work.guided.rough_share` above 0.
+        """
+        batch.follow(self.guidance)
+        batch.begin()
+        view, stages, learned, b = self.view, self.stages, self._guidance_view, batch.work
+        pinhole = view.camera.copy()
+        pinhole[CAMERA_LENS_RADIUS] = 0.0
+        _, active_count, _ = stages.init_from_camera(
+            pinhole, np.zeros_like(view.pixel_filter), self.seed, np.array([pixel], np.int32),
+            view.header[SCENE_WIDTH], 0, path_count, 0, b.paths, b.log, 0, b.active, 0, b.free, LANE_COUNT,
+        )
+        traced_count = stages.play_roulette(view.lights, self.options, b.paths, b.log, b.active, active_count, b.traced)
+        stages.intersect_closest(
+            view.header[SCENE_HANDLE], b.ray, b.ray_bits, b.ray_address[0], view.geometry, b.paths, b.traced,
+            traced_count,
+        )
+        surface_count, _ = stages.prepare_surface(
+            view.geometry, view.shaders.programs, b.paths, b.points, b.traced, traced_count, b.surface, b.missed
+        )
+        stages.evaluate_shaders(
+            view.shaders, view.geometry, view.tables, b.points, b.closures, b.surface, surface_count, b.registers,
+            self.mode,
+        )
+        if self.guidance is not None and self.guidance.field is not None:
+            stages.prepare_guides(
+                self._guiding_options, learned.field, learned.allocation, np.ones_like(learned.probability),
+                np.ones_like(learned.light_share), b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
+                batch.no_weight, b.surface, surface_count,
+            )
+        return b.surface[:surface_count].copy()
 
     def trace_unit(self, batch: Batch, unit: Unit, stop: np.ndarray) -> bool:
         """Trace all paths of a unit into `batch.film`.
