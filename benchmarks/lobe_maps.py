@@ -42,7 +42,7 @@ Float64Array = npt.NDArray[np.float64]
 
 #: Densities are averaged over so many directions a side of a cell, and over so many look-ups: trees and the mixture
 #: field are looked up at a point drawn near the surface, and what paths follow is the mean of what is found.
-_SIDE = 4
+_SIDE = 8
 _LOOKUPS = 16
 #: Part of every density that is uniform over the sphere when two are compared: a cell that a guide leaves out costs
 #: a finite amount, as it does where the BSDF may propose it too.

@@ -33,7 +33,7 @@ _RECORD_SHARE = np.float32(0.02)
 #: Each takes one and a half orders of magnitude off an outlier.
 _LIMIT_ROUNDS = 40
 #: A node's quadrants are taken for alike until its records tell them apart: against so many of them.
-_PRIOR_RECORDS = np.float32(1.0)
+_PRIOR_RECORDS = np.float32(2.0)
 #: Sums below this are no light: their ratios mean nothing.
 _LEAST_SUM = np.float32(1e-35)
 #: No half has less probability than this share: what random numbers of 24 bits can draw.
