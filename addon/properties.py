@@ -218,7 +218,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     )
     mis_compensation: BoolProperty(  # type: ignore[valid-type]
         name="MIS Compensation",
-        description="Let a neural mixture learn what sampling the material leaves over",
+        description="Learn what sampling the material leaves over",
         default=_DEFAULTS.mis_compensation,
     )
     sample_weighting: EnumProperty(  # type: ignore[valid-type]

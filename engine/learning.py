@@ -26,7 +26,7 @@ from engine.guiding.source_model import DETERMINISTIC_STEPS, SourceModel, TreeSo
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import NetworkTrainer, TrainerState
 from engine.guiding.trial import GuidingTrial
-from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records
+from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records, compensate
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
 from engine.ris.orca import (
@@ -326,7 +326,10 @@ class Learner:
             self._records_per_path = max(
                 row_count / max(recorded_share * guided_share * costs.path_count, 1.0), 0.01
             )
-            self._fit(records, row_count)
+            fitted = records
+            if self.settings.mis_compensation:
+                fitted = compensate(records, row_count, self.settings.guiding_probability)
+            self._fit(fitted, row_count)
         if self._vmm is None:
             return Guidance(self.settings, self._threshold(next_samples))
         if row_count:

@@ -68,7 +68,7 @@ class RenderSettings:
     mixture_lobes: str = "OWN"
     mixture_preset: str = "COMPACT"
     network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
-    mis_compensation: bool = False  # let a neural mixture learn what BSDF sampling leaves over
+    mis_compensation: bool = False  # learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"
     radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
     training_share: float = 0.25  # of the processors' time

@@ -16,6 +16,7 @@ from engine.guiding.mixture.inference import make_mixture_network
 from engine.guiding.mixture.shape import initial_parameters
 from engine.guiding.network import Snapshot
 from engine.guiding.sources import source_shape
+from engine.guiding.vertices import allocate_vertex_records, compensate
 from engine.settings import NETWORK_SOURCES
 from tests.test_guided_render import Z_LIMIT, corner_scene, pit_scene, render, z_score
 
@@ -103,6 +104,22 @@ def test_the_image_of_trees_does_not_depend_on_threads(method):
         for threads in (1, 2)
     )
     assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("method", ["VMM", "SDTREE"])
+def test_compensation_leaves_the_mean_unchanged(method, plain):
+    check_mean(means(method, mis_compensation=True), plain)
+
+
+def test_compensation_leaves_what_the_bsdf_cannot_do():
+    records = allocate_vertex_records(4)
+    records.radiance[:] = 2.0
+    records.bsdf_pdf[:] = [0.0, 1.0, 3.0, np.nan]
+    records.guide_pdf[:] = [1.0, 1.0, 0.0, np.nan]
+    learned = compensate(records, 4, 0.5).radiance
+    # None of the directions that the BSDF alone proposes; all of those from before there was a guide.
+    np.testing.assert_allclose(learned[:, 0], [2.0, 1.0, 0.0, 2.0])
+    assert (records.radiance == 2.0).all()
 
 
 def test_trees_are_used():

@@ -105,7 +105,7 @@ def features_of(shape, parameters, points):
 
 def test_presets_are_the_papers():
     assert shapes.NPM.resolutions == (8, 11, 15, 22, 31, 43, 61, 86)
-    assert shapes.NPM.feature_width == shapes.NPM.output_width == 32
+    assert shapes.NPM.used_width == shapes.NPM.feature_width == 32 + 4 + 4 and shapes.NPM.output_width == 32
     assert [matrix[1] for name, matrix in shapes.NPM.layout.items() if name != "table"] == [64, 64, 32]
     assert shapes.NPM_OFFICIAL.used_width == 32 + 12 + 4 + 4
     assert shapes.NASG_PRODUCT.used_width == 63 and shapes.NASG_PRODUCT.feature_width == 64

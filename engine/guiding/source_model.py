@@ -17,7 +17,7 @@ from engine.guiding.rows import make_rows
 from engine.guiding.sdtree.model import SdTreeModel
 from engine.guiding.sources import source_shape, source_training
 from engine.guiding.trainer import NetworkTrainer, TrainerState
-from engine.guiding.vertices import VertexRecords
+from engine.guiding.vertices import VertexRecords, compensate
 from engine.scene.arrays import Float32Array
 from engine.scene.description import Notice
 from engine.settings import NETWORK_SOURCES, RenderSettings
@@ -63,6 +63,8 @@ class TreeSource:
         self.notices: list[Notice] = []
         self._is_variance_aware = settings.source == "SDTREE_VARIANCE"
         self._seed = settings.seed
+        self._compensates = settings.mis_compensation
+        self._guiding_probability = settings.guiding_probability
         self._model: SdTreeModel | None = None
 
     def learn(
@@ -81,6 +83,8 @@ class TreeSource:
                 )  # fmt: skip
             else:
                 self._model = SdTreeModel(bounds, spatial_threshold=_PLAIN_THRESHOLD, seed=self._seed)
+        if self._compensates:
+            records = compensate(records, row_count, self._guiding_probability)
         # The paper's thresholds are for paths that all leave records.
         self._model.update(records, row_count, samples * recorded_share, executor, thread_count)
         self.field = self._model.field

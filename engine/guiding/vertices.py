@@ -261,6 +261,29 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
     )
 
 
+def compensate(rows: VertexRecords, row_count: int, guiding_probability: float) -> VertexRecords:
+    """Records for fields that are to learn what BSDF sampling leaves over: with the guide's part of the radiance.
+
+    Those from before there was a guide, where the BSDF had to do alone, count in full.
+
+    Parameters
+    ----------
+    guiding_probability : float
+        Share of the directions that the guide proposes.
+
+    References
+    ----------
+    Karlik et al. 2019, "MIS Compensation"; Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", Eq. 12.
+    """
+    guide = guiding_probability * rows.guide_pdf[:row_count]
+    both = guide + (1.0 - guiding_probability) * rows.bsdf_pdf[:row_count]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = np.where(both > 0.0, guide / both, np.where(np.isnan(both), 1.0, 0.0)).astype(np.float32)
+    radiance = rows.radiance.copy()
+    radiance[:row_count] *= part[:, None]
+    return rows._replace(radiance=radiance)
+
+
 def as_records(rows: VertexRecords) -> Records:
     """The same arrays as the fields take them."""
     return Records(
