@@ -106,6 +106,9 @@ class NetworkSource:
         self._name = settings.source
         self._is_deterministic = settings.deterministic
         self._shape = source_shape(settings)
+        # Mixtures are trained to compensate (`source_training`).
+        self._compensates = settings.mis_compensation and isinstance(self._shape, FlowShape)
+        self._guiding_probability = settings.guiding_probability
         self._samples = 0.0
         self._step_limit = 0
         self._snapshot_count = 0
@@ -124,6 +127,8 @@ class NetworkSource:
         trainer = self._trainer
         if trainer is None:
             return
+        if self._compensates:
+            records = compensate(records, row_count, self._guiding_probability)
         rows = training_rows(records, row_count)
         if len(rows):
             trainer.submit(rows, len(rows), samples)
