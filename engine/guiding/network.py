@@ -27,6 +27,16 @@ LOG_RADIANCE_LIMIT = 10.0
 INNER_EXTENT = 0.9
 
 
+def split_parameters(layout: dict[str, tuple[int, ...]], parameters: Float32Array) -> dict[str, Float32Array]:
+    """Views into one vector of the arrays whose names and shapes `layout` holds in their order."""
+    arrays, start = {}, 0
+    for name, shape in layout.items():
+        stop = start + math.prod(shape)
+        arrays[name] = parameters[start:stop].reshape(shape)
+        start = stop
+    return arrays
+
+
 class TrainableShape(Protocol):
     """What the trainer, the channel and snapshots ask of the shape of any network; a dataclass of plain values.
 
@@ -153,12 +163,7 @@ class NetworkShape:
 
     def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
         """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        arrays, start = {}, 0
-        for name, shape in self.layout.items():
-            stop = start + math.prod(shape)
-            arrays[name] = parameters[start:stop].reshape(shape)
-            start = stop
-        return arrays
+        return split_parameters(self.layout, parameters)
 
 
 #: A network for processors without a GPU beside them: no worse than the paper's after a million records, at a third of

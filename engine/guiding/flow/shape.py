@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from engine.guiding.network import TrainingSettings
+from engine.guiding.network import TrainingSettings, split_parameters
 from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
@@ -123,12 +123,7 @@ class FlowShape:
 
     def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
         """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        arrays, start = {}, 0
-        for name, shape in self.layout.items():
-            stop = start + math.prod(shape)
-            arrays[name] = parameters[start:stop].reshape(shape)
-            start = stop
-        return arrays
+        return split_parameters(self.layout, parameters)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 from engine.guiding.lobes.nasg import NASG_OUTPUTS
 from engine.guiding.lobes.vmf import VMF_OUTPUTS
-from engine.guiding.network import TrainingSettings
+from engine.guiding.network import TrainingSettings, split_parameters
 from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
@@ -197,12 +197,7 @@ class MixtureShape:
 
     def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
         """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        arrays, start = {}, 0
-        for name, shape in self.layout.items():
-            stop = start + math.prod(shape)
-            arrays[name] = parameters[start:stop].reshape(shape)
-            start = stop
-        return arrays
+        return split_parameters(self.layout, parameters)
 
     def matrices(self, parameters: Float32Array) -> list[Float32Array]:
         """Weight matrices (inputs, outputs) of the perceptron's layers, views into the parameter vector."""
