@@ -17,6 +17,17 @@ _INT32_MAX = 2**31 - 1
 # The engine validates in `RenderSettings`; the ranges here only keep the sliders sensible.
 
 
+#: Sources of directions besides the mixture field.
+_OTHER_SOURCES = (
+    ("SDTREE", "SD-Tree", "Learn a tree of space and directions"),
+    ("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance"),
+    ("NPM", "Neural Mixtures", "Train a network for lobes of incident light"),
+    ("NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material"),
+    ("NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes"),
+    ("FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons"),
+)
+
+
 class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     """Settings of a render, one to one with `engine.settings.RenderSettings` unless noted."""
 
@@ -90,12 +101,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         items=(
             ("OFF", "Off", "Sample materials and lights only"),
             ("VMM", "Mixtures", "Learn lobes of incident light, and draw from them or from the material"),
-            ("SDTREE", "SD-Tree", "Learn a tree of space and directions"),
-            ("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance"),
-            ("NPM", "Neural Mixtures", "Train a network for lobes of incident light"),
-            ("NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material"),
-            ("NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes"),
-            ("FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons"),
+            *_OTHER_SOURCES,
             ("VMM_RIS", "Mixtures, Resampled", "Weigh several directions by the learned lobes times the material"),
             ("TABLE_RIS", "Tables, Resampled", "Weigh several directions by learned tables times the material"),
             ("NEURAL_RIS", "Neural, Resampled", "Weigh several directions by a neural network times the material"),
@@ -171,12 +177,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         description="What the directions are drawn from that are resampled",
         items=(
             ("VMM", "Mixtures", "Learn lobes of incident light"),
-            ("SDTREE", "SD-Tree", "Learn a tree of space and directions"),
-            ("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance"),
-            ("NPM", "Neural Mixtures", "Train a network for lobes of incident light"),
-            ("NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material"),
-            ("NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes"),
-            ("FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons"),
+            *_OTHER_SOURCES,
         ),
         default=_DEFAULTS.source_field,
     )

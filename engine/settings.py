@@ -126,8 +126,3 @@ class RenderSettings:
     def source(self) -> str:
         """What directions are drawn from, one of SOURCES."""
         return self.guiding_method if self.guiding_method in SOURCES else self.source_field
-
-    @property
-    def resamples(self) -> bool:
-        """Whether candidates are weighed against each other."""
-        return self.guiding_method in ("VMM_RIS", "TABLE_RIS", "NEURAL_RIS")

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from engine.guiding.channel import pack_rows, row_width
+from engine.guiding.channel import pack_rows
 from engine.guiding.encoding import (
     backpropagate_positions,
     contract,
@@ -255,7 +255,7 @@ def synthetic_radiance(positions, directions):
 
 def synthetic_rows(count, seed, noise=True):
     rng = np.random.default_rng(seed)
-    rows = np.zeros((count, row_width(SHAPE)), np.float32)
+    rows = np.zeros((count, SHAPE.row_width), np.float32)
     rows[:, :3] = random_positions(rng, count)
     rows[:, 3:6] = random_directions(rng, count)
     radiance = synthetic_radiance(rows[:, :3].astype(np.float64), rows[:, 3:6].astype(np.float64))
@@ -373,7 +373,7 @@ def test_records_that_are_not_finite_are_left_out():
     records.direction[9, 2] = np.inf
     records.position[11, 0] = -np.inf
     records.radiance[13] = -1.0
-    out = np.zeros((100, row_width(SHAPE)), np.float32)
+    out = np.zeros((100, SHAPE.row_width), np.float32)
     assert pack_rows(records, 100, 100, np.uint32(1), out) == 97
     assert out[:97, 6].tolist() == [0.0 if k == 13 else k for k in range(100) if k not in (7, 9, 11)]
 
@@ -381,7 +381,7 @@ def test_records_that_are_not_finite_are_left_out():
 def test_too_many_records_are_thinned_evenly():
     records = allocate_records(1000)
     records.radiance[:] = np.arange(1000, dtype=np.float32)[:, None]
-    out = np.zeros((100, row_width(SHAPE)), np.float32)
+    out = np.zeros((100, SHAPE.row_width), np.float32)
     assert pack_rows(records, 1000, 100, np.uint32(1), out) == 100
     picked = out[:, 6].astype(int)
     assert (picked // 10 == np.arange(100)).all() and len(set(picked % 10)) == 10

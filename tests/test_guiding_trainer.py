@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from engine.guiding import channel as channel_module
-from engine.guiding.channel import Channel, row_width
+from engine.guiding.channel import Channel
 from engine.guiding.network import NetworkShape, Snapshot, TrainingSettings, initial_parameters
 from engine.guiding.records import allocate_records
 from engine.guiding.trainer import NetworkTrainer, TrainerState
@@ -79,7 +79,7 @@ def test_records_cross_the_channel():
     host = Channel.create(SHAPE, SETTINGS)
     records = some_records(3000)
     assert host.write_rows(1, records, 3000, seed=5) == 1000
-    assert host.rows(1).shape == (1000, row_width(SHAPE))
+    assert host.rows(1).shape == (1000, SHAPE.row_width)
     positions = {tuple(p) for p in records.position.tolist()}
     assert all(tuple(row) in positions for row in host.rows(1)[:, :3].tolist())
     assert not host.rows(0).any()

@@ -20,9 +20,8 @@ import numpy as np
 
 from engine.guiding.network import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records import Records
-from engine.guiding.rows import pack_training_rows
+from engine.guiding.rows import pack_training_rows, pick_row
 from engine.jit import kernel
-from engine.kernels.rng import hash_combine
 from engine.scene.arrays import Float32Array
 
 #: Whether a file can lose its name and still be handed to the worker.
@@ -41,11 +40,6 @@ _HEADER = np.dtype(
     ]
 )
 _PAGE = 4096
-
-
-def row_width(shape: TrainableShape) -> int:
-    """Floats of a record that training needs."""
-    return shape.row_width
 
 
 @kernel
@@ -71,11 +65,7 @@ def pack_rows(records, row_count, taken_count, seed, out):
     channel_count = out.shape[1] - 6
     written = 0
     for k in range(taken_count):
-        low = k * row_count // taken_count
-        stretch = (k + 1) * row_count // taken_count - low
-        row = low
-        if stretch > 1:
-            row = low + np.int64(hash_combine(np.uint32(seed), np.uint32(k))) % stretch
+        row = pick_row(k, row_count, taken_count, seed)
         total = np.float32(0.0)
         for axis in range(3):
             out[written, axis] = records.position[row, axis]
@@ -124,7 +114,7 @@ class Channel:
     def size(shape: TrainableShape, slot_rows: int) -> int:
         """Bytes of the shared memory."""
         snapshot = _HEADER.itemsize + 4 * shape.parameter_count
-        rows = 4 * row_width(shape) * slot_rows
+        rows = 4 * shape.row_width * slot_rows
         return SLOT_COUNT * (-(-snapshot // _PAGE) + -(-rows // _PAGE)) * _PAGE
 
     @classmethod
@@ -190,7 +180,7 @@ class Channel:
         """Records of a slot: float32 (slot_rows, row_width), a view."""
         snapshot = _HEADER.itemsize + 4 * self.shape.parameter_count
         start = self._block(slot) + -(-snapshot // _PAGE) * _PAGE
-        width = row_width(self.shape)
+        width = self.shape.row_width
         return np.frombuffer(self._memory(), np.float32, self.slot_rows * width, start).reshape(self.slot_rows, width)
 
     def _parameters(self, slot: int) -> Float32Array:

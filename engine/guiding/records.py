@@ -6,6 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from engine.bundle import Bundle
+from engine.jit import kernel
+from engine.kernels.constants import FLOAT_MAX
+from engine.kernels.vector import dot, load
 from engine.scene.arrays import Float32Array
 
 
@@ -31,6 +34,26 @@ class Records(Bundle):
     normal: Float32Array
     roughness: Float32Array
     time: Float32Array
+
+
+#: Largest difference of a direction's squared length from one.
+_UNIT_TOLERANCE = np.float32(1e-3)
+
+
+@kernel
+def is_usable(records, row):
+    """Whether a record (`Records` or `VertexRecords`) is finite, has a positive density and a unit direction."""
+    direction = load(records.direction, row)
+    position = load(records.position, row)
+    squared = dot(direction, direction)
+    pdf = records.pdf[row]
+    usable = abs(squared - 1.0) < _UNIT_TOLERANCE and pdf > 0.0 and pdf < FLOAT_MAX
+    for axis in range(3):
+        usable = usable and abs(position[axis]) < FLOAT_MAX
+    for channel in range(records.radiance.shape[1]):
+        value = records.radiance[row, channel]
+        usable = usable and value >= 0.0 and value < FLOAT_MAX
+    return usable
 
 
 def allocate_records(row_count: int, channel_count: int = 3) -> Records:

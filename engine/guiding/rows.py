@@ -76,6 +76,17 @@ def make_rows(
 
 
 @kernel
+def pick_row(k, row_count, taken_count, seed):
+    """A row drawn from the `k`-th of `taken_count` equal stretches of `row_count` rows: int."""
+    low = k * row_count // taken_count
+    stretch = (k + 1) * row_count // taken_count - low
+    row = low
+    if stretch > 1:
+        row = low + np.int64(hash_combine(np.uint32(seed), np.uint32(k))) % stretch
+    return row
+
+
+@kernel
 def pack_training_rows(rows, row_count, taken_count, seed, out):
     """Pick rows at random, one from each of `taken_count` equal stretches; leave out those not fit to learn from.
 
@@ -94,11 +105,7 @@ def pack_training_rows(rows, row_count, taken_count, seed, out):
     """
     written = 0
     for k in range(taken_count):
-        low = k * row_count // taken_count
-        stretch = (k + 1) * row_count // taken_count - low
-        row = low
-        if stretch > 1:
-            row = low + np.int64(hash_combine(np.uint32(seed), np.uint32(k))) % stretch
+        row = pick_row(k, row_count, taken_count, seed)
         # Comparisons are false for NaN.
         is_good = rows[row, ROW_PDF] > 0.0
         for column in range(rows.shape[1]):

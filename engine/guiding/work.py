@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handing pieces of a field's update to threads."""
+"""What updates of fields share: handing pieces to threads, and carrying over what regions knew that are cut."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from engine.scene.arrays import Int64Array
+from engine.scene.arrays import Int32Array, Int64Array
 
 Runner = Callable[[Callable[[int], None], int], None]
 
@@ -25,6 +25,28 @@ def make_runner(executor: ThreadPoolExecutor | None, thread_count: int) -> Runne
             pass
 
     return run
+
+
+def inherit(sums: np.ndarray, split_log: Int32Array, region_count: int, share: float) -> np.ndarray:
+    """Sums by region, carried over an update that cut regions.
+
+    Parameters
+    ----------
+    sums : array (R, ...), of the regions before the update
+    split_log : int32 (S, 2), new region and its parent, in the order of the cuts
+    region_count : int, after the update
+    share : float, what a region that was cut passes to each of its halves
+
+    Returns
+    -------
+    array (region_count, ...), of the same type
+    """
+    carried = np.zeros((region_count, *sums.shape[1:]), sums.dtype)
+    carried[: len(sums)] = sums
+    for region, parent in split_log:
+        carried[parent] *= share
+        carried[region] = carried[parent]
+    return carried
 
 
 def balance(sizes: Int64Array, piece_count: int) -> Int64Array:

@@ -35,7 +35,7 @@ from engine.guiding.sdtree.quadtree import QuadPool
 from engine.guiding.sdtree.query import find_sdtree_regions
 from engine.guiding.sdtree.space import SpaceTree
 from engine.guiding.vertices import VertexRecords
-from engine.guiding.work import Runner, balance, make_runner
+from engine.guiding.work import Runner, balance, inherit, make_runner
 from engine.kernels.rng import hash_combine
 from engine.scene.arrays import Float32Array, Int32Array, Int64Array
 
@@ -207,12 +207,7 @@ class SdTreeModel:
         -------
         array (region_count, ...), of the same type
         """
-        carried = np.zeros((self.region_count, *sums.shape[1:]), sums.dtype)
-        carried[: len(sums)] = sums
-        for region, parent in self.split_log:
-            carried[parent] *= share
-            carried[region] = carried[parent]
-        return carried
+        return inherit(sums, self.split_log, self.region_count, share)
 
     def report(self) -> dict[str, float]:
         """Figures for the render's report: totals of all updates, and the state of the field."""

@@ -10,16 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from engine.bundle import Bundle
+from engine.guiding.records import is_usable
 from engine.guiding.sdtree.field import LEAF, NODE_AXIS, NODE_CHILD
 from engine.guiding.sdtree.query import direction_to_square, find_blurred_region, find_sdtree_region
 from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.rng import hash_combine
-from engine.kernels.vector import dot, load
+from engine.kernels.vector import load
 from engine.scene.arrays import Float32Array, Int32Array
 
-#: Records whose density or direction cannot be true are left out: unit length within this.
-_UNIT_TOLERANCE = np.float32(1e-3)
 #: Estimates divide by no smaller density, see `engine.guiding.table`.
 _MIN_PDF = np.float32(0.01)
 #: Estimates are cut off here, so that no sum of them overflows.
@@ -66,25 +65,6 @@ class SpaceTree(Bundle):
 
 
 @kernel
-def _is_usable(records, row, is_variance_aware):
-    """Whether a record is finite, has a positive density and a unit direction."""
-    direction = load(records.direction, row)
-    position = load(records.position, row)
-    squared = dot(direction, direction)
-    pdf = records.pdf[row]
-    usable = abs(squared - 1.0) < _UNIT_TOLERANCE and pdf > 0.0 and pdf < FLOAT_MAX
-    for axis in range(3):
-        usable = usable and abs(position[axis]) < FLOAT_MAX
-    for channel in range(records.radiance.shape[1]):
-        value = records.radiance[row, channel]
-        usable = usable and value >= 0.0 and value < FLOAT_MAX
-    if is_variance_aware:
-        value = records.contribution_squared[row]
-        usable = usable and value >= 0.0 and value < FLOAT_MAX
-    return usable
-
-
-@kernel
 def classify_records(records, start, stop, tree, is_variance_aware, region_of, counts, chunk, rejects):
     """Find the region of each record in [start, stop): -1 = rejected; and count them, for this chunk.
 
@@ -99,7 +79,8 @@ def classify_records(records, start, stop, tree, is_variance_aware, region_of, c
     """
     for row in range(start, stop):
         region = -1
-        if _is_usable(records, row, is_variance_aware):
+        squared = records.contribution_squared[row] if is_variance_aware else np.float32(0.0)
+        if is_usable(records, row) and squared >= 0.0 and squared < FLOAT_MAX:
             region = find_sdtree_region(tree, load(records.position, row))
             if region < 0:
                 rejects[chunk, REJECT_OUTSIDE] += 1

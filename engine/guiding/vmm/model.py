@@ -19,7 +19,7 @@ from engine.guiding.vmm.field import (
     NODE_CHILD,
     VmmField,
 )
-from engine.guiding.work import Runner, balance, make_runner
+from engine.guiding.work import Runner, balance, inherit, make_runner
 from engine.scene.arrays import Float32Array, Int32Array, Int64Array
 
 #: Records are sorted in chunks of this many, whatever the number of threads.
@@ -186,12 +186,7 @@ class VmmModel:
         -------
         array (region_count, ...), of the same type
         """
-        carried = np.zeros((self.region_count, *sums.shape[1:]), sums.dtype)
-        carried[: len(sums)] = sums
-        for region, parent in self.split_log:
-            carried[parent] *= share
-            carried[region] = carried[parent]
-        return carried
+        return inherit(sums, self.split_log, self.region_count, share)
 
     def report(self) -> dict[str, float]:
         """Figures for the render's report: totals of all updates, and the state of the field."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.bundle import Bundle
+from engine.guiding.records import is_usable
 from engine.guiding.vmm.field import GRID_SIDE, LEAF, NEIGHBOR_COUNT, NODE_AXIS, NODE_CHILD
 from engine.guiding.vmm.fit import (
     MOMENT_COUNT,
@@ -27,11 +28,8 @@ from engine.guiding.vmm.fit import (
 from engine.guiding.vmm.query import find_leaf
 from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX
-from engine.kernels.vector import dot, load
+from engine.kernels.vector import load
 from engine.scene.arrays import Float32Array, Int32Array
-
-#: Records whose density or direction cannot be true are left out: unit length within this.
-_UNIT_TOLERANCE = np.float32(1e-3)
 
 #: A cell is never cut where its samples vary by less than this share of the coordinate itself.
 _RELATIVE_DEVIATION = np.float32(1e-6)
@@ -61,22 +59,6 @@ class TreeNodes(Bundle):
 
 
 @kernel
-def _is_usable(records, row):
-    """Whether a record is finite, has a positive density and a unit direction."""
-    direction = load(records.direction, row)
-    position = load(records.position, row)
-    squared = dot(direction, direction)
-    pdf = records.pdf[row]
-    usable = abs(squared - 1.0) < _UNIT_TOLERANCE and pdf > 0.0 and pdf < FLOAT_MAX
-    for axis in range(3):
-        usable = usable and abs(position[axis]) < FLOAT_MAX
-    for channel in range(records.radiance.shape[1]):
-        value = records.radiance[row, channel]
-        usable = usable and value >= 0.0 and value < FLOAT_MAX
-    return usable and records.distance[row] >= 0.0
-
-
-@kernel
 def classify_records(records, start, stop, tree, region_of, counts, chunk, rejects):
     """Find the region of each record in [start, stop): -1 = rejected; and count them, for this chunk.
 
@@ -91,7 +73,7 @@ def classify_records(records, start, stop, tree, region_of, counts, chunk, rejec
     """
     for row in range(start, stop):
         region = -1
-        if _is_usable(records, row):
+        if is_usable(records, row) and records.distance[row] >= 0.0:
             region = find_leaf(tree, load(records.position, row))
             if region < 0:
                 rejects[chunk, REJECT_OUTSIDE] += 1

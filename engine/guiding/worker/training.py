@@ -19,7 +19,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
-from engine.guiding.channel import row_width
 from engine.guiding.encoding import (
     backpropagate_positions,
     encode_directions,
@@ -117,8 +116,8 @@ class RadianceTraining:
         self._device = torch.device(device)
         self._pool = ThreadPoolExecutor(thread_count) if thread_count > 1 else None
         self._thread_count = thread_count
-        self._window = SampleWindow(settings.buffer_rows, row_width(shape), settings.window_samples)
-        self._validation = SampleWindow(_VALIDATION_ROWS, row_width(shape), settings.window_samples)
+        self._window = SampleWindow(settings.buffer_rows, shape.row_width, settings.window_samples)
+        self._validation = SampleWindow(_VALIDATION_ROWS, shape.row_width, settings.window_samples)
         self._reference: torch.Tensor | None = None
 
         self._parameters = torch.from_numpy(initial_parameters(shape, seed)).to(self._device)
