@@ -230,7 +230,9 @@ class MixtureSettings(TrainingSettings):
     epsilon : [sr^-1] added to the density that a direction was drawn with, and to the mixture's
     averaging : share of its past that the average of parameters keeps at every step; snapshots carry the average
     selection_share : of the loss, that goes to the mixture and the BSDF together (e of Huang et al. 2024, Eq. 18)
-    outlier_share : of a batch's weight, that a row has at most
+    outlier_share : of the weight of a batch, or of all rows held if `is_drawn_by_weight`, that a row has at most
+    kept_weight : of all weight, that must be left when rows are cut so; else they are cut less, down to a hard limit
+    is_drawn_by_weight : whether batches hold rows as often as they weigh, rather than evenly and weighted
     gradient_limit : length that the perceptron's gradient is cut to
     mis_compensation : learn what the BSDF's own sampling leaves over (Dong et al. 2025, Eq. 12)
     bsdf_share : of the directions, that are drawn from the BSDF; for the compensation
@@ -243,6 +245,8 @@ class MixtureSettings(TrainingSettings):
     averaging: float = 0.95
     selection_share: float = 0.2
     outlier_share: float = 1e-3
+    kept_weight: float = 0.0
+    is_drawn_by_weight: bool = False
     gradient_limit: float = 10.0
     mis_compensation: bool = False
     bsdf_share: float = 0.5
@@ -251,7 +255,11 @@ class MixtureSettings(TrainingSettings):
 #: Learning rates of the papers and of the NPM authors' program.
 NPM_SETTINGS = MixtureSettings()
 NPM_OFFICIAL_SETTINGS = MixtureSettings(learning_rate=1e-2, table_learning_rate=1e-2, mis_compensation=True)
-NASG_SETTINGS = MixtureSettings(learning_rate=2e-3, averaging=0.0)
+#: For NASG a caustic that is seen late must stay learnable (section 8.3 of its paper; docs/experiments.md): rows that
+#: have most of the light are not cut, and each batch has its share of them.
+NASG_SETTINGS = MixtureSettings(
+    learning_rate=2e-3, averaging=0.0, outlier_share=1e-4, kept_weight=0.75, is_drawn_by_weight=True
+)
 
 
 def selection_blend(samples: float) -> float:

@@ -56,6 +56,8 @@ _ADAM_EPSILON = 1e-15
 _VALIDATION_ROWS = 1 << 14
 #: Rows of a batch that must be able to bear all of its weight.
 _LEAST_BEARERS = 8
+#: Share of the weight that a row has at most where few rows have nearly all of it.
+_MOST_SHARE = 1.0 / 128.0
 #: Density of a BSDF that cannot have proposed a direction [sr^-1].
 _NO_DENSITY = 1e-20
 _DECAY_POWERS = 1 << 10
@@ -100,7 +102,7 @@ def row_weights(shape: MixtureShape, settings: MixtureSettings, rows: Float32Arr
             both = guide + settings.bsdf_share * rows[:, ROW_BSDF_PDF]
             weights = np.where(guide > 0.0, weights * guide / both, weights)
     weights[~np.isfinite(weights)] = 0.0
-    weights = limit_shares(weights, settings.outlier_share)
+    weights = limit_outliers(weights, settings.outlier_share, settings.kept_weight)
     mean = weights.mean()
     return (weights / mean if mean > 0.0 else weights).astype(np.float32)
 
@@ -132,6 +134,33 @@ def limit_shares(weights: np.ndarray, share: float) -> np.ndarray:
             return np.minimum(weights, limit)
     # So few rows have light that no limit exists: let them weigh the same.
     return (weights > 0.0).astype(np.float64)
+
+
+def limit_outliers(weights: np.ndarray, share: float, kept: float) -> np.ndarray:
+    """`limit_shares`, but less strict where it would cut away more than 1 - `kept` of all weight.
+
+    A few rows may be noise. Where most of the light is in few rows it is a caustic, seldom found because it is not
+    guided to yet: to cut those is to learn never to look there. Still, none weighs more than a share of _MOST_SHARE.
+
+    Parameters
+    ----------
+    weights : float64 (N,), finite and not negative
+    share, kept : float in [0, 1]
+
+    Returns
+    -------
+    float64 (N,)
+    """
+    strict = limit_shares(weights, share)
+    total = weights.sum()
+    if strict.sum() >= kept * total:
+        return strict
+    descending = np.sort(weights)[::-1]
+    # With the k heaviest at the limit c: k c + the rest = kept * total; the first c that the next one is below.
+    rest = total - np.cumsum(descending)
+    limits = (kept * total - rest) / np.arange(1, weights.size + 1)
+    fits = limits >= np.append(descending[1:], 0.0)
+    return limit_shares(np.minimum(weights, limits[np.argmax(fits)]), max(share, _MOST_SHARE))
 
 
 class MixtureTraining:
@@ -173,6 +202,8 @@ class MixtureTraining:
         self._window = SampleWindow(settings.buffer_rows, ROW_WIDTH, settings.window_samples)
         self._validation = SampleWindow(_VALIDATION_ROWS, ROW_WIDTH, settings.window_samples)
         self._reference: torch.Tensor | None = None
+        #: Sums of the weights of the rows up to each one, by age; None: to be found again.
+        self._cumulative: np.ndarray | None = None
 
         # Two vectors of the same layout: the parameters, and their running average, which snapshots carry.
         self._parameters = initial_parameters(shape, seed)
@@ -213,6 +244,7 @@ class MixtureTraining:
             return
         if self.bounds is None:
             self.bounds = robust_bounds(rows[:, ROW_POSITION : ROW_POSITION + 3])
+        self._cumulative = None
         first = self.rows_received
         # Black ones count: how often the others are looked at goes by how much of the scene has been seen.
         self.rows_received += rows.shape[0]
@@ -282,13 +314,27 @@ class MixtureTraining:
         both = torch.logaddexp(log_share(logit) + learned, log_share(-logit) + bsdf)
         return log_mixture, settings.selection_share * both + (1.0 - settings.selection_share) * learned
 
+    def _draw(self) -> tuple[Float32Array, Float32Array]:
+        """A random batch: rows (batch, ROW_WIDTH), and what each weighs (batch,)."""
+        count, batch_size = self._window.count, self.settings.batch_size
+        if not self.settings.is_drawn_by_weight:
+            rows = self._window.take(self._random.integers(0, count, batch_size))
+            return rows, row_weights(self.shape, self.settings, rows)
+        if self._cumulative is None:
+            held = self._window.take(np.arange(count))
+            self._cumulative = np.cumsum(row_weights(self.shape, self.settings, held), dtype=np.float64)
+        # One from each of as many equal parts of all weight: no batch is without its share of the rare and bright.
+        places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
+        picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
+        return self._window.take(picks), np.full(batch_size, self._cumulative[-1] > 0.0, np.float32)
+
     def step(self) -> None:
         """One step of training on a random batch."""
         settings = self.settings
-        rows = self._window.take(self._random.integers(0, self._window.count, settings.batch_size))
+        rows, row_weight = self._draw()
         features, position = self._encode(rows)
         features.requires_grad_(self._table is not None)
-        weights = torch.from_numpy(row_weights(self.shape, settings, rows))
+        weights = torch.from_numpy(row_weight)
         _, learned = self._log_densities(self._perceptron(features), rows)
         loss = -(weights * learned).mean()
         self._optimizer.zero_grad()

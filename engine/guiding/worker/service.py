@@ -206,7 +206,7 @@ class Service:
             has_work = rests < _PATIENCE and self.has_budget()
             now = time.monotonic()
             if not has_work:
-                if training.step_count != last_step:
+                if training.can_train and training.step_count != last_step:
                     training.improvement()
                     self.publish()
                     last_step = training.step_count
