@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,7 @@ class BuiltinScene:
     @property
     def description(self) -> str:
         """First sentence of the builder's docstring."""
-        return (inspect.getdoc(self.build) or self.name).split(".")[0]
+        return re.split(r"\.(?:\s|$)", inspect.getdoc(self.build) or self.name)[0]
 
 
 SCENES: dict[str, BuiltinScene] = {}

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A whole room, hard in its lighting: what the small scenes are not."""
+"""A whole room and a glass case, hard in their lighting: what the small scenes are not."""
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 from benchmarks.scenes.registry import scene
+from benchmarks.scenes.studio import add_object, box, camera, diffuse, emitter, material, mesh, quad, resolution, sphere
 
 
 @scene("evening-room", samples=256)
@@ -19,3 +23,35 @@ def evening_room() -> None:
     cycles = bpy.context.scene.cycles
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 12
     cycles.sample_clamp_indirect = 0.0
+
+
+def _torus(around: int = 96, across: int = 48, radius: float = 0.75, thickness: float = 0.28) -> Any:
+    """A diffuse torus about the z axis."""
+    vertices = []
+    for i in range(around):
+        turn = 2.0 * math.pi * i / around
+        for k in range(across):
+            tilt = 2.0 * math.pi * k / across
+            distance = radius + thickness * math.cos(tilt)
+            vertices.append((distance * math.cos(turn), distance * math.sin(turn), thickness * math.sin(tilt)))
+    faces = [
+        (i * across + k, (i + 1) % around * across + k, (i + 1) % around * across + (k + 1) % across,
+         i * across + (k + 1) % across)
+        for i in range(around)
+        for k in range(across)
+    ]  # fmt: skip
+    created = mesh("Torus", vertices, faces, diffuse((0.8, 0.55, 0.2), "torus"))
+    created.polygons.foreach_set("use_smooth", [True] * len(created.polygons))
+    return created
+
+
+@scene("torus-in-glass", samples=1024)
+def torus_in_glass() -> None:
+    """A torus in a case of glass under a small lamp: all its light has come through the glass."""
+    resolution(96, 64)
+    camera((0.0, -5.2, 3.0), (0.0, 0.0, 0.65), lens=50.0)
+    add_object("Floor", quad("Floor", diffuse((0.5, 0.5, 0.5), "floor"), 8.0, 8.0))
+    glass = material("glass", lambda nodes: nodes("BsdfGlass", Color=(1, 1, 1), Roughness=0.0, IOR=1.5))
+    add_object("Case", box("Case", glass, (2.6, 2.6, 1.3)), (0.0, 0.0, 0.66))
+    add_object("Torus", _torus(), (0.0, 0.0, 0.6), (35, 0, 0))
+    add_object("Lamp", sphere("Lamp", emitter((1.0, 0.9, 0.8), 960.0), 0.1, 24, 12), (1.2, -1.0, 3.2))

@@ -24,6 +24,8 @@ FLOOR = np.float32(1.125)
 LEAST_RETURN = 2.0
 #: Added to the squared pixel value (over the image's mean) in the relative error.
 RELATIVE_EPSILON = np.float32(0.01)
+#: Share of the vertices of recorded paths at which allocation is tried while it is not in use.
+PROBED_SHARE = 0.25
 #: Estimates a region needs before they are believed.
 MIN_ESTIMATES = 32
 #: Largest share of a region's sum that a single estimate may have.

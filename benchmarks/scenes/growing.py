@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes with one quantity to turn up, for `scaling`; not among the built-in ones, which have no parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from benchmarks.scenes.studio import (
+    add_object,
+    box,
+    camera,
+    diffuse,
+    emitter,
+    light,
+    lit_stage,
+    quad,
+    resolution,
+    show,
+    world,
+)
+
+_TERRAIN_SIZE = 10.0
+
+
+def _empty() -> None:
+    bpy.ops.wm.read_homefile(use_empty=True)
+
+
+def _triangle_mesh(name: str, vertices: np.ndarray, triangles: np.ndarray, surface: Any) -> Any:
+    """A mesh from arrays (V, 3) and (T, 3), fast for millions."""
+    created = bpy.data.meshes.new(name)
+    created.vertices.add(len(vertices))
+    created.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
+    created.loops.add(triangles.size)
+    created.loops.foreach_set("vertex_index", np.ascontiguousarray(triangles, np.int32).ravel())
+    created.polygons.add(len(triangles))
+    created.polygons.foreach_set("loop_start", np.arange(0, triangles.size, 3, dtype=np.int32))
+    created.materials.append(surface)
+    created.update(calc_edges=True)
+    return created
+
+
+def stage() -> None:
+    """The stage of the small scenes, as it is."""
+    _empty()
+    lit_stage()
+    show(diffuse((0.7, 0.6, 0.5)))
+
+
+def terrain(triangle_count: int) -> int:
+    """Hills of about so many triangles under a soft sky; returns how many there are.
+
+    The hills are the same whatever the count: only how finely they are cut differs.
+    """
+    _empty()
+    resolution()
+    cells = max(round((triangle_count / 2) ** 0.5), 2)
+    line = np.linspace(-0.5, 0.5, cells + 1)
+    x, y = (axis.ravel() for axis in np.meshgrid(line, line))
+    height = sum(np.sin(k * 9.0 * x + k) * np.cos(k * 7.0 * y - k) / k**1.5 for k in (1, 2, 3, 5, 8, 13))
+    vertices = np.stack([_TERRAIN_SIZE * x, _TERRAIN_SIZE * y, 0.25 * height], axis=1)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    lower = np.stack([corner, corner + 1, corner + cells + 2], axis=1)
+    upper = np.stack([corner, corner + cells + 2, corner + cells + 1], axis=1)
+    mesh = _triangle_mesh("Hills", vertices, np.concatenate([lower, upper]), diffuse((0.6, 0.6, 0.6)))
+    add_object("Hills", mesh)
+    world((0.5, 0.6, 0.7))
+    camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
+    return 2 * cells * cells
+
+
+def lamps(light_count: int) -> None:
+    """So many small glowing triangles above the stage's floor, of the same light together."""
+    _empty()
+    resolution()
+    add_object("Floor", quad("Floor", diffuse((0.6, 0.6, 0.6)), 12.0, 12.0))
+    show(diffuse((0.7, 0.6, 0.5)))
+    generator = np.random.default_rng(11)
+    centres = generator.uniform((-4.0, -2.0, 0.3), (4.0, 4.0, 3.5), (light_count, 3))
+    corners = centres[:, None, :] + generator.normal(0.0, 0.02, (light_count, 3, 3))
+    triangles = np.arange(3 * light_count).reshape(-1, 3)
+    glow = emitter((1.0, 0.8, 0.6), 20_000.0 / light_count)
+    add_object("Lamps", _triangle_mesh("Lamps", corners.reshape(-1, 3), triangles, glow))
+    world((0.0, 0.0, 0.0))
+    camera()
+
+
+def closed_box() -> None:
+    """A light room without a way out, in which paths go on as long as they may."""
+    _empty()
+    resolution()
+    add_object("Room", box("Room", diffuse((0.85, 0.85, 0.85)), (6.0, 6.0, 4.0)), (0.0, 0.0, 2.0))
+    add_object("Table", box("Table", diffuse((0.8, 0.7, 0.6)), (1.5, 1.0, 0.8)), (0.0, 1.0, 0.4))
+    light("AREA", 100.0, (0.0, 0.0, 3.9), (0.0, 0.0, 0.0), size=1.0)
+    world((0.0, 0.0, 0.0))
+    camera((0.0, -2.6, 1.8), (0.0, 1.0, 0.8), 24.0)
