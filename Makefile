@@ -5,7 +5,9 @@ SYSTEM_PYTHON ?= python3.11
 PYTHON := .venv/bin/python
 # Workers for the tests; kernels compile once, so a first worker warms the cache for the others.
 JOBS ?= auto
-BENCH_SCENES ?=
+BENCH_SCENES ?= builtin:evening-room
+BENCH_RIVALS ?= cycles cycles-guided OFF VMM TABLE_RIS
+BENCH_OUT ?= out/bench
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test slow lint bench gallery extension clean
@@ -32,8 +34,12 @@ lint: .venv/installed ## Run the linters
 	.venv/bin/mypy
 	.venv/bin/lint-imports --no-cache
 
-bench: .venv/installed ## Compare with Cycles on a short set of scenes (ten minutes)
-	$(PYTHON) -m benchmarks run $(BENCH_SCENES) --rivals cycles OFF --samples 64 --seeds 3 --pixels 37000
+bench: .venv/installed ## Speed against accuracy beside Cycles, on a page of charts (ten minutes)
+	$(PYTHON) -m benchmarks reference $(BENCH_SCENES) --rival VMM --samples 64 --seeds 4 --pixels 36864 \
+		--out $(BENCH_OUT)/references
+	$(PYTHON) -m benchmarks sweep $(BENCH_SCENES) --rivals $(BENCH_RIVALS) --seconds 2 4 8 --seeds 3 \
+		--references $(BENCH_OUT)/references --out $(BENCH_OUT)/sweep
+	$(PYTHON) -m benchmarks report $(BENCH_OUT)/sweep --references $(BENCH_OUT)/references --to $(BENCH_OUT)/report
 
 gallery: .venv/installed ## Contact sheet: ours, Cycles', difference
 	$(PYTHON) -m benchmarks gallery

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Command line of the benchmarks: `python -m benchmarks run|papers|parity|profile|gallery|scenes`."""
+"""Command line of the benchmarks: `python -m benchmarks run|sweep|reference|report|scaling|papers|stability|...`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.chart_commands import CHART_COMMANDS, add_chart_commands, run_chart_command
 from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
+from benchmarks.stability import add_arguments as add_stability_arguments
 from engine.settings import SAMPLE_WEIGHTINGS
 
 #: What runs where no scene is named.
@@ -47,6 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         "--isolate", action="store_true", help="a process for every render: honest memory and first-image figures"
     )
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
+    add_chart_commands(commands)
     papers = add(
         "papers", "methods of guiding by a paper's own protocol; finished renders are kept", 0, 3, "out/papers",
         ("paper", *PROTOCOLS),
@@ -69,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
     gallery.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
+    add_stability_arguments(commands.add_parser("stability", help="every method on every way to fail"))
     commands.add_parser("scenes", help="list the scenes built by script")
     return parser
 
@@ -86,8 +90,18 @@ def main(arguments: list[str] | None = None) -> int:
         for scene in SCENES.values():
             print(f"{BUILTIN}{scene.name:32} {scene.description}")
         return 0
+    if chosen.command in CHART_COMMANDS:
+        return run_chart_command(chosen, SHORT_SET)
     from benchmarks.rivals import Budget, find_rival
 
+    if chosen.command == "stability":
+        from benchmarks.stability import stability
+
+        try:
+            return 1 if stability(chosen) else 0
+        except ValueError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
     common = {"out": chosen.out, "pixels": chosen.pixels, "threads": chosen.threads, "resume": chosen.resume}
     try:
         if chosen.command == "run":

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks import environment
 from benchmarks.images import Float32Array, read_exr
+from benchmarks.light_paths import light_paths
 from benchmarks.rivals import Budget, Rival
 from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
 
@@ -30,7 +31,8 @@ class RenderRecord:
     evaluation, export or synchronisation, acceleration structures and handing over the result; the same definition
     for every renderer. `settings` are those the rival was given (`Rival.settings`). Peak memory is the whole
     process's, Blender and open file included. `first_image_seconds` is the time from the call to the first picture
-    shown, nan where that is unknown (Cycles).
+    shown, nan where that is unknown (Cycles). `light_paths` are the settings that decide what the picture converges to,
+    empty in records from before they were noted.
     """
 
     scene: str
@@ -55,6 +57,7 @@ class RenderRecord:
     details: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, Any] = field(default_factory=dict)
     date: str = ""
+    light_paths: dict[str, Any] = field(default_factory=dict)
 
     def is_same_work(self, other: RenderRecord, is_ours: bool) -> bool:
         """Whether a finished render answers what `other` asks: same scene, size, budget, settings, seed, versions."""
@@ -189,6 +192,7 @@ def render_scene(
     isolate: bool = False,
     without_lamps: bool = False,
     is_usable: Callable[[RenderRecord], bool] = lambda record: True,
+    check: Callable[[RenderRecord], None] = lambda record: None,
     say: Callable[[str], None] = print,
 ) -> tuple[dict[str, list[Render]], list[Failure]]:
     """Render a scene with all rivals, seeds in the outer loop and rivals in the inner one.
@@ -196,7 +200,7 @@ def render_scene(
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
     touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
     it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it. With `resume` finished renders that
-    are `is_usable` are kept.
+    are `is_usable` are kept. `check` sees what is about to be rendered, and raises to refuse it.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
@@ -221,7 +225,9 @@ def render_scene(
                 threads=threads or environment.thread_count(),
                 settings=rival.settings,
                 environment=environment.describe(),
+                light_paths=light_paths(scene, rival.settings),
             )
+            check(record)
             exr = out / source.name / f"{rival.name}_{budget}_seed{seed}.exr"
             done = _finished(exr, record, rival.is_ours) if resume else None
             if done is not None and not is_usable(done.record):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 #: Samples asked for where only time is to stop a render.
@@ -171,6 +171,7 @@ def _measure_ours(
         "stage_seconds": dict(report.stage_seconds),
         "reject_count": report.reject_count,
         "guiding": list(report.guiding.lines),
+        "learning": {name: value for name, value in asdict(report.guiding).items() if name != "lines"},
         "notices": [f"{n.subject}: {n.problem}; {n.fallback}" for n in report.notices],
     }
     return Measurement(

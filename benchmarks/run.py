@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import environment, metrics
-from benchmarks.images import Float32Array, read_exr
+from benchmarks.images import Float32Array
+from benchmarks.reference import load_reference
 from benchmarks.rendering import Failure, Render, image_stack, render_scene
 from benchmarks.rivals import Budget, Rival
 from benchmarks.scene_files import SceneSource
@@ -154,10 +155,20 @@ def summary_table(results: Sequence[RivalResult], first_rival: str) -> str:
 
 
 def find_reference(folder: Path | None, source: SceneSource) -> Float32Array | None:
-    """The reference image of a scene, `folder/NAME.exr`, if there is one."""
-    if folder is None or not (folder / f"{source.name}.exr").is_file():
+    """The reference image of a scene, `folder/NAME.exr`, if there is one.
+
+    Raises
+    ------
+    ValueError
+        If the JSON beside it says that it was made of another version of the scene.
+    """
+    found = load_reference(folder, source.name)
+    if found is None:
         return None
-    return read_exr(folder / f"{source.name}.exr")[0]
+    problem = found.problem(source.content_hash(), {})
+    if problem:
+        raise ValueError(f"the reference of {source.name} in {folder} does not fit: {problem}")
+    return found.image
 
 
 def run(

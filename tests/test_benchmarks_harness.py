@@ -137,7 +137,8 @@ def test_every_builtin_scene_says_what_it_is() -> None:
     assert len(SCENES) > 100
     for name, scene in SCENES.items():
         assert scene.description != name, f"{name} has no docstring"
-        assert scene.group in {"closures", "principled", "lights", "cameras", "textures", "geometry", "rooms"}
+        groups = {"closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures"}
+        assert scene.group in groups
 
 
 def test_budget_names_files() -> None:

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The settings of a scene that decide what picture a render converges to, whoever renders it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+#: Name in `engine.settings.RenderSettings`: name in `scene.cycles`. What only changes noise, such as roulette and light
+#: thresholds, is not here.
+_CYCLES_NAMES = {
+    "max_bounces": "max_bounces",
+    "diffuse_bounces": "diffuse_bounces",
+    "glossy_bounces": "glossy_bounces",
+    "transmission_bounces": "transmission_bounces",
+    "transparent_max_bounces": "transparent_max_bounces",
+    "use_caustics_reflective": "caustics_reflective",
+    "use_caustics_refractive": "caustics_refractive",
+    "filter_glossy": "blur_glossy",
+    "clamp_direct": "sample_clamp_direct",
+    "clamp_indirect": "sample_clamp_indirect",
+    "pixel_filter": "pixel_filter_type",
+    "filter_width": "filter_width",
+    "film_exposure": "film_exposure",
+}
+
+
+def light_paths(scene: Any, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Light-path settings of an open scene, as far as they change what a render converges to.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    settings : mapping, optional
+        What a rival is told beside the scene's Cycles settings, by its name in `RenderSettings`; it wins.
+    """
+    found = {name: getattr(scene.cycles, cycles_name) for name, cycles_name in _CYCLES_NAMES.items()}
+    found["film_transparent"] = bool(scene.render.film_transparent)
+    return found | {name: value for name, value in (settings or {}).items() if name in found}
+
+
+def differences(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
+    """What differs, in words; nothing where one of them says nothing, as older records do."""
+    if not ours or not theirs:
+        return []
+    return [
+        f"{name} {ours.get(name)} instead of {theirs.get(name)}"
+        for name in sorted({*ours, *theirs})
+        if ours.get(name) != theirs.get(name)
+    ]
