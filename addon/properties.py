@@ -99,6 +99,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         name="Guiding",
         description="How directions are chosen where light is hard to find",
         items=(
+            ("AUTO", "Automatic", "Learn what pays in the scene, and render by that"),
             ("OFF", "Off", "Sample materials and lights only"),
             ("VMM", "Mixtures", "Learn lobes of incident light, and draw from them or from the material"),
             *_OTHER_SOURCES,
@@ -106,7 +107,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
             ("TABLE_RIS", "Tables, Resampled", "Weigh several directions by learned tables times the material"),
             ("NEURAL_RIS", "Neural, Resampled", "Weigh several directions by a neural network times the material"),
         ),
-        default=_DEFAULTS.guiding_method,
+        default="AUTO",
     )
     guiding_probability: FloatProperty(  # type: ignore[valid-type]
         name="Guiding Probability",

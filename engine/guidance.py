@@ -27,7 +27,8 @@ class Guidance:
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
     source : SdTreeField, MixtureNetwork, FlowField or None, what to draw directions from if not from `field`
-    probes_only : bool, whether it is for recorded paths, and the others take one candidate
+    challenger : Guidance or None, what a part of the iteration's samples goes by instead, to compare
+    probes_only : bool, whether it is tried at some vertices of recorded paths, and all others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     """
@@ -45,3 +46,4 @@ class Guidance:
     network: NetworkField | None = None
     probes_only: bool = False
     source: SourceField | None = None
+    challenger: Guidance | None = None

@@ -9,28 +9,37 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from engine.film import Film, FilmTile
 from engine.guidance import Guidance
 from engine.guiding import trial
+from engine.guiding.choice import Choice, Part
 from engine.guiding.light_share import LightShareModel
 from engine.guiding.network import NETWORK_SHAPES
 from engine.guiding.network_query import NetworkField, make_network_field
+from engine.guiding.report import GuidingReport
 from engine.guiding.selection import SelectionModel
-from engine.guiding.source_model import DETERMINISTIC_STEPS, SourceModel, TreeSource, make_source_model
+from engine.guiding.source_model import (
+    DETERMINISTIC_STEPS,
+    NetworkSource,
+    SourceModel,
+    TreeSource,
+    make_source_model,
+)
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import NetworkTrainer, TrainerState
-from engine.guiding.trial import GuidingTrial
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records, compensate
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
 from engine.ris.orca import (
     FLOOR,
+    PROBED_SHARE,
+    Allocation,
     CandidateCosts,
     VarianceDeltas,
     image_variance,
@@ -40,7 +49,7 @@ from engine.ris.orca import (
 )
 from engine.scene.description import Notice
 from engine.settings import NETWORK_SOURCES, SOURCES, RenderSettings
-from engine.work import Unit, UnitCosts
+from engine.work import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Samples a pixel of the longest iterations.
 LONGEST_ITERATION = 16
@@ -59,6 +68,11 @@ _LEAST_MEASURED = 0.2
 #: the vertices was worth several candidates, and is given up once in as many it was less.
 _NETWORK_PATIENCE = 2
 _LEAST_RESAMPLED = 0.1
+#: With AUTO: what a render must still take for a network to be trained at all, in seconds or, without a clock, paths.
+_LEAST_TIME_LEFT = 20.0
+_LEAST_PATHS_LEFT = 6e6
+#: With AUTO: iterations that a table learns from before it is tried.
+_TABLE_UPDATES = 3
 #: Samples a pixel after which an iteration counts fully.
 _FULL_WEIGHT_SAMPLES = 8
 
@@ -82,68 +96,6 @@ def iteration_weight(first_sample: int, sample_weighting: str) -> float:
     if sample_weighting == "UNIFORM":
         return 1.0
     return min((first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
-
-
-@dataclass
-class GuidingReport:
-    """What guiding did; times in seconds of all threads together."""
-
-    method: str = "OFF"
-    field_seconds: float = 0.0
-    training_seconds: float = 0.0
-    region_count: int = 0
-    lobe_count: float = 0.0
-    record_count: int = 0
-    network_loss: float = float("nan")
-    network_step: int = 0
-    snapshot_count: int = 0
-    has_trained: bool = False
-    #: The sample from which on the network was given up, 0: never.
-    network_stopped_at: int = 0
-    candidates_per_vertex: float = 0.0
-    worker: str = ""
-    #: What directions are drawn from, if not the mixture field.
-    source: str = ""
-    source_seconds: float = 0.0
-    #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
-    efficiency: float = float("nan")
-    stopped_at: int = 0
-
-    lines: list[str] = field(default_factory=list)
-
-    def describe(self, stage_seconds: dict[str, float]) -> None:
-        """Write `lines` for people, given the time of the tracing threads by stage."""
-        tracing = sum(stage_seconds.values())
-        training = self.training_seconds + self.source_seconds
-        everything = max(tracing + self.field_seconds + training, 1e-9)
-        inference = stage_seconds.get("predict_radiance", 0.0)
-        self.lines = [
-            f"guiding {self.method}: {(tracing - inference) / everything:.0%} of the time tracing, "
-            f"{self.field_seconds / everything:.0%} fitting, {inference / everything:.0%} predicting, "
-            f"{training / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
-            f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
-        ]
-        if self.stopped_at:
-            self.lines.append(
-                f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
-                f"{self.stopped_at + 1} on are not guided"
-            )
-        if self.source:
-            self.lines.append(self.source)
-        if self.worker:
-            self.lines.append(
-                f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
-                f"loss {self.network_loss:.3g}, worker {self.worker}"
-            )
-        if self.method == "NEURAL_RIS" and not self.has_trained:
-            self.lines.append(
-                "radiance network: not trained, hardly a vertex was worth several candidates"
-            )
-        if self.network_stopped_at:
-            self.lines.append(
-                "radiance network: hardly a vertex was worth asking it; from sample "
-                f"{self.network_stopped_at + 1} on directions come from the mixture alone"
-            )
 
 
 @dataclass
@@ -189,23 +141,24 @@ class Learner:
         self._max_distance = 0.0
         self._records_per_path = _EXPECTED_RECORDS_PER_PATH
         self._deltas = VarianceDeltas()
-        self._costs = CandidateCosts()
-        if settings.guiding_method == "NEURAL_RIS":
-            self._costs = CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)
+        #: Of each method, as far as they are not those of the statistical fields.
+        self._costs = {"NEURAL_RIS": CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)}
         self._network: NetworkField | None = None
         #: Iterations running in which a network would have been worth its time, or not.
         self._worth_count = self._worthless_count = 0
         self._iteration = 0
-        #: Parts of this iteration: first sample, samples, whether guided (`engine.guiding.trial`).
-        self.parts = [(0, 1, True)]
-        self._trial: GuidingTrial | None = None
-        self._has_won = self._is_over = False
-        #: Where samples are given, the images of statistical methods do not depend on clocks.
-        has_network = settings.guiding_method == "NEURAL_RIS" or settings.source in NETWORK_SOURCES
-        depends_on_clock = has_network or settings.time_limit > 0.0
+        self._started = time.perf_counter()
+        self._is_auto = settings.guiding_method == "AUTO"
+        rung = "VMM" if self._is_auto else settings.guiding_method
+        self._choice = Choice(paths_per_sample, rung, tries_plain=settings.guiding_trial)
+        self._is_over = False
+        #: Where a statistical method and samples are given, the image does not depend on clocks.
+        is_asynchronous = settings.guiding_method in ("AUTO", "NEURAL_RIS") or settings.source in NETWORK_SOURCES
+        depends_on_clock = is_asynchronous or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
         self._trainer: NetworkTrainer | None = None
+        self._training_asked = self._started, 0.0
         self.report = GuidingReport(method=settings.guiding_method)
         self._source: SourceModel | None = make_source_model(settings)
         if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
@@ -219,9 +172,21 @@ class Learner:
         """Whether the network may be left out: not where a number of candidates or the cache was asked for."""
         return self.settings.candidate_allocation == "ORCA" and not self.settings.radiance_cache
 
-    def _probes_only(self) -> bool:
-        """Whether allocation is only tried, for want of a network that resampling would be for."""
-        return self.settings.guiding_method == "NEURAL_RIS" and self._weighs_network() and self._network is None
+    def _probes_only(self, rung: str) -> bool:
+        """Whether allocation is only tried: of a coarse method, or for want of a network that it would be for."""
+        if self._is_auto:
+            return rung == "VMM"
+        return rung == "NEURAL_RIS" and self._weighs_network() and self._network is None
+
+    @property
+    def parts(self) -> list[Part]:
+        """Parts of the iteration in work."""
+        return self._choice.parts
+
+    @property
+    def is_over(self) -> bool:
+        """Whether guiding has been given up: there is nothing more to learn."""
+        return self._is_over
 
     def _start_network(self) -> None:
         self.report.has_trained = True
@@ -270,14 +235,14 @@ class Learner:
             model = TableModel()
             model.update(vmm)
             table = model.field
-        allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs)
+        allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=CandidateCosts())
         ones = np.ones(1, np.float32)
         return Guidance(
             self.settings, 0, vmm.field, ones, ones, ones, 1, allocation,
             np.ones(self._paths_per_sample, np.float32), table,
         )
 
-    def _threshold(self, samples: int) -> int:
+    def _threshold(self, samples: float) -> int:
         """Record so many of the next iteration's paths that about RECORDS_PER_ITERATION records come of them."""
         expected = self._records_per_path * self._paths_per_sample * samples
         return int(min(RECORDS_PER_ITERATION / max(expected, 1.0), 1.0) * 2**32)
@@ -300,26 +265,18 @@ class Learner:
         started = time.perf_counter()
         self._iteration += 1
         # In a trial a part of the samples only.
-        samples = self.parts[0][1]
-        guided_share = samples / sum(count for _, count, _ in self.parts)
+        guided_share = self._choice.guided_share
+        samples = sum(part.sample_count for part in self.parts) * guided_share
         sums = film.sums
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(
             mean.reshape(film.height, film.width, -1), is_relative=self.settings.orca_error == "RELATIVE"
         )
-        if self._trial is not None:
-            tracing = guided_share * sum(costs.stage_seconds.values())
-            self._judge(self._trial, weights, next_range[0], tracing)
+        self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
         if self._is_over:
-            self._trial = None
-            self.parts = [(*next_range, True)]
+            self._choice.plan(*next_range, (), knows_something=False)
             return Guidance(self.settings, 0)
-        knows_something = self._vmm is not None if self._source is None else self._source.field is not None
-        is_tried = self.settings.guiding_trial and knows_something and not self._has_won
-        self.parts = trial.parts(self._iteration, *next_range, is_tried=is_tried)
-        self._trial = GuidingTrial(self._paths_per_sample) if len(self.parts) > 1 else None
-        next_samples = self.parts[0][1]
         records, row_count = _joined(units)
         self.report.record_count += row_count
         if row_count:
@@ -331,66 +288,99 @@ class Learner:
                 fitted = compensate(records, row_count, self.settings.guiding_probability)
             self._fit(fitted, row_count)
         if self._vmm is None:
-            return Guidance(self.settings, self._threshold(next_samples))
+            self._choice.plan(*next_range, (), knows_something=False)
+            return Guidance(self.settings, self._threshold(next_range[1]))
         if row_count:
             self._deltas.add(records.position[:row_count], records.benefit[:row_count])
         self._weigh_network(costs, recorded_share, next_range[0])
         self._train(records, row_count, samples)
         self._learn_source(records, row_count, samples, recorded_share)
 
-        method = self.settings.guiding_method
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(mean, sums.square / weight, weights)
         if row_count:
             leaf = np.full(row_count, -1, np.int32)
             find_leaves(self._vmm.field, records.position[:row_count], leaf)
             self._selection.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
+            if self._iteration == 1:
+                # Pixels had no weights yet: what lights brought was multiplied by zero.
+                records.light_squared[:row_count] = np.nan
             self._light_share.update(self._vmm, records, leaf, variance=variance, ray_count=ray_count)
-        fixed = self._fixed_count()
         position, estimate = self._deltas.gathered()
         region_count = len(self._vmm.field.is_ready)
         leaf = np.full(len(position), -1, np.int32)
         if len(position):
             find_leaves(self._vmm.field, position, leaf)
         self._measure(costs)
+        self._choice.plan(*next_range, self._offers(next_range[0]))
+        samples = next_range[1] * self._choice.guided_share
+        delta = mean_by_region(leaf, estimate, region_count)
         self._learning_seconds = time.perf_counter() - started
-        allocation = make_allocation(
-            mean_by_region(leaf, estimate, region_count),
-            ray_count=ray_count, variance=variance, costs=self._costs,
-        )
-        return Guidance(
-            self.settings, self._threshold(next_samples), self._vmm.field, self._probability(), self._light_share.share,
-            self._selection.benefit, fixed, allocation, weights,
-            self._table.field if method == "TABLE_RIS" and self._table is not None else None, self._network,
-            self._probes_only(), self._source.field if self._source is not None else None,
-        )
+
+        def allocate(rung: str) -> Allocation:
+            return make_allocation(delta, ray_count=ray_count, variance=variance, costs=self._costs_of(rung))
+
+        return self._guidance(allocate, weights, samples)
+
+    def _costs_of(self, rung: str) -> CandidateCosts:
+        return self._costs.get(rung, CandidateCosts())
+
+    def _guidance(self, allocate: Callable[[str], Allocation], weights: np.ndarray, samples: float) -> Guidance:
+        """What the next iteration's guided samples, so many a pixel, go by."""
+        assert self._vmm is not None
+        field, choice = self._vmm.field, self._choice
+        probability = self._probability()
+        self.report.chosen, self.report.trials = choice.rung, choice.trials
+        ready = field.is_ready != 0
+        self.report.guided_share = float((probability[ready] > 0.0).sum() / max(ready.sum(), 1))
+
+        def by(rung: str, challenger: Guidance | None = None) -> Guidance:
+            return Guidance(
+                self.settings, self._threshold(samples), field, probability, self._light_share.share,
+                self._selection.benefit, self._fixed_count(rung), allocate(rung), weights,
+                self._table.field if rung == "TABLE_RIS" and self._table is not None else None,
+                self._network if rung == "NEURAL_RIS" else None,
+                self._probes_only(rung), self._source.field if self._source is not None else None, challenger,
+            )
+
+        return by(choice.rung, by(choice.challenger) if choice.challenger else None)
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
-        """Take a finished unit's sums and costs, if guiding is on trial; no two threads at once."""
-        if self._trial is None:
-            return
+        """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
         if self._uses_clock:
             cost = costs.seconds
         else:
             cost = costs.ray_count + _GUIDED_COST * costs.guided_vertices
-            cost += self._costs.per_candidate * costs.resampled_candidates
-            if unit.is_guided:
+            rung = self._choice.challenger if unit.arm == CHALLENGER else self._choice.rung
+            cost += self._costs_of(rung).per_candidate * costs.resampled_candidates
+            if unit.arm != PLAIN:
                 cost *= _LEARNING_COST
-        self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, unit.is_guided)
-        self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, unit.is_guided)
+        self._choice.compare(unit, film, cost)
 
-    def _judge(self, tried: GuidingTrial, weights: np.ndarray, next_sample: int, tracing: float) -> None:
-        """After an iteration that compared: go on guiding or not. Its guided part took threads `tracing` seconds."""
-        efficiency = tried.efficiency(weights)
+    def _judge(self, weights: np.ndarray, next_sample: int, tracing: float) -> None:
+        """Conclude what the iteration compared, if it did. Its guided part took threads `tracing` seconds."""
+        choice = self._choice
+        overhead = 0.0
         if self._uses_clock:
-            efficiency /= 1.0 + self._learning_seconds * self._thread_count / max(tracing, 1e-9)
-        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
-        # Written so that NaN, nothing compared, goes on.
-        if efficiency < trial.LEAST_EFFICIENCY[self._iteration - 1]:
+            learning = 0.0 if choice.challenger else self._learning_seconds * self._thread_count
+            training = self._training_share() if choice.challenger == "NEURAL_RIS" else 0.0
+            overhead = learning / max(tracing, 1e-9) + training
+        choice.judge(weights, next_sample, overhead)
+        self.report.efficiency = choice.efficiency
+        if not choice.has_lost:
+            return
+        choice.has_lost = False
+        if isinstance(self._source, NetworkSource) and self._source.field is not None:
+            self._end_source()
+            self._source = None
+            self.report.source_stopped_at = next_sample
+            # What stands in for it has long been learning: no more benefit of the doubt.
+            choice.restart(trial.LAST_DOUBT)
+        else:
             self._is_over = True
             self.report.stopped_at = next_sample
+            self.report.chosen, self.report.trials = "OFF", choice.trials
             self._stop_training()
-        self.report.efficiency = efficiency
 
     def _probability(self) -> np.ndarray:
         """Guiding probability of each region."""
@@ -399,12 +389,14 @@ class Learner:
             return self._selection.probability
         return np.full(self._vmm.region_count, self.settings.guiding_probability, np.float32)
 
-    def _fixed_count(self) -> int:
+    def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
         settings = self.settings
-        if settings.guiding_method in SOURCES:
+        if self._is_auto:
+            return 0
+        if rung in SOURCES:
             return 1
-        if settings.guiding_method == "VMM_RIS":
+        if rung == "VMM_RIS":
             return settings.candidate_count
         return settings.candidate_count if settings.candidate_allocation == "FIXED" else 0
 
@@ -426,26 +418,30 @@ class Learner:
         self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
 
     def _learn_source(
-        self, records: VertexRecords, row_count: int, samples: int, recorded_share: float
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float
     ) -> None:
         """Learn what directions are drawn from, if it is not the mixture field."""
         source = self._source
         if source is None:
             return
         started = time.perf_counter()
+        had_field = source.field is not None
         source.learn(records, row_count, samples, recorded_share, self._executor, self._thread_count)
         if self.settings.source not in NETWORK_SOURCES:
             self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+        if isinstance(source, NetworkSource) and source.field is not None and not had_field:
+            # What was tried so far was the mixture field.
+            self._choice.restart(trial.BEFORE_FIRST)
         self.report.source, self.report.source_seconds = source.describe(), source.seconds
         self.notices.extend(source.notices)
         source.notices.clear()
 
-    def _train(self, records: VertexRecords, row_count: int, samples: int) -> None:
+    def _train(self, records: VertexRecords, row_count: int, samples: float) -> None:
         trainer = self._trainer
         if trainer is None:
             return
         if row_count:
-            trainer.submit(as_records(records), row_count, float(samples))
+            trainer.submit(as_records(records), row_count, samples)
         if self.settings.deterministic:
             snapshot = trainer.train_until(self._iteration * DETERMINISTIC_STEPS)
         else:
@@ -474,15 +470,15 @@ class Learner:
 
         While there is none the mixture weighs those of recorded paths, and its estimates say what resampling may save.
         """
-        is_neural = self.settings.guiding_method == "NEURAL_RIS"
-        if not is_neural or not self._weighs_network() or self.report.network_stopped_at or not costs.guided_vertices:
+        if not self._weighs_network() or self.report.network_stopped_at or not costs.guided_vertices:
             return
-        # Those of recorded paths that only keep the estimates coming do not count.
-        resampled = costs.several_vertices / costs.guided_vertices - (float(FLOOR) - 1.0) * recorded_share
-        if self._network is None:
-            resampled /= max(recorded_share, 1e-6)
-        is_worth_it = resampled >= _LEAST_RESAMPLED
-        self._worth_count = self._worth_count + 1 if is_worth_it else 0
+        if self._is_auto:
+            if self._choice.rung == "VMM" and not self._choice.challenger:
+                self._count_worth(costs, recorded_share, is_probing=True)
+            return
+        if self.settings.guiding_method != "NEURAL_RIS":
+            return
+        is_worth_it = self._count_worth(costs, recorded_share, is_probing=self._network is None)
         # What a network does is known once it weighs candidates.
         is_idle = self.report.has_trained and self._network is None
         self._worthless_count = 0 if is_worth_it or is_idle else self._worthless_count + 1
@@ -495,9 +491,74 @@ class Learner:
             self._network = None
             self.report.network_stopped_at = next_sample
 
+    def _count_worth(self, costs: IterationCosts, recorded_share: float, *, is_probing: bool) -> bool:
+        """Whether enough of an iteration's vertices were worth several candidates; how many times running is counted.
+
+        Parameters
+        ----------
+        is_probing : bool
+            Only a share of the vertices of recorded paths had the choice.
+        """
+        had_choice = recorded_share * PROBED_SHARE if is_probing else 1.0
+        # Those of recorded paths that only keep the estimates coming do not count.
+        for_estimates = (float(FLOOR) - 1.0) * recorded_share * (PROBED_SHARE if is_probing else 1.0)
+        resampled = (costs.several_vertices / costs.guided_vertices - for_estimates) / max(had_choice, 1e-6)
+        is_worth_it = resampled >= _LEAST_RESAMPLED
+        self._worth_count = self._worth_count + 1 if is_worth_it else 0
+        return is_worth_it
+
+    def _offers(self, next_sample: int) -> list[str]:
+        """Methods to compare with the one in use, finer ones first, where resampling promises to pay.
+
+        What a finer one needs is made once those before it have been compared.
+        """
+        choice = self._choice
+        is_promising = self._worth_count >= _NETWORK_PATIENCE or choice.rung != "VMM" or choice.challenger != ""
+        if not self._is_auto or not is_promising:
+            return []
+        offers = ["VMM_RIS"]
+        if choice.has_tried("VMM_RIS"):
+            if not choice.has_use_for("TABLE_RIS", next_sample):
+                self._table = None
+            elif self._table is None:
+                assert self._vmm is not None
+                self._table = TableModel(self._vmm.region_count)
+            elif self._table.update_count >= _TABLE_UPDATES:
+                offers.append("TABLE_RIS")
+        if choice.has_tried("TABLE_RIS"):
+            if self._network is not None:
+                offers.append("NEURAL_RIS")
+            elif not self.report.has_trained and self._is_long(next_sample):
+                self._start_network()
+        if choice.has_tried("NEURAL_RIS") and choice.rung != "NEURAL_RIS" and self._trainer is not None:
+            self._end_training()
+            self._network = None
+        return [*offers, "VMM"]
+
+    def _is_long(self, next_sample: int) -> bool:
+        """Whether what is left of the render is worth training a network for."""
+        samples_left = self.settings.samples - next_sample
+        if not self._uses_clock:
+            return samples_left * self._paths_per_sample >= _LEAST_PATHS_LEFT
+        elapsed = time.perf_counter() - self._started
+        left = elapsed * samples_left / max(next_sample, 1)
+        if self.settings.time_limit > 0.0:
+            left = min(left, self.settings.time_limit - elapsed)
+        return left >= _LEAST_TIME_LEFT
+
+    def _training_share(self) -> float:
+        """Processor time that training took since it was last asked, as a share of all there was."""
+        if self._trainer is None:
+            return 0.0
+        now, seconds = time.perf_counter(), self._trainer.status.seconds
+        since, before = self._training_asked
+        self._training_asked = now, seconds
+        return min((seconds - before) / max((now - since) * self._thread_count, 1e-9), 1.0)
+
     def _measure(self, costs: IterationCosts) -> None:
         """Costs of candidates in rays by the clock, where the image depends on clocks anyway."""
-        if not self._uses_clock:
+        # Costs of an iteration that compares are those of two methods.
+        if not self._uses_clock or len(self.parts) > 1:
             return
         single_vertices = costs.guided_vertices - costs.several_vertices
         if min(costs.several_vertices, single_vertices) < max(_LEAST_MEASURED * costs.guided_vertices, 1.0):
@@ -507,7 +568,7 @@ class Learner:
         def in_rays(count: int, *stages: str) -> float:
             return sum(costs.stage_seconds[name] for name in stages) / count / per_ray
 
-        self._costs = CandidateCosts(
+        self._costs[self._choice.rung] = CandidateCosts(
             in_rays(costs.several_candidates, "draw_candidates", "predict_radiance"),
             in_rays(costs.several_vertices, "guide_resample"),
             in_rays(single_vertices, "sample_source"),
@@ -523,9 +584,13 @@ class Learner:
         if self._trainer is not None:
             self._end_training()
         if self._source is not None:
-            self._source.close()
-            self.report.source = self._source.describe()
-            self.report.source_seconds = self._source.seconds
+            self._end_source()
+
+    def _end_source(self) -> None:
+        assert self._source is not None
+        self._source.close()
+        self.report.source = self._source.describe()
+        self.report.source_seconds = self._source.seconds
 
     def _end_training(self) -> None:
         assert self._trainer is not None

@@ -17,15 +17,17 @@ import numpy as np
 from engine.film import FEATURE_PASSES, Film
 from engine.guidance import Guidance
 from engine.guiding import trial
+from engine.guiding.choice import Part
+from engine.guiding.report import GuidingReport
 from engine.guiding.vertices import VertexRecords
 from engine.kernel_cache import problem as cache_problem
-from engine.learning import GuidingReport, IterationCosts, Learner, iteration_lengths, iteration_weight
+from engine.learning import IterationCosts, Learner, iteration_lengths, iteration_weight
 from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
 from engine.wavefront.integrator import Batch, Integrator, Statistics
-from engine.work import Unit
+from engine.work import CURRENT, PLAIN, Unit
 
 try:
     import resource
@@ -115,9 +117,9 @@ def _cache_notices() -> list[Notice]:
     return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
 
 
-def _sample_ranges(samples: int) -> list[tuple[int, int]]:
-    """(first, count) of a tile's successive units: a function of the sample count alone."""
-    ranges, first, count = [], 0, 1
+def _sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[int, int]]:
+    """(first, count) of a tile's successive units, from a first one of so many samples on."""
+    ranges = []
     while first < samples:
         count = min(count, samples - first)
         ranges.append((first, count))
@@ -198,8 +200,7 @@ class Session:
                 on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
 
         start = time.perf_counter()
-        is_guided = self.settings.guiding_method != "OFF"
-        compile_ahead(lambda seconds: poll(_COMPILING, seconds), is_guided=is_guided)
+        compile_ahead(lambda seconds: poll(_COMPILING, seconds), is_guided=self.settings.is_guided)
         self._compile_seconds = time.perf_counter() - start
         start = time.perf_counter()
         self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
@@ -311,7 +312,10 @@ class Session:
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
         total = job.statistics()
-        guiding = GuidingReport()
+        guiding = GuidingReport(method=settings.guiding_method)
+        if settings.guiding_method == "AUTO" and job.learner is None:
+            guiding.chosen = "OFF"
+            guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
         if job.learner is not None:
             guiding = job.learner.report
             guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
@@ -338,7 +342,8 @@ class Session:
 class _Job:
     """One render's threads and queue. Units of one tile run one after the other, different tiles at the same time.
 
-    A guided render goes in iterations: all tiles' units of a step, then learning, then the next step.
+    A guided render goes in iterations: all tiles' units of a step, then learning, then the next step; until guiding is
+    given up.
     """
 
     def __init__(
@@ -352,7 +357,7 @@ class _Job:
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
         self.learner: Learner | None = None
-        if settings.guiding_method != "OFF":
+        if settings.is_guided:
             frame = scene.description.frame
             x0, y0, x1, y1 = frame.region
             self.learner = Learner(settings, thread_count, (x1 - x0) * (y1 - y0))
@@ -362,7 +367,7 @@ class _Job:
         else:
             self._ranges = _sample_ranges(settings.samples)
         self._step = 0
-        self._units: dict[int, VertexRecords] = {}
+        self._units: dict[int, list[VertexRecords]] = {}
         self._before = Statistics()
         self._tiles = _tiles(scene.description.frame)
         self._queue = deque((tile, 0, 0) for tile in range(len(self._tiles)))
@@ -496,13 +501,15 @@ class _Job:
             while (item := self._next_unit()) is not None:
                 tile, step, part = item
                 pixels, film_index = self._tiles[tile]
-                parts = self.learner.parts if self.learner is not None else [(*self._ranges[step], True)]
+                parts = [Part(*self._ranges[step], CURRENT)]
+                if self.learner is not None and not self.learner.is_over:
+                    parts = self.learner.parts
                 unit = Unit(pixels, film_index, *parts[part])
                 if self.integrator.trace_unit(batch, unit, self._stop_flag):
                     self._keep(batch, tile, step, unit)
                     if part + 1 < len(parts):
                         self._queue_unit(tile, step, part + 1)
-                    elif self.learner is not None:
+                    elif self.learner is not None and not self.learner.is_over:
                         self._finish_iteration()
                     elif step + 1 < len(self._ranges):
                         self._queue_unit(tile, step + 1, 0)
@@ -520,11 +527,11 @@ class _Job:
         weight = 1.0
         if self.learner is not None:
             weight = iteration_weight(self._ranges[step][0], self.settings.sample_weighting)
-            if not unit.is_guided:
+            if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
-            else:
+            elif not self.learner.is_over:
                 rows = [column[: batch.record_count].copy() for column in batch.records]
-                self._units[tile] = VertexRecords(*rows)
+                self._units.setdefault(tile, []).append(VertexRecords(*rows))
         with self.film_lock:
             self.film.merge(unit.film_index, batch.film, weight)
             self._finished_paths += len(unit.pixels) * unit.sample_count
@@ -543,7 +550,7 @@ class _Job:
             if self._unfinished_tiles or self._stop or step == len(self._ranges) or self._time_is_up():
                 return
             # One thread only: the others see unfinished tiles.
-            units = [self._units[tile] for tile in range(len(self._tiles))]
+            units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
             self._units = {}
             self._unfinished_tiles = len(self._tiles)
         assert self.learner is not None and self.integrator.guidance is not None
@@ -560,6 +567,10 @@ class _Job:
         self.integrator.guidance = self.learner.learn(
             units, self.integrator.guidance.record_threshold / 2**32, self.film, costs, next_range=self._ranges[step]
         )
+        if self.learner.is_over:
+            # Nobody waits for anybody from here on.
+            first = self._ranges[step][0]
+            self._ranges[step:] = _sample_ranges(self.settings.samples, first, LARGEST_UNIT_SAMPLES)
         with self._queue_changed:
             self._step = step
             self._queue.extend((tile, step, 0) for tile in range(len(self._tiles)))

@@ -10,7 +10,8 @@ SOURCES = ("VMM", "SDTREE", "SDTREE_VARIANCE", "NPM", "NPM_PRODUCT", "NASG", "FL
 #: Sources that are networks of their own.
 NETWORK_SOURCES = ("NPM", "NPM_PRODUCT", "NASG", "FLOW")
 #: Drawing from a source alone, or resampling what it proposes by something learned.
-GUIDING_METHODS = ("OFF", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
+#: AUTO compares them while it renders, unguided rendering included.
+GUIDING_METHODS = ("OFF", "AUTO", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
 #: What `NASG` is proportional to: incident radiance, that times the cosine, or times the whole BSDF.
 MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
 #: Lobes of neural mixtures: those of the method's paper, or others.
@@ -29,6 +30,8 @@ SAMPLE_WEIGHTINGS = ("ITERATION", "UNIFORM")
 MAX_CANDIDATES = 32
 PIXEL_FILTERS = ("BOX", "GAUSSIAN", "BLACKMAN_HARRIS")
 
+#: Samples a pixel from which on AUTO guides: of fewer, too many are spent on learning (docs/experiments.md).
+LEAST_GUIDED_SAMPLES = 16
 #: More samples than this overflow the sampler's index.
 MAX_SAMPLES = 1 << 24
 
@@ -53,7 +56,7 @@ class RenderSettings:
     transparent_max_bounces: int = 8
     min_light_bounces: int = 0
     min_transparent_bounces: int = 0
-    guiding_method: str = "OFF"
+    guiding_method: str = "OFF"  # Blender's users begin with AUTO
     guiding_probability: float = 0.5  # share of candidates that the guide proposes, the BSDF the others
     learn_guiding_probability: bool = True  # by region, from guiding_probability on
     guiding_trial: bool = True  # compare with unguided samples, and go on without guiding where it does not pay
@@ -121,6 +124,11 @@ class RenderSettings:
         for name in ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose 0 or more")
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether anything is to be learned: AUTO leaves renders alone that end before guiding can pay."""
+        return self.guiding_method != "OFF" and (self.guiding_method != "AUTO" or self.samples >= LEAST_GUIDED_SAMPLES)
 
     @property
     def source(self) -> str:

@@ -65,6 +65,12 @@ class GuidanceView(Bundle):
     benefit: np.ndarray
 
 
+# Unit.arm
+PLAIN = -1
+CURRENT = 0
+CHALLENGER = 1
+
+
 @dataclass(frozen=True)
 class Unit:
     """A tile of pixels by a range of samples: the smallest piece of work, always done whole.
@@ -77,8 +83,8 @@ class Unit:
     film_index: np.ndarray
     sample_first: int
     sample_count: int
-    #: Whether what has been learned is used, and paths are recorded to learn more.
-    is_guided: bool = True
+    #: Which of the methods in use renders it: PLAIN, or by what has been learned, with paths recorded to learn more.
+    arm: int = 0
 
 
 @dataclass(frozen=True)

@@ -105,8 +105,10 @@ def test_the_radiance_cache_is_within_three_percent_and_shortens_paths(scene, mo
     # What is learned at all depths stands for the first: a limit that paths often meet would show.
     endless = {"scene": scene, "samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "guiding_trial": False}
     plain = np.array([image_mean("OFF", seed, **endless) for seed in range(3)])
-    result = render("TABLE_RIS", 9, radiance_cache=True, **endless)
-    cached, report = result.passes["Combined"][..., :3].mean(), result.report
+    # Single renders scatter by 1%: each has its own cache.
+    results = [render("TABLE_RIS", seed, radiance_cache=True, **endless) for seed in (9, 10, 11)]
+    cached = np.mean([result.passes["Combined"][..., :3].mean() for result in results])
+    report = results[0].report
     guided_report = render("TABLE_RIS", 9, **endless).report
     assert cached == pytest.approx(plain.mean(), rel=0.03)
     assert report.rays["closest"] < 0.8 * guided_report.rays["closest"]

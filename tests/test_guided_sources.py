@@ -49,6 +49,19 @@ class Untrained:
         pass
 
 
+class Late(Untrained):
+    """Knows nothing until it has been asked to learn so many times."""
+
+    def __init__(self, settings, scale, silence):
+        super().__init__(settings, scale)
+        self._later, self.field, self._silence = self.field, None, silence
+
+    def learn(self, *_arguments):
+        self._silence -= 1
+        if self._silence == 0:
+            self.field = self._later
+
+
 def means(method, seeds=SEEDS, **settings):
     return np.array(
         [
@@ -149,6 +162,33 @@ def test_the_image_of_a_network_does_not_depend_on_threads(monkeypatch):
         for threads in (1, 2)
     )
     assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("method", ["NASG", "FLOW"])
+def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
+    settings = {"scene": pit_scene, "samples": 31, "guiding_trial": False}
+    mixture = render("VMM", 0, **settings).passes["Combined"]
+    monkeypatch.setattr(learning, "NetworkSource", Late)
+    images = []
+    for silence in (99, 3):
+        monkeypatch.setattr(learning, "make_source_model", lambda settings, n=silence: Late(settings, 1.0, n))
+        images.append(render(method, 0, **settings).passes["Combined"])
+    # Compiled apart, so that rounding differs.
+    np.testing.assert_allclose(images[0], mixture, rtol=1e-3)
+    assert not np.allclose(images[1], mixture, rtol=1e-3)
+
+
+def test_a_network_that_does_not_pay_is_given_up(monkeypatch):
+    """What stood in for it guides again, and is tried in its turn."""
+    monkeypatch.setattr(learning, "NetworkSource", Late)
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Late(settings, 20.0, 4))
+    settings = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
+    result = render("NPM", 0, **settings)
+    report = result.report.guiding
+    assert 31 <= report.source_stopped_at <= 63
+    assert result.guidance.source is None
+    assert not report.stopped_at or report.stopped_at > report.source_stopped_at
+    assert "did not pay" in " ".join(report.lines)
 
 
 @pytest.mark.slow

@@ -15,8 +15,9 @@ from engine.wavefront import integrator
 from tests.test_guided_render import Z_LIMIT, pit_scene, render, z_score
 
 SEEDS = 6
-#: Most variance over that of source sampling, which `VMM` is.
-MOST_VARIANCE = 1.3
+#: Most variance over that of source sampling, which `VMM` is; medians over seeds, since a single bright sample doubles
+#: that of a render (inverted: 1.08 to 1.29 in sixteen others, 1.15 on average).
+MOST_VARIANCE = 1.25
 
 
 class BadNetwork:
@@ -42,7 +43,7 @@ def ask(network, monkeypatch):
     field = no_network(NETWORK_SHAPES["COMPACT"])
     monkeypatch.setattr(Learner, "_start_network", lambda learner: setattr(learner, "_network", field))
     monkeypatch.setattr(Learner, "_weighs_network", lambda learner: False)
-    monkeypatch.setitem(integrator._PREDICTORS, "NEURAL_RIS", network)
+    monkeypatch.setitem(integrator._STAGES, "predict_radiance", (network, 0))
 
 
 def mean_and_variance(method, seed):
@@ -67,7 +68,7 @@ def test_bad_networks_change_no_mean_and_cost_little_variance(kind, source, monk
     assert z_score(means, source[0]) < Z_LIMIT
     # The test can see a bias of 2%.
     assert z_score(1.02 * means, source[0]) > Z_LIMIT
-    assert variances.mean() < MOST_VARIANCE * source[1].mean()
+    assert np.median(variances) < MOST_VARIANCE * np.median(source[1])
 
 
 def test_a_network_is_trained_while_it_is_worth_it(monkeypatch):
@@ -85,10 +86,10 @@ def test_a_network_is_trained_while_it_is_worth_it(monkeypatch):
             made._weigh_network(costs, 0.4, 7)
 
     patient = learner()
-    # Recorded are two paths in five; an eighth of their vertices only keep the estimates coming.
-    weigh(patient, 0.04, 0.1, 0.08, 0.1)
+    # Recorded are two paths in five, one in four of their vertices may; an eighth of those keep the estimates coming.
+    weigh(patient, 0.01, 0.03, 0.02, 0.03)
     assert not started
-    weigh(patient, 0.1)
+    weigh(patient, 0.03)
     assert started == [patient]
     patient.report.has_trained = True
     # There is nothing to judge before the first snapshot.

@@ -21,6 +21,8 @@ import pytest
 
 from engine.guiding import channel as channel_module
 from engine.guiding.channel import Channel
+from engine.guiding.flow.shape import FlowShape
+from engine.guiding.mixture.shape import MixtureShape
 from engine.guiding.network import NetworkShape, Snapshot, TrainingSettings, initial_parameters
 from engine.guiding.records import allocate_records
 from engine.guiding.trainer import NetworkTrainer, TrainerState
@@ -314,6 +316,15 @@ def test_real_worker_trains_in_the_background():
         np.testing.assert_allclose(received.scale, 1.5, rtol=0.1)
         wait_for(lambda: trainer.status.state is TrainerState.IDLE)
     assert trainer.status.message == "closed"
+
+
+@needs_torch
+@pytest.mark.parametrize("shape", [SHAPE, MixtureShape(position_encoding="BLOB"), FlowShape()], ids=lambda s: s.kind)
+def test_real_worker_waits_for_the_first_records(shape):
+    with NetworkTrainer(shape) as trainer:
+        wait_for(lambda: trainer.status.state is not TrainerState.STARTING, seconds=120.0)
+        time.sleep(2.5)
+        assert trainer.status.state is TrainerState.WAITING, trainer.status.message
 
 
 @needs_torch

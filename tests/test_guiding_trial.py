@@ -6,6 +6,7 @@ import pytest
 
 from engine.guiding import trial
 from engine.guiding.trial import GuidingTrial, parts
+from engine.work import CURRENT
 from tests.test_guided_render import SEEDS, Z_LIMIT, corner_scene, render, z_score
 
 PIXELS = 4000
@@ -54,7 +55,7 @@ def test_parts_hold_every_sample_once(iteration, count):
         pieces = parts(iteration, 7, count, is_tried=is_tried)
         samples = [sample for first, size, _ in pieces for sample in range(first, first + size)]
         assert samples == list(range(7, 7 + count))
-        assert pieces[0][2], "the guided part comes first"
+        assert pieces[0][2] == CURRENT, "the guided part comes first"
         is_split = is_tried and iteration in trial.LEAST_EFFICIENCY and count >= 4
         assert len(pieces) == (2 if is_split else 1)
         assert not is_split or pieces[1][1] >= 2, "a variance takes two"

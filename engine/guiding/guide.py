@@ -3,7 +3,8 @@
 
 A guide is a bundle of lanes. `ready_guide` says for a lane whether there is anything to sample by; once that has been
 asked of all lanes of a round, `query_guides` does what is better done for many at once. Then `eval_guide` is the
-density of `sample_guide`, and `predict_guide` says what radiance to expect from a direction.
+density of `sample_guide`, and `predict_guide` says what radiance to expect from a direction. Until a network's first
+snapshot, which takes seconds, the mixture field stands in for it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.bundle import Bundle
 from engine.guiding.flow.field import FlowField, FlowGuide, allocate_flow_guide, no_flow_field
 from engine.guiding.flow.query import eval_flow, predict_flow, prepare_flow, sample_flow
 from engine.guiding.flow.shape import FlowShape
@@ -24,7 +26,7 @@ from engine.guiding.mixture.guide import (
     query_mixtures,
     sample_mixture,
 )
-from engine.guiding.mixture.inference import HEADER_IS_READY, MixtureNetwork
+from engine.guiding.mixture.inference import MixtureNetwork
 from engine.guiding.sdtree.field import SdTreeField, SdTreeGuide, allocate_sdtree_guide, no_sdtree_field
 from engine.guiding.sdtree.query import (
     eval_sdtree,
@@ -40,31 +42,52 @@ from engine.jit import by_bundle, kernel
 from engine.kernels.bsdf import mean_roughness
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import prefetch_lines
+from engine.scene.arrays import Uint8Array
 from engine.settings import RenderSettings
 from engine.state import POINT_NS, POINT_P, POINT_WO
 
-#: Where a guide keeps the field that it samples from; lobes of the statistical mixture are copied to their lanes.
-_FIELDS: dict[type, str] = {SdTreeGuide: "tree", MixtureGuide: "network", FlowGuide: "network"}
-
 #: What an iteration may have learned to sample by, besides the statistical mixtures.
 SourceField = SdTreeField | MixtureNetwork | FlowField
+
+
+class NetworkGuide(Bundle):
+    """A network's lanes, and those of the mixture field for as long as there is no network.
+
+    lanes : MixtureGuide or FlowGuide
+    early : GuideLobes
+    has_network : uint8 (1,)
+    """
+
+    lanes: Bundle
+    early: GuideLobes
+    has_network: Uint8Array
 
 
 def allocate_guide_of(settings: RenderSettings, lane_count: int) -> Any:
     """Lanes for the source of directions that the settings ask for; it has learned nothing."""
     if settings.source in ("SDTREE", "SDTREE_VARIANCE"):
         return allocate_sdtree_guide(lane_count, no_sdtree_field())
+    early = allocate_guide(lane_count)
     if settings.source == "VMM":
-        return allocate_guide(lane_count)
+        return early
     shape = source_shape(settings)
+    lanes: Bundle
     if isinstance(shape, FlowShape):
-        return allocate_flow_guide(no_flow_field(shape), lane_count)
-    return allocate_mixture_guide(shape, lane_count)
+        lanes = allocate_flow_guide(no_flow_field(shape), lane_count)
+    else:
+        lanes = allocate_mixture_guide(shape, lane_count)
+    return NetworkGuide(lanes, early, np.zeros(1, np.uint8))
 
 
 def with_field(guide: Any, field: SourceField | None) -> Any:
-    """The same lanes for what has been learned since; None: for nothing new."""
-    return guide if field is None else guide._replace(**{_FIELDS[type(guide)]: field})
+    """The same lanes for what has been learned; None: nothing but the mixture field."""
+    if isinstance(guide, SdTreeGuide):
+        return guide._replace(tree=no_sdtree_field() if field is None else field)
+    if isinstance(guide, NetworkGuide):
+        has_network = np.full(1, field is not None, np.uint8)
+        lanes = guide.lanes if field is None else guide.lanes._replace(network=field)
+        return guide._replace(lanes=lanes, has_network=has_network)
+    return guide
 
 
 @kernel
@@ -92,14 +115,12 @@ def _ready_mixture(guide, lane, field, region, points, closures, is_diffuse, bit
     guide.fluence[lane] = field.fluence[region] if region >= 0 else np.float32(0.0)
     guide.roughness[lane] = mean_roughness(closures, lane)
     guide.is_diffuse[lane] = 1 if is_diffuse else 0
-    return guide.network.header[HEADER_IS_READY] != 0
+    return True
 
 
 @kernel
 def _ready_flow(guide, lane, field, region, points, closures, is_diffuse, bits):
     """The flow, on condition of the vertex."""
-    if guide.network.is_ready[0] == 0:
-        return False
     prepare_flow(
         guide, lane, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO),
         mean_roughness(closures, lane), field.fluence[region] if region >= 0 else np.float32(0.0),
@@ -123,34 +144,72 @@ def _ask_for_nothing(guide, lane):
     """A lane whose data are few, or not known ahead."""
 
 
+_ready_lanes = by_bundle({MixtureGuide: _ready_mixture, FlowGuide: _ready_flow})
+_query_lanes = by_bundle({MixtureGuide: query_mixtures, FlowGuide: _query_nothing})
+_ask_for_lanes = by_bundle({MixtureGuide: ask_for_mixture, FlowGuide: _ask_for_nothing})
+_eval_lanes = by_bundle({MixtureGuide: eval_mixture, FlowGuide: eval_flow})
+_sample_lanes = by_bundle({MixtureGuide: sample_mixture, FlowGuide: sample_flow})
+_predict_lanes = by_bundle({MixtureGuide: predict_mixture, FlowGuide: predict_flow})
+
+
+@kernel
+def _ready_network(guide, lane, field, region, points, closures, is_diffuse, bits):
+    """What the network will be asked with, or the region's mixture."""
+    if guide.has_network[0] == 0:
+        return _ready_vmm(guide.early, lane, field, region, points, closures, is_diffuse, bits)
+    return _ready_lanes(guide.lanes, lane, field, region, points, closures, is_diffuse, bits)
+
+
+@kernel
+def _query_network(guide, guided, points, lanes, lane_count):
+    """Ask the network, if there is one."""
+    if guide.has_network[0] != 0:
+        _query_lanes(guide.lanes, guided, points, lanes, lane_count)
+
+
+@kernel
+def _ask_for_network(guide, lane):
+    """Have a lane's distribution brought to the cache."""
+    if guide.has_network[0] == 0:
+        _ask_for_lobes(guide.early, lane)
+    else:
+        _ask_for_lanes(guide.lanes, lane)
+
+
+@kernel
+def _eval_network(guide, lane, wi):
+    """Density of `_sample_network`."""
+    if guide.has_network[0] == 0:
+        return eval_vmm(guide.early, lane, wi)
+    return _eval_lanes(guide.lanes, lane, wi)
+
+
+@kernel
+def _sample_network(guide, lane, u0, u1, u2):
+    """Draw a direction from the network's distribution or the field's."""
+    if guide.has_network[0] == 0:
+        return sample_vmm(guide.early, lane, u0, u1, u2)
+    return _sample_lanes(guide.lanes, lane, u0, u1, u2)
+
+
+@kernel
+def _predict_network(guide, lane, wi, guide_pdf):
+    """Radiance to expect by the network's distribution or the field's."""
+    if guide.has_network[0] == 0:
+        return predict_vmm(guide.early, lane, wi, guide_pdf)
+    return _predict_lanes(guide.lanes, lane, wi, guide_pdf)
+
+
 #: (guide, lane, field, region, points, closures, is_diffuse, bits) -> bool: make a lane ready to be sampled, if it can.
 #: `field` and `region` are of the mixture field (-1: it knows nothing here), `bits` random.
-ready_guide = by_bundle(
-    {GuideLobes: _ready_vmm, SdTreeGuide: _ready_sdtree, MixtureGuide: _ready_mixture, FlowGuide: _ready_flow}
-)
+ready_guide = by_bundle({GuideLobes: _ready_vmm, SdTreeGuide: _ready_sdtree, NetworkGuide: _ready_network})
 #: (guide, guided, points, lanes, lane_count): make all lanes ready that `ready_guide` has agreed to.
-query_guides = by_bundle(
-    {
-        GuideLobes: _query_nothing, SdTreeGuide: _query_nothing, MixtureGuide: query_mixtures,
-        FlowGuide: _query_nothing,
-    }
-)  # fmt: skip
+query_guides = by_bundle({GuideLobes: _query_nothing, SdTreeGuide: _query_nothing, NetworkGuide: _query_network})
 #: (guide, lane): have a lane's data brought to the cache.
-ask_for_guide = by_bundle(
-    {
-        GuideLobes: _ask_for_lobes, SdTreeGuide: _ask_for_nothing, MixtureGuide: ask_for_mixture,
-        FlowGuide: _ask_for_nothing,
-    }
-)  # fmt: skip
+ask_for_guide = by_bundle({GuideLobes: _ask_for_lobes, SdTreeGuide: _ask_for_nothing, NetworkGuide: _ask_for_network})
 #: (guide, lane, wi) -> float32 [sr^-1]: density of `sample_guide`.
-eval_guide = by_bundle(
-    {GuideLobes: eval_vmm, SdTreeGuide: eval_sdtree, MixtureGuide: eval_mixture, FlowGuide: eval_flow}
-)
+eval_guide = by_bundle({GuideLobes: eval_vmm, SdTreeGuide: eval_sdtree, NetworkGuide: _eval_network})
 #: (guide, lane, u0, u1, u2) -> unit direction.
-sample_guide = by_bundle(
-    {GuideLobes: sample_vmm, SdTreeGuide: sample_sdtree, MixtureGuide: sample_mixture, FlowGuide: sample_flow}
-)
+sample_guide = by_bundle({GuideLobes: sample_vmm, SdTreeGuide: sample_sdtree, NetworkGuide: _sample_network})
 #: (guide, lane, wi, guide_pdf) -> float32: incident radiance along wi, mean over channels.
-predict_guide = by_bundle(
-    {GuideLobes: predict_vmm, SdTreeGuide: predict_sdtree, MixtureGuide: predict_mixture, FlowGuide: predict_flow}
-)
+predict_guide = by_bundle({GuideLobes: predict_vmm, SdTreeGuide: predict_sdtree, NetworkGuide: _predict_network})

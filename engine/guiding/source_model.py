@@ -146,7 +146,7 @@ class NetworkSource:
         status = trainer.status
         self._note(trainer)
         if status.state is TrainerState.DEAD:
-            effect = "the BSDF proposes all directions" if self.field is None else "what it had learned stays in use"
+            effect = "the mixture field guides instead" if self.field is None else "what it had learned stays in use"
             self.notices.append(Notice(f"Guiding / {self._name}", status.message, effect))
             trainer.close()
             self._trainer = None

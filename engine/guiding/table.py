@@ -49,8 +49,8 @@ class TableField(Bundle):
 
 
 def no_table(channel_count: int = 3) -> TableField:
-    """A table of one black region, to stand where there is none."""
-    return TableField(np.zeros((1, TABLE_SIDE * TABLE_SIDE, channel_count), np.float32))
+    """A table of no region, to stand where there is none."""
+    return TableField(np.zeros((0, TABLE_SIDE * TABLE_SIDE, channel_count), np.float32))
 
 
 @kernel
@@ -200,6 +200,8 @@ class TableModel:
 
     Parameters
     ----------
+    region_count : int
+        Of the model, before its update that is the first to learn from.
     channel_count : int
     statistics_limit : float
         Samples a region remembers; `inherited_share` of them pass to its children when it is cut.
@@ -208,15 +210,18 @@ class TableModel:
     ----------
     field : TableField
         For kernels; every update makes a new one.
+    update_count : int
     """
 
     def __init__(
-        self, channel_count: int = 3, statistics_limit: float = 65536.0, inherited_share: float = 0.25
+        self, region_count: int = 1, channel_count: int = 3, statistics_limit: float = 65536.0,
+        inherited_share: float = 0.25,
     ) -> None:
         self._limit = statistics_limit
         self._inherited_share = inherited_share
-        self._sums = np.zeros((1, _CELL_COUNT, channel_count + _SUM_EXTRA), np.float32)
-        self.field = TableField(np.zeros((1, _CELL_COUNT, channel_count), np.float32))
+        self._sums = np.zeros((region_count, _CELL_COUNT, channel_count + _SUM_EXTRA), np.float32)
+        self.field = TableField(np.zeros((region_count, _CELL_COUNT, channel_count), np.float32))
+        self.update_count = 0
 
     def update(self, model: VmmModel, executor: ThreadPoolExecutor | None = None, thread_count: int = 1) -> None:
         """Learn from the batch of the model's last update and publish a new field."""
@@ -234,3 +239,4 @@ class TableModel:
 
         run(work, pieces.size - 1)
         self.field = TableField(values)
+        self.update_count += 1

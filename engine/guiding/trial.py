@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Does guiding pay in this image? Some iterations render a quarter of their samples without it, and compare.
+"""Does one way of rendering pay more than another in this image? Iterations render some samples by each, and compare.
 
 What regions promise (`engine.guiding.selection`) does not add up along paths, and where light is easy to find guiding
 costs more than it brings. The same pixels rendered both ways tell: efficiency is 1 / (variance x cost). Where guiding
@@ -13,11 +13,16 @@ import math
 
 import numpy as np
 
+from engine.work import CURRENT, PLAIN
+
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
 #: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
 #: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
 #: (docs/experiments.md).
 LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.15, 6: 1.3}
+#: Where a trial begins anew: of what has just begun to learn, and of what is known well.
+BEFORE_FIRST = 2
+LAST_DOUBT = 5
 #: Efficiency that needs no more comparing.
 CLEAR_EFFICIENCY = 1.35
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
@@ -29,8 +34,8 @@ _OUTLIER_SHARE = 0.05
 _ROUNDS = 8
 
 
-def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tuple[int, int, bool]]:
-    """(first sample, samples, whether guided) of an iteration's parts.
+def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tuple[int, int, int]]:
+    """(first sample, samples, arm) of an iteration's parts, for the trial against unguided rendering.
 
     Parameters
     ----------
@@ -38,13 +43,13 @@ def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tup
         Whether there is anything to compare.
     """
     if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
-        return [(first, count, True)]
+        return [(first, count, CURRENT)]
     plain = max(count // 4, 2)  # a variance takes two
-    return [(first, count - plain, True), (first + count - plain, plain, False)]
+    return [(first, count - plain, CURRENT), (first + count - plain, plain, PLAIN)]
 
 
 class GuidingTrial:
-    """Moments of the samples of one iteration, with guiding and without.
+    """Moments of one iteration's samples, by the challenger (guiding, or a finer method) and by what it is to beat.
 
     Parameters
     ----------
@@ -52,13 +57,13 @@ class GuidingTrial:
     """
 
     def __init__(self, pixel_count: int) -> None:
-        #: By guided (1) or not (0): variance of a sample, mean over channels, by pixel; NaN where there is none.
+        #: By challenger (1) or not (0): variance of a sample, mean over channels, by pixel; NaN where there is none.
         self._variance = np.full((2, pixel_count), np.nan, np.float32)
         self._costs: tuple[list[float], list[float]] = ([], [])
         self._paths = [0, 0]
 
     def add(
-        self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_guided: bool
+        self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_challenger: bool
     ) -> None:
         """Take a unit's sums.
 
@@ -71,15 +76,15 @@ class GuidingTrial:
             return
         total = radiance[: len(pixels)].astype(np.float64)
         spread = square[: len(pixels)] - total * total / sample_count
-        self._variance[int(is_guided), pixels] = np.maximum(spread, 0.0).mean(axis=1) / (sample_count - 1)
+        self._variance[int(is_challenger), pixels] = np.maximum(spread, 0.0).mean(axis=1) / (sample_count - 1)
 
-    def add_cost(self, cost: float, path_count: int, is_guided: bool) -> None:
+    def add_cost(self, cost: float, path_count: int, is_challenger: bool) -> None:
         """Take what a unit of so many paths cost, in any unit."""
-        self._costs[int(is_guided)].append(cost)
-        self._paths[int(is_guided)] += path_count
+        self._costs[int(is_challenger)].append(cost)
+        self._paths[int(is_challenger)] += path_count
 
     def efficiency(self, weights: np.ndarray) -> float:
-        """Efficiency of guided over unguided rendering, 1 / (variance x cost); NaN if nothing was compared.
+        """Efficiency of the challenger, 1 / (variance x cost), over the other's; NaN if nothing was compared.
 
         Parameters
         ----------
@@ -94,5 +99,5 @@ class GuidingTrial:
             total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
-        plain, guided = total * cost
-        return float(plain / guided) if guided > 0.0 else float("nan")
+        other, challenger = total * cost
+        return float(other / challenger) if challenger > 0.0 else float("nan")

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,14 +56,9 @@ from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
-from engine.wavefront.options import make_guiding_options, make_options
+from engine.wavefront.options import GuidingOptions, make_guiding_options, make_options
 from engine.wavefront.play_roulette import play_roulette
-from engine.wavefront.predict_radiance import (
-    blend_with_mixture,
-    predict_by_mixture,
-    predict_by_network,
-    predict_by_table,
-)
+from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
@@ -77,12 +72,15 @@ from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
 from engine.work import (
     CANDIDATES,
+    CHALLENGER,
     CLOCK_ENTRIES,
     CLOSEST_RAYS,
     COUNT_WIDTH,
+    CURRENT,
     FREE,
     GUIDED_VERTICES,
     LANE_LISTS,
+    PLAIN,
     RECORDS,
     REJECTS,
     RESAMPLED_CANDIDATES,
@@ -117,7 +115,7 @@ from engine.work import (
 #: Records that a unit of work may make.
 RECORD_ROWS = 1 << 15
 
-#: Stages and how many int64 they return, but `predict_radiance`, which depends on the method.
+#: Stages and how many int64 they return.
 _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "init_from_camera": (init_from_camera, 3),
     "play_roulette": (play_roulette, 1),
@@ -140,13 +138,20 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "write_guiding": (write_guiding, 0),
     "guide_lights": (guide_lights, 0),
     "draw_candidates": (draw_candidates, 3),
+    "predict_radiance": (predict_radiance, 0),
     "blend_with_mixture": (blend_with_mixture, 0),
     "guide_resample": (guide_resample, 0),
     "sample_source": (sample_source, 0),
     "collect_records": (collect_records, 2),
 }
 
-_PREDICTORS = {"TABLE_RIS": predict_by_table, "NEURAL_RIS": predict_by_network}
+
+class _Arm(NamedTuple):
+    """One way that units of an iteration are rendered."""
+
+    guidance: Guidance | None
+    view: GuidanceView
+    options: GuidingOptions
 
 
 @dataclass
@@ -225,7 +230,7 @@ class Batch:
         """Draw directions from what an iteration has learned."""
         if guidance is not self._guidance:
             self._guidance = guidance
-            if guidance is not None and guidance.source is not None:
+            if guidance is not None:
                 self.work = self.work._replace(guide=with_field(self.work.guide, guidance.source))
 
     def begin(self) -> None:
@@ -301,9 +306,8 @@ class Integrator:
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
-        predict = _PREDICTORS.get(settings.guiding_method, predict_by_mixture)
         #: Made here, since the types of the stages' arguments follow from scene and settings.
-        self.stages = StageTable({**_STAGES, "predict_radiance": (predict, 0)})
+        self.stages = StageTable(_STAGES)
         self._compiled_loop: BoundKernel | None = None
         self._python_loop = in_python(trace_rounds)
         nothing = np.zeros(1, np.float32)
@@ -311,7 +315,6 @@ class Integrator:
             no_field(), no_table(), no_network(NETWORK_SHAPES[settings.network_size]), no_allocation(),
             nothing, nothing, nothing,
         )
-        self._guiding_options = make_guiding_options(settings, candidate_count=1)
         self._settings = settings
         self.guidance: Guidance | None = None
 
@@ -323,25 +326,33 @@ class Integrator:
     @guidance.setter
     def guidance(self, guidance: Guidance | None) -> None:
         self._guidance = guidance
-        self._guidance_view = self._no_guidance
-        if guidance is not None and guidance.field is not None:
-            assert guidance.allocation is not None
-            assert guidance.probability is not None and guidance.light_share is not None
-            assert guidance.benefit is not None
-            table = guidance.table if guidance.table is not None else self._no_guidance.table
-            network = guidance.network if guidance.network is not None else self._no_guidance.network
-            self._guidance_view = GuidanceView(
-                guidance.field, table, network, guidance.allocation, guidance.probability, guidance.light_share,
-                guidance.benefit,
-            )
-            self._guiding_options = make_guiding_options(
-                self._settings,
-                candidate_count=guidance.candidate_count,
-                predicts_color=guidance.table is not None or guidance.network is not None,
-                probes_only=guidance.probes_only,
-            )
-        if self._guidance_view._numba_type_ != self._no_guidance._numba_type_:
+        challenger = guidance.challenger if guidance is not None else None
+        self._arms = {PLAIN: self._make_arm(None), CURRENT: self._make_arm(guidance)}
+        if challenger is not None:
+            self._arms[CHALLENGER] = self._make_arm(challenger)
+
+    def _make_arm(self, guidance: Guidance | None) -> _Arm:
+        if guidance is None or guidance.field is None:
+            options = make_guiding_options(self._settings, candidate_count=1)
+            return _Arm(guidance, self._no_guidance, options)
+        assert guidance.allocation is not None
+        assert guidance.probability is not None and guidance.light_share is not None
+        assert guidance.benefit is not None
+        table = guidance.table if guidance.table is not None else self._no_guidance.table
+        network = guidance.network if guidance.network is not None else self._no_guidance.network
+        view = GuidanceView(
+            guidance.field, table, network, guidance.allocation, guidance.probability, guidance.light_share,
+            guidance.benefit,
+        )
+        if view._numba_type_ != self._no_guidance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
+        options = make_guiding_options(
+            self._settings,
+            candidate_count=guidance.candidate_count,
+            predicts_color=guidance.table is not None or guidance.network is not None,
+            probes_only=guidance.probes_only,
+        )
+        return _Arm(guidance, view, options)
 
     def warm_up(self, batch: Batch, unit: Unit, stop: np.ndarray, rehearsal: Guidance | None = None) -> None:
         """Load (or compile) every kernel this scene can need, by one path and by calls on nothing.
@@ -379,8 +390,8 @@ class Integrator:
     def _rehearse(self, batch: Batch, guidance: Guidance) -> None:
         """Call every guided stage on no lanes."""
         self.guidance = guidance
-        stages, view, learned, b = self.stages, self.view, self._guidance_view, batch.work
-        options, guiding_options = self.options, self._guiding_options
+        stages, view, options, b = self.stages, self.view, self.options, batch.work
+        _, learned, guiding_options = self._arms[CURRENT]
         stages.prepare_guides(
             guiding_options, learned.field, learned.allocation, learned.probability, learned.light_share, b.paths,
             b.points, b.closures, b.guided, b.guide, b.samples, b.log, batch.no_weight, b.surface, 0,
@@ -426,7 +437,8 @@ class Integrator:
         """
         batch.follow(self.guidance)
         batch.begin()
-        view, stages, learned, b = self.view, self.stages, self._guidance_view, batch.work
+        view, stages, b = self.view, self.stages, batch.work
+        _, learned, guiding_options = self._arms[CURRENT]
         pinhole = view.camera.copy()
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         _, active_count, _ = stages.init_from_camera(
@@ -447,7 +459,7 @@ class Integrator:
         )
         if self.guidance is not None and self.guidance.field is not None:
             stages.prepare_guides(
-                self._guiding_options, learned.field, learned.allocation, np.ones_like(learned.probability),
+                guiding_options, learned.field, learned.allocation, np.ones_like(learned.probability),
                 np.ones_like(learned.light_share), b.paths, b.points, b.closures, b.guided, b.guide, b.samples, b.log,
                 batch.no_weight, b.surface, surface_count,
             )
@@ -466,7 +478,7 @@ class Integrator:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        batch.follow(self.guidance)
+        batch.follow(self._arms[unit.arm].guidance)
         batch.begin()
         started = time.perf_counter()
         if self.ray_observer is None and self._compiled_loop is not None:
@@ -478,7 +490,7 @@ class Integrator:
 
     def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
         """What `trace_rounds` takes."""
-        guidance = self.guidance if unit.is_guided else None
+        guidance, learned, guiding_options = self._arms[unit.arm]
         weights = guidance.pixel_weight if guidance is not None else None
         header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
         header[UNIT_SEED] = self.seed
@@ -492,7 +504,7 @@ class Integrator:
             header, unit.pixels, weights[unit.film_index] if weights is not None else batch.no_weight, batch.film
         )
         return (
-            stages, self.view, self.options, self._guiding_options, self._guidance_view, view, batch.work, stop
+            stages, self.view, self.options, guiding_options, learned, view, batch.work, stop
         )  # fmt: skip
 
     def _python_stages(self) -> SimpleNamespace:

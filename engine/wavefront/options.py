@@ -56,8 +56,8 @@ class GuidingOptions(NamedTuple):
 
     `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
     guided. With `use_cache` paths end at the first rough surface, with the predicted radiance. With `blends_mixture`
-    the mixture has a share in predictions of colour. With `probes_only` allocation is for recorded paths, by which it
-    can be judged; the others take one candidate.
+    the mixture has a share in predictions of colour. With `probes_only` allocation is for some vertices of recorded
+    paths, by which it can be judged; all others take one candidate.
     """
 
     defensive_alpha: np.float32

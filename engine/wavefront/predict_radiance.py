@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: incident radiance along candidates, from the statistical fields. All that predict take the same arguments."""
+"""Stage: incident radiance along candidates, by the finest of what has been learned."""
 
 import numpy as np
 
@@ -17,33 +17,23 @@ _MIXTURE_SHARE = np.float32(0.5)
 
 
 @kernel
-def predict_by_mixture(table, network, latent, hidden, guide, guided, candidates, row_count):
-    """Fill `candidates.radiance` with the grey radiance of the lane's mixture."""
-    for row in range(row_count):
-        lane = candidates.lane[candidates.vertex[row]]
-        radiance = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
-        for c in range(candidates.radiance.shape[1]):
-            candidates.radiance[row, c] = radiance
-
-
-@kernel
-def predict_by_table(table, network, latent, hidden, guide, guided, candidates, row_count):
-    """Fill `candidates.radiance` from the directional table of the lane's region."""
-    for row in range(row_count):
-        lane = candidates.lane[candidates.vertex[row]]
-        predict_table(table, guided.region[lane], load(candidates.direction, row), candidates.radiance, row)
-
-
-@kernel
-def predict_by_network(table, network, latent, hidden, guide, guided, candidates, row_count):
-    """Fill `candidates.radiance` from the radiance network; from the lane's mixture while nothing has been learned."""
-    if network.is_ready[0] == 0:
-        predict_by_mixture(table, network, latent, hidden, guide, guided, candidates, row_count)
-    else:
+def predict_radiance(table, network, latent, hidden, guide, guided, candidates, row_count):
+    """Fill `candidates.radiance` from the network, else from the region's table, else from the (grey) mixture."""
+    if network.is_ready[0] != 0:
         predict_network(
             network, candidates.position, candidates.vertex, candidates.direction, row_count, latent, hidden,
             candidates.radiance,
         )
+        return
+    has_table = table.values.shape[0] > 0
+    for row in range(row_count):
+        lane = candidates.lane[candidates.vertex[row]]
+        if has_table:
+            predict_table(table, guided.region[lane], load(candidates.direction, row), candidates.radiance, row)
+            continue
+        radiance = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
+        for c in range(candidates.radiance.shape[1]):
+            candidates.radiance[row, c] = radiance
 
 
 @kernel

@@ -10,13 +10,14 @@ from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine, unit_float
-from engine.ris.orca import candidate_count
+from engine.ris.orca import PROBED_SHARE, candidate_count
 from engine.state import POINT_P
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
 #: Share (of 2^32) of recorded lanes for which the guide is asked, though not used, where its probability is 0.
 _TRIAL_BITS = np.uint32(1 << 28)
+_PROBED_BITS = np.uint32(PROBED_SHARE * 2**32)
 
 
 @kernel
@@ -80,7 +81,8 @@ def prepare_guides(
         guided.leaf[lane] = leaf
         guided.probability[lane] = probability[leaf]
         count = guiding.candidate_count
-        if count == 0 and guiding.probes_only != 0 and not is_recorded:
+        is_probe = is_recorded and hash_combine(bits, np.uint32(5)) < _PROBED_BITS
+        if count == 0 and guiding.probes_only != 0 and not is_probe:
             count = 1
         if count == 0:
             squared = 0.0

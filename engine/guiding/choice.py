@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which method the next iteration goes by: what is in use, compared with unguided rendering, then with finer methods.
+
+Some iterations render a part of their samples by another method, and efficiencies, 1 / (variance x cost), are compared
+(`engine.guiding.trial`). All methods have the same expected image, and what is chosen depends on samples already taken
+only. With the method AUTO a finer method is tried where resampling promises to pay (`engine.learning`), taken up if it
+does, and left again if it no longer does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.film import FilmTile
+from engine.guiding import trial
+from engine.guiding.trial import GuidingTrial
+from engine.work import CHALLENGER, CURRENT, PLAIN, Unit
+
+#: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
+#: after so many comparisons. Variances of a few samples a pixel tell efficiencies to about a tenth.
+_DROPPED = (0.8, 0.95, 1.03)
+_TAKEN = (1.5, 1.15, 1.03)
+#: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
+_AGAIN = 4
+
+
+class Part(NamedTuple):
+    """Samples of an iteration that are rendered alike, by one of the arms of `engine.work`."""
+
+    first_sample: int
+    sample_count: int
+    arm: int
+
+
+class Choice:
+    """What a render goes by.
+
+    Parameters
+    ----------
+    pixel_count : int
+    rung : str
+        Method to begin with.
+    tries_plain : bool
+        Compare with unguided rendering.
+
+    Attributes
+    ----------
+    parts : list of Part, of the iteration in work
+    challenger : str, method of the arm CHALLENGER, empty if there is none
+    has_lost : bool, unguided rendering was better when last compared
+    efficiency : float, over unguided rendering when last compared
+    trials : list of str, what was compared, for people
+    """
+
+    def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
+        self.rung = rung
+        self.challenger = ""
+        self.parts = [Part(0, 1, CURRENT)]
+        self.has_lost = False
+        self.efficiency = math.nan
+        self.trials: list[str] = []
+        self._pixel_count = pixel_count
+        self._tries_plain = tries_plain
+        #: Where the trial against unguided rendering stands.
+        self._iteration = 0
+        self._least_efficiency = 0.0
+        self._has_won = False
+        self._trial: GuidingTrial | None = None
+        #: Log efficiencies of the challenger so far, and from which sample on methods may be tried again.
+        self._evidence: list[float] = []
+        self._not_before: dict[str, int] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether guiding has been found better than unguided rendering, or nobody asks."""
+        return not self._tries_plain or self._has_won or self._iteration > max(trial.LEAST_EFFICIENCY)
+
+    @property
+    def guided_share(self) -> float:
+        """Share of the samples of the iteration in work that are guided."""
+        counts = [(count, arm != PLAIN) for _, count, arm in self.parts]
+        return sum(count for count, is_guided in counts if is_guided) / sum(count for count, _ in counts)
+
+    def has_tried(self, method: str) -> bool:
+        """Whether a method is in use, or has been compared."""
+        return method == self.rung or method in self._not_before
+
+    def has_use_for(self, method: str, next_sample: int) -> bool:
+        """Whether a method is in use or being tried, or could be tried now."""
+        return method in (self.rung, self.challenger) or next_sample >= self._not_before.get(method, 0)
+
+    def restart(self, iteration: int) -> None:
+        """Compare with unguided rendering again, from a stage of the trial on: something else guides now."""
+        self._iteration = iteration
+        self._has_won = False
+
+    def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
+        """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
+        if self._trial is not None:
+            is_challenger = self._is_challenger(unit.arm)
+            self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
+            self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+
+    def _is_challenger(self, arm: int) -> bool:
+        return arm == CHALLENGER if self.challenger else arm == CURRENT
+
+    def judge(self, weights: np.ndarray, next_sample: int, overhead: float) -> None:
+        """After an iteration: draw the conclusion, if it compared.
+
+        Parameters
+        ----------
+        weights : float32 (P,), of the pixels' variances
+        next_sample : int
+        overhead : float
+            Cost of what the arm compared needs besides tracing, as a share of that.
+        """
+        self._iteration += 1
+        if self._trial is None:
+            return
+        efficiency = self._trial.efficiency(weights) / (1.0 + overhead)
+        self._trial = None
+        if self.challenger:
+            self._judge_challenger(efficiency, next_sample)
+            return
+        self.efficiency = efficiency
+        self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
+        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
+        # Written so that NaN, nothing compared, goes on.
+        self.has_lost = efficiency < self._least_efficiency
+
+    def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
+        if not efficiency > 0.0:
+            return
+        self._evidence.append(math.log(efficiency))
+        mean = math.exp(sum(self._evidence) / len(self._evidence))
+        stage = min(len(self._evidence), len(_TAKEN)) - 1
+        is_taken = mean >= _TAKEN[stage]
+        if not is_taken and mean > _DROPPED[stage]:
+            return
+        self.trials.append(f"{self.challenger} over {self.rung} {mean:.2f} at sample {next_sample}")
+        self._not_before[self.rung if is_taken else self.challenger] = _AGAIN * next_sample
+        if is_taken:
+            self.rung = self.challenger
+        self.challenger = ""
+
+    def plan(self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True) -> None:
+        """Divide the next iteration.
+
+        Parameters
+        ----------
+        first, count : int
+            Its samples.
+        offers : sequence of str
+            Methods that could be tried, in the order in which to; one that is being tried must stay among them.
+        knows_something : bool
+            Whether there is anything to guide by.
+        """
+        is_tried = self._tries_plain and not self._has_won and knows_something
+        self.parts = [Part(*part) for part in trial.parts(self._iteration, first, count, is_tried=is_tried)]
+        if len(self.parts) > 1:
+            self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
+        elif self.is_settled and count >= 4:
+            self._challenge(first, count, offers)
+        self._trial = GuidingTrial(self._pixel_count) if len(self.parts) > 1 else None
+
+    def _challenge(self, first: int, count: int, offers: Sequence[str]) -> None:
+        if self.challenger not in offers:
+            self.challenger = ""
+        if not self.challenger:
+            due = [rung for rung in offers if rung != self.rung and first >= self._not_before.get(rung, 0)]
+            if not due:
+                return
+            self.challenger = due[0]
+            self._evidence = []
+        half = count // 2
+        self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]

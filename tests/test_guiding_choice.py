@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is chosen, given what comparisons find; and whole renders with AUTO: unbiased, and close to the best method."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from engine.guiding.choice import Choice
+from engine.work import CHALLENGER, CURRENT, PLAIN
+from tests.test_guided_render import Z_LIMIT, corner_scene, pit_scene, render, z_score
+
+SAMPLES = 16
+WEIGHTS = np.ones(1, np.float32)
+
+
+class Measured:
+    """Stands for a trial of one iteration: says what it is told to."""
+
+    def __init__(self, efficiency):
+        self._efficiency = efficiency
+
+    def efficiency(self, _weights):
+        return self._efficiency
+
+
+def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_plain=True):
+    """A choice after so many iterations in which methods are worth what `worth` says, OFF being 1."""
+    choice = Choice(1, "VMM", tries_plain=tries_plain)
+    first, history = 1, []
+    for _ in range(iterations):
+        if choice._trial is not None:
+            pair = (choice.challenger, choice.rung) if choice.challenger else (choice.rung, "OFF")
+            choice._trial = Measured(worth[pair[0]] / worth[pair[1]])
+        choice.judge(WEIGHTS, first, 0.0)
+        if choice.has_lost:
+            return choice, history, first
+        choice.plan(first, SAMPLES, offers)
+        history.append((choice.rung, choice.challenger, [part.arm for part in choice.parts]))
+        assert [s for f, n, _ in choice.parts for s in range(f, f + n)] == list(range(first, first + SAMPLES))
+        first += SAMPLES
+    return choice, history, first
+
+
+def test_unguided_rendering_is_compared_first():
+    choice, history, _ = run({"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 2.0, "TABLE_RIS": 2.0})
+    firsts = [arms for _, _, arms in history if len(arms) > 1]
+    assert firsts[0] == [CURRENT, PLAIN] and all(arms == [CURRENT, CHALLENGER] for arms in firsts[1:])
+    assert choice.efficiency == 2.0
+
+
+def test_guiding_that_loses_is_given_up_soon():
+    _, _, first = run({"OFF": 1.0, "VMM": 0.4})
+    assert first <= 1 + 4 * SAMPLES
+
+
+@pytest.mark.parametrize("best", ["VMM", "VMM_RIS", "TABLE_RIS"])
+def test_the_best_method_is_found(best):
+    worth = {"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 2.0, "TABLE_RIS": 2.0} | {best: 2.6}
+    choice, history, _ = run(worth)
+    assert choice.rung == best
+    assert {challenger for _, challenger, _ in history} >= {"VMM_RIS", "TABLE_RIS"}, "all were tried"
+    compared = sum(len(arms) > 1 for _, _, arms in history)
+    assert compared < 0.5 * len(history)
+
+
+def test_a_method_that_lost_is_tried_again_much_later():
+    _, history, _ = run({"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 1.0}, offers=("VMM_RIS", "VMM"), iterations=80)
+    tried = [k for k, (_, challenger, _) in enumerate(history) if challenger == "VMM_RIS"]
+    assert len(tried) > 1 and all(b >= 3 * a for a, b in itertools.pairwise(tried))
+
+
+def test_a_finer_method_that_no_longer_pays_is_left():
+    worth = {"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 4.0}
+
+    class Fading(dict):
+        """Resampling pays at the beginning only."""
+
+        asked = 0
+
+        def __getitem__(self, method):
+            self.asked += method == "VMM_RIS"
+            return 1.0 if method == "VMM_RIS" and self.asked > 1 else super().__getitem__(method)
+
+    choice, history, _ = run(Fading(worth), offers=("VMM_RIS", "VMM"), iterations=80)
+    assert any(rung == "VMM_RIS" for rung, _, _ in history)
+    assert choice.rung == "VMM"
+
+
+def test_nothing_is_compared_without_offers():
+    _, history, _ = run({"OFF": 1.0, "VMM": 2.0}, offers=(), tries_plain=False)
+    assert all(arms == [CURRENT] for _, _, arms in history)
+
+
+def test_a_challenger_that_is_no_longer_offered_is_dropped():
+    choice = Choice(1, "VMM", tries_plain=False)
+    choice.judge(WEIGHTS, 1, 0.0)
+    choice.plan(1, SAMPLES, ("VMM_RIS", "VMM"))
+    assert choice.challenger == "VMM_RIS"
+    choice.plan(17, SAMPLES, ())
+    assert not choice.challenger and len(choice.parts) == 1
+
+
+# Whole renders
+
+SETTINGS = {"samples": 127, "max_bounces": 12, "diffuse_bounces": 12}
+
+
+@pytest.mark.parametrize("scene", [pit_scene, corner_scene])
+def test_the_mean_is_that_of_an_unguided_render(scene, monkeypatch):
+    """All methods take part: resampling is taken to promise much, and every method to win."""
+    from engine import learning
+    from engine.guiding import choice as choice_module
+
+    monkeypatch.setattr(learning, "_LEAST_RESAMPLED", -1.0)
+    monkeypatch.setattr(learning, "_TABLE_UPDATES", 1)
+    monkeypatch.setattr(choice_module, "_TAKEN", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(choice_module.trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
+    means, chosen = [], set()
+    for seed in range(6):
+        result = render("AUTO", seed, scene=scene, deterministic=True, **SETTINGS)
+        means.append(result.passes["Combined"][..., :3].mean())
+        chosen.add(result.report.guiding.chosen)
+    assert chosen == {"TABLE_RIS"}
+    plain = [render("OFF", s, scene=scene, **SETTINGS).passes["Combined"][..., :3].mean() for s in range(6)]
+    means, plain = np.array(means), np.array(plain)
+    assert z_score(means, plain) < Z_LIMIT
+    assert z_score(1.02 * means, plain) > Z_LIMIT, "a bias of 2% would be seen"
+
+
+def test_the_image_does_not_depend_on_threads():
+    images = [
+        render("AUTO", 1, scene=pit_scene, deterministic=True, threads=threads, **SETTINGS).passes["Combined"]
+        for threads in (1, 2)
+    ]
+    assert np.array_equal(*images)
+
+
+def test_the_report_says_what_was_chosen():
+    report = render("AUTO", 1, scene=pit_scene, deterministic=True, **SETTINGS).report.guiding
+    assert report.chosen in ("OFF", "VMM", "VMM_RIS", "TABLE_RIS")
+    assert any(line.startswith("chose ") for line in report.lines)
+    assert any(line.startswith("compared: VMM over OFF") for line in report.lines)
+
+
+def test_renders_of_a_few_samples_are_left_alone():
+    automatic = render("AUTO", 1, scene=pit_scene, samples=8)
+    assert np.array_equal(automatic.passes["Combined"], render("OFF", 1, scene=pit_scene, samples=8).passes["Combined"])
+    assert automatic.guidance is None
+    assert automatic.report.guiding.chosen == "OFF" and "few samples" in automatic.report.guiding.lines[0]
