@@ -372,7 +372,7 @@ def render_settings(scene: bpy.types.Scene) -> RenderSettings:
 
 
 #: Name here: name in `scene.cycles`.
-_CYCLES_NAMES = {
+CYCLES_NAMES = {
     "samples": "samples",
     "time_limit": "time_limit",
     "seed": "seed",
@@ -408,7 +408,7 @@ def copy_cycles_settings(scene: bpy.types.Scene) -> list[str]:
     if cycles is None:
         raise ValueError("Cycles' settings are not there: enable the Cycles add-on in the preferences")
     ours = scene.neuralguide
-    for name, cycles_name in _CYCLES_NAMES.items():
+    for name, cycles_name in CYCLES_NAMES.items():
         setattr(ours, name, getattr(cycles, cycles_name))
     ours.film_transparent = scene.render.film_transparent
     ours.threads = scene.render.threads if scene.render.threads_mode == "FIXED" else 0

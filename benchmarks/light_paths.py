@@ -6,23 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-#: Name in `engine.settings.RenderSettings`: name in `scene.cycles`. What only changes noise, such as roulette and light
-#: thresholds, is not here.
-_CYCLES_NAMES = {
-    "max_bounces": "max_bounces",
-    "diffuse_bounces": "diffuse_bounces",
-    "glossy_bounces": "glossy_bounces",
-    "transmission_bounces": "transmission_bounces",
-    "transparent_max_bounces": "transparent_max_bounces",
-    "use_caustics_reflective": "caustics_reflective",
-    "use_caustics_refractive": "caustics_refractive",
-    "filter_glossy": "blur_glossy",
-    "clamp_direct": "sample_clamp_direct",
-    "clamp_indirect": "sample_clamp_indirect",
-    "pixel_filter": "pixel_filter_type",
-    "filter_width": "filter_width",
-    "film_exposure": "film_exposure",
-}
+#: Names in `engine.settings.RenderSettings`, without what only changes noise, such as roulette and light thresholds.
+_NAMES = (
+    "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "transparent_max_bounces",
+    "use_caustics_reflective", "use_caustics_refractive", "filter_glossy", "clamp_direct", "clamp_indirect",
+    "pixel_filter", "filter_width", "film_exposure",
+)  # fmt: skip
 
 
 def light_paths(scene: Any, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -34,7 +23,9 @@ def light_paths(scene: Any, settings: Mapping[str, Any] | None = None) -> dict[s
     settings : mapping, optional
         What a rival is told beside the scene's Cycles settings, by its name in `RenderSettings`; it wins.
     """
-    found = {name: getattr(scene.cycles, cycles_name) for name, cycles_name in _CYCLES_NAMES.items()}
+    from addon.properties import CYCLES_NAMES
+
+    found = {name: getattr(scene.cycles, CYCLES_NAMES[name]) for name in _NAMES}
     found["film_transparent"] = bool(scene.render.film_transparent)
     return found | {name: value for name, value in (settings or {}).items() if name in found}
 

@@ -18,7 +18,7 @@ import numpy as np
 from engine.film import Film, FilmTile
 from engine.guidance import Guidance
 from engine.guiding import trial
-from engine.guiding.choice import Choice, Part
+from engine.guiding.choice import Choice
 from engine.guiding.light_share import LightShareModel
 from engine.guiding.network import NETWORK_SHAPES
 from engine.guiding.network_query import NetworkField, make_network_field
@@ -33,6 +33,7 @@ from engine.guiding.source_model import (
 )
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import NetworkTrainer, TrainerState
+from engine.guiding.trial import Part
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records, compensate
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
@@ -158,8 +159,9 @@ class Learner:
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
         self._trainer: NetworkTrainer | None = None
+        #: When training was last asked for its time, and that time.
         self._training_asked = self._started, 0.0
-        self.report = GuidingReport(method=settings.guiding_method)
+        self.report = GuidingReport(method=settings.guiding_method, chosen=rung, trials=self._choice.trials)
         self._source: SourceModel | None = make_source_model(settings)
         if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
             self._start_network()
@@ -196,6 +198,7 @@ class Learner:
             deterministic=self.settings.deterministic,
         )
         self._trainer.start()
+        self._training_asked = time.perf_counter(), 0.0
 
     def _give_up(self, reason: str) -> None:
         """The network is lost: say so once, and let the mixture predict."""
@@ -330,7 +333,7 @@ class Learner:
         assert self._vmm is not None
         field, choice = self._vmm.field, self._choice
         probability = self._probability()
-        self.report.chosen, self.report.trials = choice.rung, choice.trials
+        self.report.chosen = choice.rung
         ready = field.is_ready != 0
         self.report.guided_share = float((probability[ready] > 0.0).sum() / max(ready.sum(), 1))
 
@@ -369,7 +372,6 @@ class Learner:
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return
-        choice.has_lost = False
         if isinstance(self._source, NetworkSource) and self._source.field is not None:
             self._end_source()
             self._source = None
@@ -379,7 +381,7 @@ class Learner:
         else:
             self._is_over = True
             self.report.stopped_at = next_sample
-            self.report.chosen, self.report.trials = "OFF", choice.trials
+            self.report.chosen = "OFF"
             self._stop_training()
 
     def _probability(self) -> np.ndarray:
@@ -499,9 +501,10 @@ class Learner:
         is_probing : bool
             Only a share of the vertices of recorded paths had the choice.
         """
-        had_choice = recorded_share * PROBED_SHARE if is_probing else 1.0
+        probed = recorded_share * PROBED_SHARE
+        had_choice = probed if is_probing else 1.0
         # Those of recorded paths that only keep the estimates coming do not count.
-        for_estimates = (float(FLOOR) - 1.0) * recorded_share * (PROBED_SHARE if is_probing else 1.0)
+        for_estimates = (float(FLOOR) - 1.0) * (probed if is_probing else recorded_share)
         resampled = (costs.several_vertices / costs.guided_vertices - for_estimates) / max(had_choice, 1e-6)
         is_worth_it = resampled >= _LEAST_RESAMPLED
         self._worth_count = self._worth_count + 1 if is_worth_it else 0

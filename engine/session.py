@@ -17,8 +17,8 @@ import numpy as np
 from engine.film import FEATURE_PASSES, Film
 from engine.guidance import Guidance
 from engine.guiding import trial
-from engine.guiding.choice import Part
 from engine.guiding.report import GuidingReport
+from engine.guiding.trial import Part
 from engine.guiding.vertices import VertexRecords
 from engine.kernel_cache import problem as cache_problem
 from engine.learning import IterationCosts, Learner, iteration_lengths, iteration_weight
@@ -399,6 +399,11 @@ class _Job:
         """True once `stop` was called."""
         return bool(self._stop_flag[0])
 
+    @property
+    def _is_learning(self) -> bool:
+        """Whether the render goes in iterations: it is guided, and guiding has not been given up."""
+        return self.learner is not None and not self.learner.is_over
+
     def wait(self, seconds: float) -> bool:
         """Wait a little; True once all is done. Raises what a thread raised."""
         deadline = time.perf_counter() + seconds
@@ -502,14 +507,14 @@ class _Job:
                 tile, step, part = item
                 pixels, film_index = self._tiles[tile]
                 parts = [Part(*self._ranges[step], CURRENT)]
-                if self.learner is not None and not self.learner.is_over:
+                if self.learner is not None and self._is_learning:
                     parts = self.learner.parts
                 unit = Unit(pixels, film_index, *parts[part])
                 if self.integrator.trace_unit(batch, unit, self._stop_flag):
                     self._keep(batch, tile, step, unit)
                     if part + 1 < len(parts):
                         self._queue_unit(tile, step, part + 1)
-                    elif self.learner is not None and not self.learner.is_over:
+                    elif self._is_learning:
                         self._finish_iteration()
                     elif step + 1 < len(self._ranges):
                         self._queue_unit(tile, step + 1, 0)
@@ -529,7 +534,7 @@ class _Job:
             weight = iteration_weight(self._ranges[step][0], self.settings.sample_weighting)
             if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
-            elif not self.learner.is_over:
+            elif self._is_learning:
                 rows = [column[: batch.record_count].copy() for column in batch.records]
                 self._units.setdefault(tile, []).append(VertexRecords(*rows))
         with self.film_lock:

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from engine.film import FilmTile
 from engine.guiding import trial
-from engine.guiding.trial import GuidingTrial
+from engine.guiding.trial import GuidingTrial, Part
 from engine.work import CHALLENGER, CURRENT, PLAIN, Unit
 
 #: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
@@ -26,14 +25,6 @@ _DROPPED = (0.8, 0.95, 1.03)
 _TAKEN = (1.5, 1.15, 1.03)
 #: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
 _AGAIN = 4
-
-
-class Part(NamedTuple):
-    """Samples of an iteration that are rendered alike, by one of the arms of `engine.work`."""
-
-    first_sample: int
-    sample_count: int
-    arm: int
 
 
 class Choice:
@@ -51,7 +42,7 @@ class Choice:
     ----------
     parts : list of Part, of the iteration in work
     challenger : str, method of the arm CHALLENGER, empty if there is none
-    has_lost : bool, unguided rendering was better when last compared
+    has_lost : bool, the last iteration showed unguided rendering to be better
     efficiency : float, over unguided rendering when last compared
     trials : list of str, what was compared, for people
     """
@@ -119,6 +110,7 @@ class Choice:
             Cost of what the arm compared needs besides tracing, as a share of that.
         """
         self._iteration += 1
+        self.has_lost = False
         if self._trial is None:
             return
         efficiency = self._trial.efficiency(weights) / (1.0 + overhead)
@@ -160,7 +152,7 @@ class Choice:
             Whether there is anything to guide by.
         """
         is_tried = self._tries_plain and not self._has_won and knows_something
-        self.parts = [Part(*part) for part in trial.parts(self._iteration, first, count, is_tried=is_tried)]
+        self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
         if len(self.parts) > 1:
             self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
         elif self.is_settled and count >= 4:
@@ -171,7 +163,7 @@ class Choice:
         if self.challenger not in offers:
             self.challenger = ""
         if not self.challenger:
-            due = [rung for rung in offers if rung != self.rung and first >= self._not_before.get(rung, 0)]
+            due = [rung for rung in offers if rung != self.rung and self.has_use_for(rung, first)]
             if not due:
                 return
             self.challenger = due[0]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 
@@ -85,13 +86,13 @@ class GuidingReport:
 
     def _choice(self) -> str:
         """What was chosen, where and why, in a line."""
-        compared = "" if self.efficiency != self.efficiency else f", {self.efficiency:.2f} times as efficient"
+        compared = "" if math.isnan(self.efficiency) else f", {self.efficiency:.2f} times as efficient"
         if self.stopped_at:
             return (
                 f"chose to render without guiding from sample {self.stopped_at + 1} on: it was{compared[1:]} as "
                 "going without"
             )
-        where = "" if self.guided_share != self.guided_share else f" in {self.guided_share:.0%} of the regions"
+        where = "" if math.isnan(self.guided_share) else f" in {self.guided_share:.0%} of the regions"
         return f"chose {_NAMES.get(self.chosen, self.chosen)}{where}{compared + ' as without' if compared else ''}"
 
 

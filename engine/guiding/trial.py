@@ -10,6 +10,7 @@ samples already taken only.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +35,16 @@ _OUTLIER_SHARE = 0.05
 _ROUNDS = 8
 
 
-def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tuple[int, int, int]]:
-    """(first sample, samples, arm) of an iteration's parts, for the trial against unguided rendering.
+class Part(NamedTuple):
+    """Samples of an iteration that are rendered alike, by one of the arms of `engine.work`."""
+
+    first_sample: int
+    sample_count: int
+    arm: int
+
+
+def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:
+    """Parts of an iteration, for the trial against unguided rendering.
 
     Parameters
     ----------
@@ -43,9 +52,9 @@ def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[tup
         Whether there is anything to compare.
     """
     if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
-        return [(first, count, CURRENT)]
+        return [Part(first, count, CURRENT)]
     plain = max(count // 4, 2)  # a variance takes two
-    return [(first, count - plain, CURRENT), (first + count - plain, plain, PLAIN)]
+    return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
 
 
 class GuidingTrial:
