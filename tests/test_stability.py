@@ -5,6 +5,10 @@ Methods guide wherever they can, whether it pays or not. A test's chance to fail
 `bias.SIGNIFICANCE` for each method (normal noise; seeds are fixed). It says, too, whether it would see a bias of 2% of
 the image: what it can detect with a probability of 95% is below, and the same pictures with 2% more or less light are
 found biased. The suite's command says more: `python -m benchmarks stability`.
+
+Noise of networks that know nothing is not normal: where few bright samples came, a cell is darker and its noise looks
+smaller than it is, and one in ten such cells of `roughness-0.1` was beyond the limit. So what is found is looked for
+again in new and longer renders, by the same limits: a bias is in them too.
 """
 
 from __future__ import annotations
@@ -45,7 +49,9 @@ SEEDS = 2
 REFERENCE_SEEDS, REFERENCE_FACTOR = range(1001, 1005), 4
 #: A guide that is forced upon a scene has so many times the variance of unguided rendering, mostly.
 VARIANCE_ALLOWANCE = 2.0
-SAMPLES, LONG_SAMPLES, MOST_SAMPLES = (15, 31, 63, 127, 255), 511, 2047
+SAMPLES, LONG_SAMPLES, MOST_SAMPLES = (15, 31, 63, 127, 255), 511, 8191
+#: Where a bias was found: seeds to look for it again.
+CONFIRMING_SEEDS = range(11, 15)
 
 
 def pictures(case: Case, method: str, samples: int, seeds: Sequence[int]) -> list[Picture]:
@@ -93,12 +99,16 @@ def problems(case: Case, methods: Sequence[str]) -> list[str]:
             continue
         taken = samples
         rendered, bias = measured(case, method, taken, references)
-        if bias.detectable > 0.9 * LEAST_BIAS:
+        while bias.detectable > 0.9 * LEAST_BIAS and taken < MOST_SAMPLES:
             # As many samples as the noise asks for, whatever was found; and all of them new.
-            taken = min(math.ceil(samples * (bias.detectable / (0.75 * LEAST_BIAS)) ** 2), MOST_SAMPLES)
+            taken = min(math.ceil(taken * (bias.detectable / (0.75 * LEAST_BIAS)) ** 2), MOST_SAMPLES)
             rendered, bias = measured(case, method, taken, references)
         images = [picture.image for picture in rendered]
         print(f"{case.name} {method}, {taken} samples: {bias}")
+        if bias.is_biased and all(np.isfinite(image).all() for image in images):
+            again = pictures(case, method, taken, CONFIRMING_SEEDS)
+            bias = find_bias([picture.image for picture in again], references)
+            print(f"  again: {bias}")
         checks = {
             "is biased": not bias.is_biased,
             "is too noisy to tell": bias.detectable <= LEAST_BIAS,
