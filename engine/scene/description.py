@@ -174,6 +174,11 @@ class Mesh:
         Names of the render-active UV map and colour attribute, '' if none.
     texture_space : float32 (2, 3)
         Centre and half size of Blender's texture space, for Generated coordinates.
+    motion_vertices : float32 (S, V, 3) or None
+        Where the vertices are at S evenly spaced times from the shutter's opening to its closing, two or more; None
+        where the mesh keeps its shape. `vertices` are those at the middle.
+    motion_normals : float32 (S, T, 3, 3) or None
+        `corner_normals` at these times; None where every face is flat.
     """
 
     key: Hashable
@@ -186,6 +191,8 @@ class Mesh:
     default_uv: str = ""
     default_color: str = ""
     texture_space: Float32Array | None = None
+    motion_vertices: Float32Array | None = None
+    motion_normals: Float32Array | None = None
 
 
 @dataclass
@@ -209,6 +216,9 @@ class Instances:
     #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
     #: 0 = never; None = 0 for all.
     terminator_offset: Float32Array | None = None
+    #: Of the instances that move while the shutter is open, by index: object to world at evenly spaced times from its
+    #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
+    motion: dict[int, Float32Array] = field(default_factory=dict)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -317,6 +327,8 @@ class Camera:
     latitude_max: float = float(np.pi / 2)
     longitude_min: float = float(-np.pi)
     longitude_max: float = float(np.pi)
+    #: Camera to world at evenly spaced times of the shutter, float32 (S, 4, 4); None: it stands still.
+    motion: Float32Array | None = None
 
 
 @dataclass
@@ -351,3 +363,5 @@ class SceneDescription:
     #: 3x3 from the working space to CIE XYZ (D65), for blackbody and luminance; None means Rec.709.
     to_xyz: Float32Array | None = None
     frame_current: float = 0.0
+    #: How far the shutter is open at evenly spaced times, float32 (K,), 0 or more; None: open all the time.
+    shutter_curve: Float32Array | None = None
