@@ -22,14 +22,19 @@ from numba import types
 
 from engine.jit import kernel
 from engine.scene.arrays import (
+    INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
+    INSTANCE_KEY_COUNT,
     INSTANCE_MESH,
     INSTANCE_VISIBILITY,
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
+    MESH_MOTION,
     MESH_TRIANGLE_COUNT,
     MESH_VERTEX_COUNT,
+    MOTION_FIRST_VERTEX,
+    MOTION_STEP_COUNT,
     GeometryArrays,
 )
 
@@ -44,6 +49,7 @@ _FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
+_TRANSFORM_BYTES = 48
 
 #: floats in an RTCRayHit with one level of instancing, padded to 16 bytes
 RAY_HIT_FLOATS = 24
@@ -183,13 +189,15 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
-def _attach_instances(device, top, indices, scenes, transforms, masks):
-    """Attach instance geometries; scenes, intp (K,), and transforms, intp (K,), are addresses."""
+def _attach_instances(device, top, indices, scenes, transforms, key_counts, masks):
+    """Attach instance geometries; scenes and transforms, intp (K,), are addresses, of so many keys in a row."""
     for k in range(indices.shape[0]):
         handle = _new_geometry(device, np.int32(_GEOMETRY_INSTANCE))
         _set_instanced_scene(handle, scenes[k])
-        _set_time_steps(handle, np.uint32(1))
-        _set_transform(handle, np.uint32(0), np.int32(_FORMAT_FLOAT3X4_ROW_MAJOR), transforms[k])
+        _set_time_steps(handle, np.uint32(key_counts[k]))
+        for key in range(key_counts[k]):
+            address = transforms[k] + key * _TRANSFORM_BYTES
+            _set_transform(handle, np.uint32(key), np.int32(_FORMAT_FLOAT3X4_ROW_MAJOR), address)
         _set_mask(handle, masks[k])
         _commit(handle)
         _attach(top, handle, np.uint32(indices[k]))
@@ -238,10 +246,20 @@ def _triangle_geometry(device: int, geometry: GeometryArrays, mesh: int, indices
     handle = _lib.rtcNewGeometry(device, _GEOMETRY_TRIANGLE)
     vertices = geometry.vertices
     # Vertex numbers in `triangles` are global, so the whole vertex array is the buffer and nothing is copied.
+    # So are those of a mesh's steps, seen from so far before that its numbers fit.
     count = int(row[MESH_FIRST_VERTEX] + row[MESH_VERTEX_COUNT])
-    _lib.rtcSetSharedGeometryBuffer(
-        handle, _BUFFER_VERTEX, 0, _FORMAT_FLOAT3, vertices.ctypes.data, 0, vertices.strides[0], count
-    )
+    starts = [0]
+    motion = int(row[MESH_MOTION])
+    if motion >= 0:
+        first = int(geometry.motion_table[motion, MOTION_FIRST_VERTEX] - row[MESH_FIRST_VERTEX])
+        step_count = int(geometry.motion_table[motion, MOTION_STEP_COUNT])
+        starts = [first + step * int(row[MESH_VERTEX_COUNT]) for step in range(step_count)]
+        _lib.rtcSetGeometryTimeStepCount(handle, step_count)
+    for step, start in enumerate(starts):
+        address = vertices.ctypes.data + start * vertices.strides[0]
+        _lib.rtcSetSharedGeometryBuffer(
+            handle, _BUFFER_VERTEX, step, _FORMAT_FLOAT3, address, 0, vertices.strides[0], count
+        )
     first = int(row[MESH_FIRST_TRIANGLE])
     _lib.rtcSetSharedGeometryBuffer(
         handle,
@@ -309,12 +327,16 @@ def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, thread
         mesh_scenes[mesh] = scene
         accelerator.scenes.append(scene)
     if len(instanced):
+        key_counts = table[instanced, INSTANCE_KEY_COUNT].astype(np.int64)
+        moving = geometry.motion_transforms.ctypes.data + table[instanced, INSTANCE_FIRST_KEY] * _TRANSFORM_BYTES
+        standing = geometry.transforms.ctypes.data + instanced * _TRANSFORM_BYTES
         _attach_instances(
             device,
             top,
             instanced,
             mesh_scenes[table[instanced, INSTANCE_MESH]],
-            geometry.transforms.ctypes.data + instanced.astype(np.intp) * geometry.transforms.strides[0],
+            np.where(key_counts > 0, moving, standing).astype(np.intp),
+            np.maximum(key_counts, 1),
             masks[instanced],
         )
     _lib.rtcCommitScene(top)

@@ -37,11 +37,13 @@ class SceneView(Bundle):
     """A scene with the settings that no iteration changes.
 
     header : int64 (SCENE_HEADER_WIDTH,)
-    camera, pixel_filter : float32, as `engine.scene.camera.CameraArrays`
+    camera, camera_motion, shutter, pixel_filter : float32, as `engine.scene.camera.CameraArrays`
     """
 
     header: np.ndarray
     camera: np.ndarray
+    camera_motion: np.ndarray
+    shutter: np.ndarray
     pixel_filter: np.ndarray
     geometry: GeometryArrays
     shaders: ShaderArrays

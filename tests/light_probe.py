@@ -103,13 +103,13 @@ def build(
 
 
 @kernel
-def _draw(lights, geometry, p, n, has_transmission, u, out):
+def _draw(lights, geometry, p, n, has_transmission, time, u, out):
     for i in range(u.shape[0]):
         (
             pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance, _visibility,
-            _cast_shadow, _max_bounces, use_mis,
+            _cast_shadow, _max_bounces, use_mis, _back,
         ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-                         has_transmission, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
+                         has_transmission, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
         out[i, PDF] = pdf
         out[i, EMITTER] = emitter
         out[i, DISTANCE] = distance
@@ -141,11 +141,12 @@ def stratified(count: int, seed: int) -> np.ndarray:
 
 
 def draw(
-    lights: LightArrays, geometry: GeometryArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False
+    lights: LightArrays, geometry: GeometryArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False,
+    time: float = 0.5,
 ) -> np.ndarray:
-    """Samples of `sample_light`, float32 (N, WIDTH), for receivers `p`, `n` (one, or N)."""
+    """Samples of `sample_light`, float32 (N, WIDTH), for receivers `p`, `n` (one, or N), at a time of the shutter."""
     out = np.zeros((len(u), WIDTH), np.float32)
-    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, u, out)
+    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, np.float32(time), u, out)
     return out
 
 
@@ -185,24 +186,26 @@ def hit_pdf(
 
 
 @kernel
-def _triangle_pdf(lights, geometry, instances, triangles, p, n, has_transmission, wi, distance, out):
+def _triangle_pdf(lights, geometry, instances, triangles, p, n, has_transmission, time, wi, distance, out):
     for i in range(wi.shape[0]):
         direction = (wi[i, 0], wi[i, 1], wi[i, 2])
         out[i] = triangle_emitter_pdf(
             lights, geometry, instances[i], triangles[i], (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-            has_transmission, direction, distance[i], direction,
+            has_transmission, direction, distance[i], time,
         )  # fmt: skip
 
 
 def triangle_pdf(
-    lights: LightArrays, geometry: GeometryArrays, samples: np.ndarray, p: Any, n: Any, has_transmission: bool = False
+    lights: LightArrays, geometry: GeometryArrays, samples: np.ndarray, p: Any, n: Any, has_transmission: bool = False,
+    time: float = 0.5,
 ) -> np.ndarray:
     """`triangle_emitter_pdf` of the points of emissive triangles in `samples`."""
     count = len(samples)
     out = np.zeros(count, np.float32)
     _triangle_pdf(
         lights, geometry, samples[:, INSTANCE].astype(np.int32), samples[:, TRIANGLE].astype(np.int32),
-        _rows(p, count), _rows(n, count), has_transmission, np.ascontiguousarray(samples[:, WI : WI + 3]),
+        _rows(p, count), _rows(n, count), has_transmission, np.float32(time),
+        np.ascontiguousarray(samples[:, WI : WI + 3]),
         np.ascontiguousarray(samples[:, DISTANCE]), out,
     )  # fmt: skip
     return out

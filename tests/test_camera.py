@@ -13,9 +13,9 @@ from engine.scene.description import Camera, Frame
 
 
 @kernel
-def _rays(camera, xy, lens, origin, direction):
+def _rays(camera, motion, xy, lens, time, origin, direction):
     for i in range(xy.shape[0]):
-        o, d, _, _, _, _ = generate_ray(camera, xy[i, 0], xy[i, 1], lens[i, 0], lens[i, 1])
+        o, d, _, _, _, _ = generate_ray(camera, motion, xy[i, 0], xy[i, 1], lens[i, 0], lens[i, 1], time)
         for c in range(3):
             origin[i, c] = o[c]
             direction[i, c] = d[c]
@@ -27,11 +27,12 @@ def _filter(table, u, out):
         out[i] = sample_filter(table, u[i])
 
 
-def rays(camera, frame, xy, lens=None):
+def rays(camera, frame, xy, lens=None, time=0.5):
     xy = np.asarray(xy, np.float32)
     lens = np.full((len(xy), 2), 0.5, np.float32) if lens is None else lens
     origin, direction = np.zeros((len(xy), 3), np.float32), np.zeros((len(xy), 3), np.float32)
-    _rays(build_camera(camera, frame, "BOX", 1.0).real, xy, lens, origin, direction)
+    arrays = build_camera(camera, frame, "BOX", 1.0)
+    _rays(arrays.real, arrays.motion, xy, lens, np.float32(time), origin, direction)
     return origin, direction
 
 

@@ -37,7 +37,7 @@ def ray(geometry, wi, distance=_FAR, u=1 / 3, v=1 / 3):
     wi = np.asarray(wi) / np.linalg.norm(wi)
     result = shadow_ray(
         geometry, 0, 0, np.float32(u), np.float32(v), triple(p), triple(ng), triple(ns), triple(wi),
-        np.float32(distance), _OFFSET,
+        np.float32(distance), _OFFSET, np.float32(0.5),
     )  # fmt: skip
     return SimpleNamespace(p=p, ng=ng, wi=wi, origin=np.array(result[0]), direction=np.array(result[1]), t=result[2])
 
@@ -48,8 +48,8 @@ def test_height_is_that_of_the_lowest_tangent_plane_along_the_normal(transform):
     geometry = triangle_of_a_sphere(transforms=[transform, np.eye(4)])
     third = np.float32(1 / 3)
     size = transform[0, 0]
-    up = smooth_offset(geometry, 0, 0, third, third, triple((1.0, 1.0, 1.0)))
-    down = smooth_offset(geometry, 0, 0, third, third, triple((-1.0, -1.0, -1.0)))
+    up = smooth_offset(geometry, 0, 0, third, third, triple((1.0, 1.0, 1.0)), np.float32(0.5))
+    down = smooth_offset(geometry, 0, 0, third, third, triple((-1.0, -1.0, -1.0)), np.float32(0.5))
     assert np.allclose(up, size * 2.0 / 9.0, rtol=1e-5)
     # Seen from behind the planes pass through the other corners: 1/3.
     assert np.allclose(down, -size / 9.0, rtol=1e-5)
@@ -58,7 +58,7 @@ def test_height_is_that_of_the_lowest_tangent_plane_along_the_normal(transform):
 def test_corners_stay_where_they_are():
     geometry = triangle_of_a_sphere()
     for u, v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
-        offset = smooth_offset(geometry, 0, 0, np.float32(u), np.float32(v), triple((1.0, 1.0, 1.0)))
+        offset = smooth_offset(geometry, 0, 0, np.float32(u), np.float32(v), triple((1.0, 1.0, 1.0)), np.float32(0.5))
         assert np.allclose(offset, 0.0, atol=1e-6)
 
 

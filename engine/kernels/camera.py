@@ -7,7 +7,8 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.constants import TWO_PI
-from engine.kernels.vector import add, normalize, scale, subtract
+from engine.kernels.motion import apply_direction, apply_point, matrix_between
+from engine.kernels.vector import add, normalize, scale, subtract, transform_direction, transform_point
 from engine.scene.camera import (
     CAMERA_BLADE_ROTATION,
     CAMERA_BLADES,
@@ -25,6 +26,7 @@ from engine.scene.camera import (
     KIND_EQUIRECTANGULAR,
     KIND_ORTHOGRAPHIC,
     KIND_PERSPECTIVE,
+    SHUTTER_TABLE_SIZE,
 )
 
 
@@ -63,17 +65,22 @@ def sample_aperture(camera, u, v):
 
 
 @kernel
-def _to_world(camera, d):
-    return (
-        camera[0] * d[0] + camera[1] * d[1] + camera[2] * d[2],
-        camera[4] * d[0] + camera[5] * d[1] + camera[6] * d[2],
-        camera[8] * d[0] + camera[9] * d[1] + camera[10] * d[2],
-    )
+def sample_time(table, u):
+    """Time in [0, 1], as often as the shutter is open then; `table` is its inverse CDF."""
+    x = u * np.float32(SHUTTER_TABLE_SIZE - 1)
+    index = min(int(x), SHUTTER_TABLE_SIZE - 2)
+    fraction = x - np.float32(index)
+    return table[index] * (1.0 - fraction) + table[index + 1] * fraction
 
 
 @kernel
-def generate_ray(camera, x, y, lens_u, lens_v):
-    """Ray through film position (x, y) [pixels, from the bottom left].
+def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
+    """Ray through film position (x, y) [pixels, from the bottom left], at a time of the shutter.
+
+    Parameters
+    ----------
+    camera : float32 (CAMERA_WIDTH,)
+    motion : float32 (K, 12), camera to world, as `CameraArrays.motion`
 
     Returns
     -------
@@ -130,6 +137,8 @@ def generate_ray(camera, x, y, lens_u, lens_v):
         along = -1.0 / direction[2]
         near *= along
         far *= along
-    moved = _to_world(camera, position)
-    origin = (moved[0] + camera[3], moved[1] + camera[7], moved[2] + camera[11])
-    return origin, normalize(_to_world(camera, direction)), near, far, radius, spread
+    if motion.shape[0] > 1:
+        matrix = matrix_between(motion, 0, motion.shape[0], time)
+        return apply_point(matrix, position), normalize(apply_direction(matrix, direction)), near, far, radius, spread
+    origin = transform_point(motion, 0, position)
+    return origin, normalize(transform_direction(motion, 0, direction)), near, far, radius, spread

@@ -4,19 +4,14 @@
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.vector import (
-    add,
-    cross,
-    dot,
-    load,
-    negate,
-    normalize,
-    scale,
-    subtract,
-    transform_direction,
-    transform_normal,
-    transform_point,
+from engine.kernels.motion import (
+    direction_to_world,
+    normal_to_world,
+    normals_at,
+    point_to_world,
+    triangle_at,
 )
+from engine.kernels.vector import add, cross, dot, negate, normalize, scale, subtract
 from engine.scene.arrays import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_MIRRORED,
@@ -24,7 +19,6 @@ from engine.scene.arrays import (
     INSTANCE_MATERIAL_OFFSET,
     INSTANCE_MESH,
     MESH_FIRST_NORMAL,
-    MESH_FIRST_TRIANGLE,
 )
 from engine.state import (
     POINT_FLAG_BACKFACING,
@@ -34,6 +28,7 @@ from engine.state import (
     POINT_NG,
     POINT_NS,
     POINT_P,
+    POINT_TIME,
     POINT_TRIANGLE,
     POINT_U,
     POINT_V,
@@ -46,7 +41,7 @@ _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
 
 
 @kernel
-def surface_point(geometry, instance, triangle, u, v):
+def surface_point(geometry, instance, triangle, u, v, time):
     """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer), error.
 
     Returns
@@ -54,12 +49,8 @@ def surface_point(geometry, instance, triangle, u, v):
     p, ng, ns : 3-tuples
     error : float32 [m], bound on the rounding error of p
     """
-    a = np.int64(geometry.triangles[triangle, 0])
-    b = np.int64(geometry.triangles[triangle, 1])
-    c = np.int64(geometry.triangles[triangle, 2])
-    v0 = load(geometry.vertices, a)
-    v1 = load(geometry.vertices, b)
-    v2 = load(geometry.vertices, c)
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
     p = (
         w * v0[0] + u * v1[0] + v * v2[0],
@@ -73,16 +64,14 @@ def surface_point(geometry, instance, triangle, u, v):
     )
     ng = cross(subtract(v1, v0), subtract(v2, v0))
     flags = geometry.instance_table[instance, INSTANCE_FLAGS]
-    mesh = geometry.instance_table[instance, INSTANCE_MESH]
     first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     ns = ng
     if first_normal >= 0:
-        row = first_normal + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
-        normals = geometry.corner_normals
+        n0, n1, n2 = normals_at(geometry, mesh, first_normal, triangle, time)
         ns = (
-            w * normals[row, 0] + u * normals[row, 3] + v * normals[row, 6],
-            w * normals[row, 1] + u * normals[row, 4] + v * normals[row, 7],
-            w * normals[row, 2] + u * normals[row, 5] + v * normals[row, 8],
+            w * n0[0] + u * n1[0] + v * n2[0],
+            w * n0[1] + u * n1[1] + v * n2[1],
+            w * n0[2] + u * n1[2] + v * n2[2],
         )
     if flags & INSTANCE_FLAG_BAKED:
         if flags & INSTANCE_FLAG_MIRRORED:
@@ -90,12 +79,12 @@ def surface_point(geometry, instance, triangle, u, v):
             if first_normal < 0:
                 ns = ng
     else:
-        widest = transform_direction(geometry.transforms, instance, (extent, extent, extent))
+        widest = direction_to_world(geometry, instance, time, (extent, extent, extent))
         extent = max(abs(widest[0]), abs(widest[1]), abs(widest[2]))
-        p = transform_point(geometry.transforms, instance, p)
+        p = point_to_world(geometry, instance, time, p)
         extent = max(extent, abs(p[0]), abs(p[1]), abs(p[2]))
-        ng = transform_normal(geometry.inverses, instance, ng)
-        ns = transform_normal(geometry.inverses, instance, ns)
+        ng = normal_to_world(geometry, instance, time, ng)
+        ns = normal_to_world(geometry, instance, time, ns)
     ng = normalize(ng)
     if first_normal >= 0:
         ns = normalize(ns)
@@ -107,9 +96,9 @@ def surface_point(geometry, instance, triangle, u, v):
 
 
 @kernel
-def prepare_point(geometry, points, lane, instance, triangle, u, v, direction):
+def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, time):
     """Fill the geometric part of a point to shade; returns its error bound [m]."""
-    p, ng, ns, error = surface_point(geometry, instance, triangle, u, v)
+    p, ng, ns, error = surface_point(geometry, instance, triangle, u, v, time)
     flags = 0
     if dot(ng, direction) > 0.0:
         ng = negate(ng)
@@ -123,6 +112,7 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction):
         real[lane, POINT_NS + k] = ns[k]
     real[lane, POINT_U] = u
     real[lane, POINT_V] = v
+    real[lane, POINT_TIME] = time
     points.integer[lane, POINT_INSTANCE] = instance
     points.integer[lane, POINT_TRIANGLE] = triangle
     points.integer[lane, POINT_FLAGS] = flags

@@ -11,14 +11,14 @@ References: Hanika 2021, "Hacking the Shadow Terminator" (Ray Tracing Gems II, c
 
 from engine.jit import kernel
 from engine.kernels.constants import FAR
+from engine.kernels.motion import direction_to_world, normals_at, triangle_at
 from engine.kernels.surface import offset_origin
-from engine.kernels.vector import add, dot, length, load, negate, normalize, scale, subtract, transform_direction
+from engine.kernels.vector import add, dot, length, negate, normalize, scale, subtract
 from engine.scene.arrays import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
     INSTANCE_MESH,
     MESH_FIRST_NORMAL,
-    MESH_FIRST_TRIANGLE,
     VALUE_TERMINATOR,
 )
 
@@ -31,23 +31,17 @@ def _tangent_height(corner, p, first, second, n):
 
 
 @kernel
-def smooth_offset(geometry, instance, triangle, u, v, ng):
+def smooth_offset(geometry, instance, triangle, u, v, ng, time):
     """From a point on a triangle to the smooth surface above it, on the side of `ng` (world space)."""
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
-    row = geometry.mesh_table[mesh, MESH_FIRST_NORMAL] + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
-    normals = geometry.corner_normals
-    n0 = (normals[row, 0], normals[row, 1], normals[row, 2])
-    n1 = (normals[row, 3], normals[row, 4], normals[row, 5])
-    n2 = (normals[row, 6], normals[row, 7], normals[row, 8])
-    v0 = load(geometry.vertices, geometry.triangles[triangle, 0])
-    v1 = load(geometry.vertices, geometry.triangles[triangle, 1])
-    v2 = load(geometry.vertices, geometry.triangles[triangle, 2])
+    n0, n1, n2 = normals_at(geometry, mesh, geometry.mesh_table[mesh, MESH_FIRST_NORMAL], triangle, time)
+    v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
     p = add(add(scale(v0, w), scale(v1, u)), scale(v2, v))
     n = add(add(scale(n0, w), scale(n1, u)), scale(n2, v))
     lift = n
     if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        lift = transform_direction(geometry.transforms, instance, n)
+        lift = direction_to_world(geometry, instance, time, n)
 
     # The parabola over the triangle whose slope at every edge's ends is that of the normals.
     a = dot(subtract(n2, n0), subtract(v0, v2))
@@ -73,7 +67,7 @@ def smooth_offset(geometry, instance, triangle, u, v, ng):
 
 
 @kernel
-def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offset):
+def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offset, time):
     """Ray from a point on a surface to a light.
 
     Parameters
@@ -84,6 +78,7 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offs
         Direction and distance of the light from p; from `FAR` on it is infinitely far away.
     offset : float32 [m]
         Step off the surface that clears the rounding error of p.
+    time : float32 in [0, 1], of the shutter
 
     Returns
     -------
@@ -103,7 +98,7 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offs
         # Whole below the cutoff, fading out above it.
         amount = 2.0 - (cos_g + cos_s) / cutoff if cos_s < cutoff else 1.0 - cos_g / cutoff
         if amount > 0.0:
-            lift = scale(smooth_offset(geometry, instance, triangle, u, v, facing), min(amount, 1.0))
+            lift = scale(smooth_offset(geometry, instance, triangle, u, v, facing, time), min(amount, 1.0))
             # Above the triangle, so that it shadows what reaches the smooth surface from below.
             origin = add(add(p, lift), scale(facing, offset))
             if distance < FAR:

@@ -24,6 +24,9 @@ INSTANCE_MATERIAL_OFFSET = 1
 INSTANCE_PASS_INDEX = 2
 INSTANCE_VISIBILITY = 3
 INSTANCE_FLAGS = 4
+#: Rows of `motion_transforms`, 0 of them where it stands still.
+INSTANCE_FIRST_KEY = 5
+INSTANCE_KEY_COUNT = 6
 INSTANCE_WIDTH = 8
 
 # Columns of GeometryArrays.instance_values
@@ -40,6 +43,8 @@ INSTANCE_FLAG_BAKED = 1
 #: The transform mirrors (negative determinant).
 INSTANCE_FLAG_MIRRORED = 2
 INSTANCE_FLAG_HOLDOUT = 4
+#: The transform depends on time (`engine.kernels.motion`); never with BAKED.
+INSTANCE_FLAG_MOVING = 8
 
 # Columns of GeometryArrays.mesh_table
 MESH_FIRST_TRIANGLE = 0
@@ -51,7 +56,17 @@ MESH_FIRST_NORMAL = 4
 #: Slot numbers (see `attribute_table`) of the render-active UV map and colour, -1 = none.
 MESH_DEFAULT_UV = 5
 MESH_DEFAULT_COLOR = 6
+#: Row of `motion_table`, -1 where the mesh keeps its shape.
+MESH_MOTION = 7
 MESH_WIDTH = 8
+
+# Columns of GeometryArrays.motion_table: a mesh's steps from the shutter's opening to its closing lie one after the
+# other, each as long as the mesh itself.
+MOTION_STEP_COUNT = 0
+MOTION_FIRST_VERTEX = 1
+#: -1 = flat
+MOTION_FIRST_NORMAL = 2
+MOTION_WIDTH = 4
 
 # Columns of GeometryArrays.attribute_table: one row per (mesh, attribute slot), row = mesh * attribute_count + slot.
 #: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh
@@ -71,19 +86,23 @@ DOMAIN_MESH = 4
 class GeometryArrays(Bundle):
     """Meshes concatenated, instances, attributes.
 
-    vertices : float32 (V, 3), object space, or world where the instance is baked
+    vertices : float32 (V, 3), object space, or world where the instance is baked; of meshes that change their shape
+        at the middle of the shutter, and then its steps
     triangles : uint32 (T, 3), rows of `vertices` (already offset by mesh)
-    corner_normals : float32 (N, 9), three unit normals a triangle, same space as `vertices`
+    corner_normals : float32 (N, 9), three unit normals a triangle, same space and steps as `vertices`
     material_slots : int32 (T,), slot in the instance's material list
     mesh_table : int32 (M, MESH_WIDTH)
     instance_table : int32 (I, INSTANCE_WIDTH)
-    transforms, inverses : float32 (I, 12), object to world and back (of the original object, also where baked)
+    transforms, inverses : float32 (I, 12), object to world and back (of the original object, also where baked), at the
+        middle of the shutter
     instance_values : float32 (I, VALUE_WIDTH)
     instance_materials : int32 (K,), program (= material) of slot k: `instance_materials[offset + slot]`
     attribute_table : int64 (M * A, ATTRIBUTE_WIDTH)
     attribute_data : float32 (D,)
     texture_space : float32 (M, 6), centre and half size
     attribute_count : int64 (1,), A
+    motion_table : int32 (X, MOTION_WIDTH)
+    motion_transforms : float32 (K, 12), object to world of what moves, at evenly spaced times
     """
 
     vertices: Float32Array
@@ -100,3 +119,5 @@ class GeometryArrays(Bundle):
     attribute_data: Float32Array
     texture_space: Float32Array
     attribute_count: Int64Array
+    motion_table: Int32Array
+    motion_transforms: Float32Array

@@ -69,6 +69,7 @@ def _geometry_key(description: SceneDescription, attribute_names: tuple[str, ...
                 instances.dupli_generated, instances.dupli_uv,
             )
         ),
+        tuple((index, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
     )  # fmt: skip
 
 
@@ -167,7 +168,10 @@ def build_scene(
     lights = build_lights(description, geometry, programs.program_info(), background, notices)
     return Scene(
         description=description,
-        camera=build_camera(description.camera, description.frame, settings.pixel_filter, settings.filter_width),
+        camera=build_camera(
+            description.camera, description.frame, settings.pixel_filter, settings.filter_width,
+            description.shutter_curve,
+        ),
         geometry=geometry,
         shaders=shaders,
         tables=tables,

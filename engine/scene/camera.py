@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.scene.description import Camera, Frame
+from engine.scene.description import Camera, Float32Array, Frame
+from engine.scene.motion import interpolation_keys
 
 # Columns of CameraArrays.real
 CAMERA_MATRIX = 0  # 12: camera to world
@@ -30,18 +31,34 @@ KIND_ORTHOGRAPHIC = 1
 KIND_EQUIRECTANGULAR = 2
 
 FILTER_TABLE_SIZE = 4096
+SHUTTER_TABLE_SIZE = 256
 _KINDS = {"PERSP": KIND_PERSPECTIVE, "ORTHO": KIND_ORTHOGRAPHIC, "PANO_EQUIRECTANGULAR": KIND_EQUIRECTANGULAR}
 
 
 class CameraArrays(NamedTuple):
-    """real : float32 (CAMERA_WIDTH,); filter : float32 (FILTER_TABLE_SIZE,), pixel offset by uniform number."""
+    """The camera's numbers, its places, and what random numbers become.
+
+    real : float32 (CAMERA_WIDTH,)
+    filter : float32 (FILTER_TABLE_SIZE,), pixel offset by uniform number
+    motion : float32 (K, 12), camera to world at evenly spaced times of the shutter; one row where it stands still
+    shutter : float32 (SHUTTER_TABLE_SIZE,), time by uniform number
+    """
 
     real: np.ndarray
     filter: np.ndarray
+    motion: np.ndarray
+    shutter: np.ndarray
 
 
-def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: float) -> CameraArrays:
+def build_camera(
+    camera: Camera, frame: Frame, pixel_filter: str, filter_width: float, shutter_curve: Float32Array | None = None
+) -> CameraArrays:
     """Rays as Cycles' camera makes them.
+
+    Parameters
+    ----------
+    shutter_curve : float32 (N,), optional
+        See `SceneDescription`.
 
     Raises
     ------
@@ -56,13 +73,12 @@ def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: 
         raise ValueError("the camera's transform is NaN or infinite: check its constraints and drivers")
     kind = _KINDS[camera.kind]
     row = np.zeros(CAMERA_WIDTH, np.float64)
-    matrix = np.array(camera.transform, np.float64)
-    # Scale of the camera object does not change the picture.
-    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    if (lengths == 0.0).any():
-        raise ValueError("the camera is scaled to zero: reset its scale")
-    matrix[:3, :3] /= lengths
-    row[:12] = matrix[:3].reshape(-1)
+    row[:12] = _without_scale(camera.transform)[:3].reshape(-1)
+    motion = row[None, :12].astype(np.float32)
+    if camera.motion is not None:
+        if not np.isfinite(camera.motion).all():
+            raise ValueError("the camera moves to NaN or infinity: check its keyframes and drivers")
+        motion = interpolation_keys(np.stack([_without_scale(step) for step in camera.motion]).astype(np.float32))
 
     x_ratio = frame.width * frame.pixel_aspect_x
     y_ratio = frame.height * frame.pixel_aspect_y
@@ -100,7 +116,39 @@ def build_camera(camera: Camera, frame: Frame, pixel_filter: str, filter_width: 
     row[CAMERA_BLADE_ROTATION] = camera.aperture_rotation
     row[CAMERA_INVERSE_RATIO] = 1.0 / max(camera.aperture_ratio, 1e-5)
     row[CAMERA_KIND] = kind
-    return CameraArrays(row.astype(np.float32), filter_table(pixel_filter, filter_width))
+    table = filter_table(pixel_filter, filter_width)
+    return CameraArrays(row.astype(np.float32), table, motion, shutter_table(shutter_curve))
+
+
+def _without_scale(transform: Float32Array) -> np.ndarray:
+    """Float64 (4, 4): scale of the camera object does not change the picture."""
+    matrix = np.array(transform, np.float64)
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if (lengths == 0.0).any():
+        raise ValueError("the camera is scaled to zero: reset its scale")
+    matrix[:3, :3] /= lengths
+    return matrix
+
+
+def shutter_table(curve: Float32Array | None) -> np.ndarray:
+    """Times in [0, 1] for SHUTTER_TABLE_SIZE uniform numbers from 0 to 1, as often as the shutter is open then.
+
+    Parameters
+    ----------
+    curve : float32 (N,) or None
+        How far it is open at evenly spaced times; None, or nowhere above 0: all the time.
+    """
+    even = np.linspace(0.0, 1.0, SHUTTER_TABLE_SIZE)
+    if curve is None:
+        return even.astype(np.float32)
+    opening = np.maximum(np.nan_to_num(np.asarray(curve, np.float64)), 0.0)
+    # Finely, since within a step of the curve the table's own steps are straight.
+    fine = np.linspace(0.0, 1.0, 16 * SHUTTER_TABLE_SIZE)
+    opening = np.interp(fine, np.linspace(0.0, 1.0, len(opening)), opening)
+    cdf = np.concatenate([[0.0], np.cumsum(0.5 * (opening[1:] + opening[:-1]))])
+    if not cdf[-1] > 0.0:
+        return even.astype(np.float32)
+    return np.interp(even, cdf / cdf[-1], fine).astype(np.float32)
 
 
 def filter_table(pixel_filter: str, width: float) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from engine.scene import arrays as layout
 from engine.scene.arrays import GeometryArrays
 from engine.scene.description import Instances, Mesh, Notice, SceneDescription
+from engine.scene.motion import MOST_KEYS, interpolation_keys
 
 _DOMAINS = {
     "POINT": layout.DOMAIN_POINT,
@@ -91,6 +92,28 @@ def _affine_inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inverse, determinant
 
 
+def _turned_normals(normals: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Normals (..., 3) of a surface by the inverse of its transform's linear part, unit."""
+    turned = normals.reshape(-1, 3) @ inverse
+    lengths = np.sqrt(np.einsum("ij,ij->i", turned, turned))
+    return (turned / np.maximum(lengths, 1e-30)[:, None]).reshape(normals.shape)
+
+
+def _steps(mesh: Mesh, notices: list[Notice]) -> np.ndarray | None:
+    """Vertices at each step of a mesh that changes its shape, float32 (S, V, 3), where they can be used."""
+    steps = mesh.motion_vertices
+    if steps is None:
+        return None
+    is_good = steps.shape[1:] == np.asarray(mesh.vertices).shape and 2 <= len(steps) <= MOST_KEYS
+    if is_good and mesh.motion_normals is not None and mesh.corner_normals is not None:
+        is_good = mesh.motion_normals.shape == (len(steps), *mesh.corner_normals.shape)
+    if is_good and (np.abs(steps) < _LARGEST_COORDINATE).all():
+        return np.asarray(steps, np.float32)
+    problem = "its shape at other times of the shutter has other vertices, or some that are NaN or infinite"
+    notices.append(Notice(f"mesh {mesh.name}", problem, "it keeps its shape"))
+    return None
+
+
 def build_geometry(
     description: SceneDescription, attribute_names: Sequence[str], notices: list[Notice]
 ) -> GeometryArrays:
@@ -120,6 +143,7 @@ def build_geometry(
 
     vertices, triangles, normals, slots = [], [], [], []
     attribute_data: list[np.ndarray] = []
+    motion_rows: list[tuple[int, ...]] = []
     mesh_table = np.zeros((max(len(meshes), 1), layout.MESH_WIDTH), np.int32)
     attribute_count = max(len(attribute_names), 1)
     attribute_table = np.zeros((max(len(meshes), 1) * attribute_count, layout.ATTRIBUTE_WIDTH), np.int64)
@@ -134,24 +158,30 @@ def build_geometry(
         positions = np.asarray(mesh.vertices, np.float32)
         user = int(first_user[index])
         # A singular transform cannot be undone for the shader, but its flattened surface can still be seen: bake it.
-        if user >= 0 and (users[index] == 1) and finite[user]:
+        steps = _steps(mesh, notices)
+        if user >= 0 and (users[index] == 1) and finite[user] and user not in instances.motion:
             matrix = instances.transform[user].astype(np.float64)
             with np.errstate(invalid="ignore", over="ignore"):
                 positions = (positions @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
+                if steps is not None:
+                    steps = (steps @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
             flags[user] |= layout.INSTANCE_FLAG_BAKED
         keep = _usable_triangles(mesh, positions, notices)
         mesh_triangles = mesh.triangles if keep is None else mesh.triangles[keep]
         corner_normals = mesh.corner_normals
+        step_normals = mesh.motion_normals if steps is not None and corner_normals is not None else None
+        if steps is not None and corner_normals is not None and step_normals is None:
+            step_normals = np.broadcast_to(corner_normals, (len(steps), *corner_normals.shape))
         if corner_normals is not None and keep is not None:
             corner_normals = corner_normals[keep]
+            step_normals = None if step_normals is None else step_normals[:, keep]
         if user >= 0 and flags[user] & layout.INSTANCE_FLAG_BAKED:
             if corner_normals is not None and not singular[user]:
                 linear = inverses[user].reshape(3, 4)[:, :3].astype(np.float64)
-                corner_normals = corner_normals.reshape(-1, 3) @ linear
-                lengths = np.sqrt(np.einsum("ij,ij->i", corner_normals, corner_normals))
-                corner_normals = corner_normals / np.maximum(lengths, 1e-30)[:, None]
+                corner_normals = _turned_normals(corner_normals, linear)
+                step_normals = None if step_normals is None else _turned_normals(step_normals, linear)
             elif singular[user]:
-                corner_normals = None
+                corner_normals = step_normals = None
         mesh_table[index, : layout.MESH_FIRST_NORMAL] = (
             triangle_total,
             len(mesh_triangles),
@@ -159,6 +189,7 @@ def build_geometry(
             len(positions),
         )
         mesh_table[index, layout.MESH_FIRST_NORMAL] = -1 if corner_normals is None else normal_total
+        mesh_table[index, layout.MESH_MOTION] = -1
         mesh_table[index, layout.MESH_DEFAULT_UV] = slot_of.get(mesh.default_uv, -1)
         mesh_table[index, layout.MESH_DEFAULT_COLOR] = slot_of.get(mesh.default_color, -1)
         if mesh.texture_space is not None:
@@ -183,6 +214,14 @@ def build_geometry(
             normal_total += len(mesh_triangles)
         vertex_total += len(positions)
         triangle_total += len(mesh_triangles)
+        if steps is not None:
+            mesh_table[index, layout.MESH_MOTION] = len(motion_rows)
+            motion_rows.append((len(steps), vertex_total, -1 if step_normals is None else normal_total, 0))
+            vertices.append(steps.reshape(-1, 3))
+            vertex_total += len(vertices[-1])
+            if step_normals is not None:
+                normals.append(np.asarray(step_normals, np.float32).reshape(-1, 9))
+                normal_total += len(normals[-1])
 
     unusable = np.flatnonzero(singular & ((flags & layout.INSTANCE_FLAG_BAKED) == 0))
     for index in unusable[:8]:
@@ -192,7 +231,16 @@ def build_geometry(
 
     table = np.zeros((max(instance_count, 1), layout.INSTANCE_WIDTH), np.int32)
     values = np.zeros((max(instance_count, 1), layout.VALUE_WIDTH), np.float32)
+    motion_keys: list[np.ndarray] = []
     if instance_count:
+        key_total = 0
+        for index, steps in sorted(instances.motion.items()):
+            keys = interpolation_keys(steps)
+            motion_keys.append(keys)
+            table[index, layout.INSTANCE_FIRST_KEY] = key_total
+            table[index, layout.INSTANCE_KEY_COUNT] = len(keys)
+            flags[index] |= layout.INSTANCE_FLAG_MOVING
+            key_total += len(keys)
         flags[determinant < 0.0] |= layout.INSTANCE_FLAG_MIRRORED
         flags[instances.is_holdout] |= layout.INSTANCE_FLAG_HOLDOUT
         visibility = instances.visibility.astype(np.int32)
@@ -232,4 +280,6 @@ def build_geometry(
         attribute_data=joined([d.reshape(-1, 1) for d in attribute_data], 1, np.float32).reshape(-1),
         texture_space=texture_space,
         attribute_count=np.array([attribute_count], np.int64),
+        motion_table=joined([np.array([row]) for row in motion_rows], layout.MOTION_WIDTH, np.int32),
+        motion_transforms=joined(motion_keys, 12, np.float32),
     )

@@ -72,8 +72,10 @@ EMITTER_FRONT = 1
 EMITTER_BACK = 2
 #: The front is the opposite of cross(edge 1, edge 2): a mirroring transform.
 EMITTER_MIRRORED = 4
+#: It moves or changes its shape while the shutter is open: where it is tells the geometry.
+EMITTER_MOVING = 8
 
-# LightArrays.triangles (float32): world space.
+# LightArrays.triangles (float32): world space, at the middle of the shutter.
 TRIANGLE_V0 = 0
 TRIANGLE_EDGE1 = 3  # v1 - v0
 TRIANGLE_EDGE2 = 6  # v2 - v0

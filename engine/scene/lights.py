@@ -13,6 +13,7 @@ where a lamp that is not normalised takes 1 for 4 pi r^2, the area and pi sin(a)
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +22,6 @@ import numpy.typing as npt
 from engine.scene import light_arrays as la
 from engine.scene import light_tree as lt
 from engine.scene.arrays import (
-    INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAGS,
     INSTANCE_MATERIAL_OFFSET,
@@ -44,6 +44,7 @@ from engine.scene.description import (
 )
 from engine.scene.environment import build_environment_map, build_map_guide, empty_map
 from engine.scene.light_arrays import LightArrays
+from engine.scene.motion import corners_in_motion, is_in_motion, world_corners
 
 #: `ProgramInfo.sampling_mode`: sides sampled, or AUTO (decided by `resolve_sampling`).
 SAMPLING_AUTO = -1
@@ -135,6 +136,29 @@ def _emissive_instances(geometry: GeometryArrays, sides: Int32Array) -> np.ndarr
     return np.flatnonzero((before[ends] > before[starts]) & visible)
 
 
+def _widen(bound: np.ndarray, shapes: Sequence[np.ndarray], normal: np.ndarray) -> None:
+    """Bounds of triangles that move: all places, and all normals where they turn.
+
+    Parameters
+    ----------
+    bound : float32 (T, BOUNDS_WIDTH), changed
+    shapes : sequence of float64 (T, 3, 3)
+        Corners at different times.
+    normal : float64 (T, 3), at the middle of the shutter, unit
+    """
+    lower, upper = slice(lt.BOUNDS_LOWER, lt.BOUNDS_LOWER + 3), slice(lt.BOUNDS_UPPER, lt.BOUNDS_UPPER + 3)
+    least = np.ones(len(bound))
+    for corners in shapes:
+        bound[:, lower] = np.minimum(bound[:, lower], corners.min(axis=1))
+        bound[:, upper] = np.maximum(bound[:, upper], corners.max(axis=1))
+        turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.maximum(np.linalg.norm(turned, axis=1), 1e-300)
+        least = np.minimum(least, np.einsum("ij,ij->i", turned, normal) / length)
+    # Between two keys normals are none of theirs, but hardly farther out.
+    angle = np.arccos(np.clip(least, -1.0, 1.0))
+    bound[:, lt.BOUNDS_NORMALS] = np.where(angle > 1e-3, np.minimum(1.05 * angle + 0.02, np.pi), 0.0)
+
+
 def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
     sides = resolve_sampling(info)
     lookup_offset = np.full((max(1, len(geometry.instance_table)), 2), -1, np.int64)
@@ -150,10 +174,7 @@ def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
         found = np.flatnonzero(np.where(program >= 0, sides[np.maximum(program, 0)] != 0, False))
         if len(found) == 0:
             continue
-        corners = geometry.vertices[geometry.triangles[first + found]][:, :, :3].astype(np.float64)
-        if not table[INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-            matrix = geometry.transforms[instance].reshape(3, 4).astype(np.float64)
-            corners = corners @ matrix[:, :3].T + matrix[:, 3]
+        corners = world_corners(geometry, instance, first + found)
         edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         normal = np.cross(edge1, edge2)
         doubled = np.linalg.norm(normal, axis=1)
@@ -173,7 +194,9 @@ def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
         row[:, la.EMITTER_INSTANCE] = instance
         row[:, la.EMITTER_TRIANGLE] = first + found
         row[:, la.EMITTER_PROGRAM] = np.where(info.emission_is_constant[program], -1, program)
+        in_motion = is_in_motion(geometry, instance)
         row[:, la.EMITTER_FLAGS] = flags | (la.EMITTER_MIRRORED if mirrored else 0)
+        row[:, la.EMITTER_FLAGS] |= la.EMITTER_MOVING if in_motion else 0
         row[:, la.EMITTER_VISIBILITY] = table[INSTANCE_VISIBILITY]
         emitters.append(row)
 
@@ -196,6 +219,8 @@ def _find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> _Triangles:
         bound[:, lt.BOUNDS_EMISSION] = 0.5 * np.pi
         bound[:, lt.BOUNDS_TWO_SIDED] = flags == SAMPLING_FRONT_BACK
         bound[:, lt.BOUNDS_SPREAD] = area / np.pi
+        if in_motion:
+            _widen(bound, corners_in_motion(geometry, instance, first + found), normal)
         bounds.append(bound)
 
         lookup_offset[instance] = (lookup_count, first)
@@ -241,13 +266,12 @@ def _find_sources(geometry: GeometryArrays, info: ProgramInfo) -> Float32Array |
         if len(found) == 0:
             spheres[row, 3] = -1.0
             continue
-        corners = geometry.vertices[geometry.triangles[first + found].ravel()][:, :3].astype(np.float64)
-        if not table[INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-            matrix = geometry.transforms[instance].reshape(3, 4).astype(np.float64)
-            corners = corners @ matrix[:, :3].T + matrix[:, 3]
-        center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        shapes = corners_in_motion(geometry, instance, first + found)
+        lower = np.min([shape.min(axis=(0, 1)) for shape in shapes], axis=0)
+        upper = np.max([shape.max(axis=(0, 1)) for shape in shapes], axis=0)
+        center = 0.5 * (lower + upper)
         spheres[row, :3] = center
-        spheres[row, 3] = 1.01 * ((corners - center) ** 2).sum(axis=1).max()
+        spheres[row, 3] = 1.01 * max(((shape - center) ** 2).sum(axis=-1).max() for shape in shapes)
     return spheres[spheres[:, 3] >= 0.0].astype(np.float32) if np.isfinite(spheres).all() else None
 
 

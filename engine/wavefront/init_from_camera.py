@@ -4,7 +4,7 @@
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.camera import generate_ray, sample_filter
+from engine.kernels.camera import generate_ray, sample_filter, sample_time
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
@@ -15,14 +15,14 @@ _LANES_AHEAD = 4
 
 @kernel
 def init_from_camera(
-    camera, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, log, record_threshold,
-    active, active_count, free, free_count,
+    camera, motion, shutter, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, log,
+    record_threshold, active, active_count, free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 
     Parameters
     ----------
-    camera : float32 (CAMERA_WIDTH,); filter_table : float32
+    camera : float32 (CAMERA_WIDTH,); motion, shutter, filter_table : float32, as `engine.scene.camera.CameraArrays`
     seed : int
     unit : int32 (P, 2)
         Column and row of the unit's pixels in the full image (so that a border does not change the numbers drawn).
@@ -54,10 +54,11 @@ def init_from_camera(
         row = unit[pixel, 1]
         rng = pixel_hash(seed, row * full_width + column)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
-        time, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        time_u, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        time = sample_time(shutter, time_u)
         x = np.float32(column) + 0.5 + sample_filter(filter_table, u0)
         y = np.float32(row) + 0.5 + sample_filter(filter_table, u1)
-        origin, direction, near, far, radius, spread = generate_ray(camera, x, y, u2, u3)
+        origin, direction, near, far, radius, spread = generate_ray(camera, motion, x, y, u2, u3, time)
         paths.pixel[lane] = pixel
         paths.sample[lane] = sample
         paths.rng[lane] = rng

@@ -302,7 +302,8 @@ class Integrator:
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         self.view = SceneView(
-            numbers, scene.camera.real, scene.camera.filter, scene.geometry, scene.shaders, scene.tables, scene.lights
+            numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter, scene.geometry,
+            scene.shaders, scene.tables, scene.lights,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -442,8 +443,9 @@ class Integrator:
         pinhole = view.camera.copy()
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         _, active_count, _ = stages.init_from_camera(
-            pinhole, np.zeros_like(view.pixel_filter), self.seed, np.array([pixel], np.int32),
-            view.header[SCENE_WIDTH], 0, path_count, 0, b.paths, b.log, 0, b.active, 0, b.free, LANE_COUNT,
+            pinhole, view.camera_motion, view.shutter, np.zeros_like(view.pixel_filter), self.seed,
+            np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, path_count, 0, b.paths, b.log, 0, b.active, 0,
+            b.free, LANE_COUNT,
         )
         traced_count = stages.play_roulette(view.lights, self.options, b.paths, b.log, b.active, active_count, b.traced)
         stages.intersect_closest(

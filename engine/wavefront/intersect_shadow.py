@@ -26,7 +26,6 @@ from engine.state import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    POINT_TIME,
     POINT_TRANSMISSION_DEPTH,
     POINT_TRANSPARENT_DEPTH,
     RAY_SHADOW,
@@ -131,7 +130,7 @@ def pass_transparent(
             instance = np.int32(top)
             mesh = geometry.instance_table[instance, INSTANCE_MESH]
             triangle = geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE] + np.int32(bits[17])
-            error = prepare_point(geometry, points, row, instance, triangle, u, v, direction)
+            error = prepare_point(geometry, points, row, instance, triangle, u, v, direction, paths.time[lane])
             real = points.real
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
             ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
@@ -157,7 +156,6 @@ def pass_transparent(
             real[row, POINT_RAY_LENGTH] = distance
             real[row, POINT_RADIUS] = 0.0
             real[row, POINT_RANDOM] = paths.random[lane, 2]
-            real[row, POINT_TIME] = paths.time[lane]
             pending[kept] = row
             kept += 1
             break

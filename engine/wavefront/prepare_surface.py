@@ -31,7 +31,6 @@ from engine.state import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    POINT_TIME,
     POINT_TRANSMISSION_DEPTH,
     POINT_TRANSPARENT_DEPTH,
     RAY_TERMINATE_AFTER_TRANSPARENT,
@@ -117,7 +116,8 @@ def prepare_surface(geometry, programs, paths, points, active, active_count, sur
 
         direction = load(paths.direction, lane)
         error = prepare_point(
-            geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction
+            geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction,
+            paths.time[lane],
         )
         distance = paths.hit_distance[lane]
         paths.offset[lane] = error
@@ -125,7 +125,6 @@ def prepare_surface(geometry, programs, paths, points, active, active_count, sur
         real[lane, POINT_RAY_LENGTH] = distance
         real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
         real[lane, POINT_RANDOM] = paths.random[lane, 3]
-        real[lane, POINT_TIME] = paths.time[lane]
         integer = points.integer
         integer[lane, POINT_PROGRAM] = program
         integer[lane, POINT_RAY_FLAGS] = flags

@@ -9,7 +9,7 @@ import numpy as np
 from engine.jit import kernel
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.constants import FAR
-from engine.kernels.lights import sample_light, triangle_shows_back
+from engine.kernels.lights import sample_light
 from engine.kernels.prefetch import (
     ask_for_closures,
     ask_for_ray,
@@ -93,9 +93,9 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         (
-            pdf, emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
-            cast_shadow, max_bounces, use_mis,
-        ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, u0, u1, u2)
+            pdf, _emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            cast_shadow, max_bounces, use_mis, back,
+        ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, paths.time[lane], u0, u1, u2)
         if not pdf > 0.0 or paths.depth[lane] > max_bounces:
             continue
         if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
@@ -119,7 +119,6 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
             flags |= LIGHT_HAS_PROGRAM
             out = light_points.real
             # Normals face the receiver, as everywhere; the flag says whether that is the back.
-            back = instance >= 0 and triangle_shows_back(lights, emitter, wi)
             for c in range(3):
                 out[lane, POINT_P + c] = q[c] if distance < FAR else wi[c]
                 out[lane, POINT_WO + c] = -wi[c]
@@ -216,7 +215,7 @@ def connect_lights(
         ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         origin, wi, distance = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
-            ns, wi, samples.distance[lane], paths.offset[lane],
+            ns, wi, samples.distance[lane], paths.offset[lane], paths.time[lane],
         )
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)

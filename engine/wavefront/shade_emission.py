@@ -16,7 +16,6 @@ from engine.kernels.vector import load
 from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
 from engine.state import (
     CLOSURE_WIDTH,
-    POINT_NG,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_TERMINATE_AFTER_TRANSPARENT,
@@ -81,11 +80,7 @@ def shade_emission(lights, geometry, options, paths, points, closures, lanes, la
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
                     load(paths.direction, lane),
                     paths.mis_distance[lane] + paths.hit_distance[lane],
-                    (
-                        points.real[lane, POINT_NG],
-                        points.real[lane, POINT_NG + 1],
-                        points.real[lane, POINT_NG + 2],
-                    ),
+                    paths.time[lane],
                 )
                 if pdf > 0.0:
                     weight = power_heuristic(paths.mis_pdf[lane], pdf)

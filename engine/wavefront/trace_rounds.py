@@ -187,9 +187,9 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
     is_guided, records_paths = header[UNIT_IS_GUIDED] != 0, header[UNIT_RECORD_THRESHOLD] != 0
     while stop[0] == 0:
         counts[NEXT_PATH], active_count, counts[FREE] = stages.init_from_camera(
-            scene.camera, scene.pixel_filter, header[UNIT_SEED], unit.pixels, scene.header[SCENE_WIDTH],
-            header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH], b.paths, b.log,
-            header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
+            scene.camera, scene.camera_motion, scene.shutter, scene.pixel_filter, header[UNIT_SEED], unit.pixels,
+            scene.header[SCENE_WIDTH], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH], b.paths,
+            b.log, header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
         )
         mark(b.clock, _INIT_FROM_CAMERA)
         if active_count == 0:

@@ -10,7 +10,6 @@ from engine.kernels.lights.sample import (
     sun_is_hit,
     sun_pdf,
     triangle_emitter_pdf,
-    triangle_shows_back,
 )
 
 __all__ = [
@@ -22,5 +21,4 @@ __all__ = [
     "sun_is_hit",
     "sun_pdf",
     "triangle_emitter_pdf",
-    "triangle_shows_back",
 ]

@@ -20,8 +20,8 @@ from engine.kernels.lights.background import map_pdf, sample_map
 from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter
-from engine.kernels.lights.triangle import sample_triangle, triangle_pdf
-from engine.kernels.vector import add, dot, length, scale, subtract
+from engine.kernels.lights.triangle import emissive_triangle, sample_triangle, triangle_pdf
+from engine.kernels.vector import add, cross, dot, length, scale, subtract
 from engine.scene.light_arrays import (
     DISTANT,
     EMITTER_BACK,
@@ -51,10 +51,7 @@ from engine.scene.light_arrays import (
     LIGHT_BACKGROUND,
     LIGHT_SUN,
     LIGHT_TRIANGLE,
-    TRIANGLE_EDGE1,
-    TRIANGLE_EDGE2,
     TRIANGLE_RADIANCE,
-    TRIANGLE_V0,
 )
 
 _DISTANT = np.float32(DISTANT)
@@ -72,44 +69,19 @@ def _sides(flags, facing):
     return (flags & EMITTER_BACK) != 0
 
 
-@kernel
-def _facing(triangles, emitter, wi):
-    """dot(cross(edge1, edge2), wi) of an emissive triangle."""
-    e1 = (
-        triangles[emitter, TRIANGLE_EDGE1],
-        triangles[emitter, TRIANGLE_EDGE1 + 1],
-        triangles[emitter, TRIANGLE_EDGE1 + 2],
-    )
-    e2 = (
-        triangles[emitter, TRIANGLE_EDGE2],
-        triangles[emitter, TRIANGLE_EDGE2 + 1],
-        triangles[emitter, TRIANGLE_EDGE2 + 2],
-    )
-    facing = wi[0] * (e1[1] * e2[2] - e1[2] * e2[1])
-    facing += wi[1] * (e1[2] * e2[0] - e1[0] * e2[2])
-    facing += wi[2] * (e1[0] * e2[1] - e1[1] * e2[0])
-    return facing
-
-
-@kernel
-def triangle_shows_back(lights, emitter, wi):
-    """Whether a receiver from which wi leads to an emissive triangle sees its back."""
-    facing = _facing(lights.triangles, emitter, wi)
-    return facing < 0.0 if lights.emitters[emitter, EMITTER_FLAGS] & EMITTER_MIRRORED else facing > 0.0
-
-
 @kernel(forceinline=True)
-def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
+def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1):
     """Choose an emitter and a direction towards it for next-event estimation.
 
     Parameters
     ----------
     lights : LightArrays
     geometry : GeometryArrays
-        Not read: emissive triangles are kept in world space in `lights`.
+        Read where emissive triangles move: those that do not are kept in world space in `lights`.
     p, n : 3-tuples, world space
     has_transmission : bool
         The receiver also scatters light that comes from behind n.
+    time : float32 in [0, 1], of the shutter
     u_pick, u0, u1 : float32 in [0, 1)
 
     Returns
@@ -127,6 +99,7 @@ def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
     cast_shadow : bool
     max_bounces : int, the light takes no part beyond this depth
     use_mis : bool, False: weight 1, nothing else finds this light
+    shows_back : bool, of a triangle: the receiver sees its back
     """
     emitter, pmf = pick_emitter(lights.nodes, lights.links, lights.distant, p, n, has_transmission, u_pick)
     pdf = 0.0 * u0
@@ -146,6 +119,7 @@ def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
     cast_shadow = True
     max_bounces = _UNLIMITED
     use_mis = True
+    shows_back = False
     if emitter >= 0:
         kind = int(lights.emitters[emitter, EMITTER_KIND])
         program = int(lights.emitters[emitter, EMITTER_PROGRAM])
@@ -153,41 +127,20 @@ def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
         if kind == LIGHT_TRIANGLE:
             instance = int(lights.emitters[emitter, EMITTER_INSTANCE])
             triangle = int(lights.emitters[emitter, EMITTER_TRIANGLE])
-            pdf, wi, distance, u, v, normal = sample_triangle(lights.triangles, emitter, p, u0, u1)
+            v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
+            pdf, wi, distance, u, v, normal = sample_triangle(v0, edge1, edge2, p, u0, u1)
             facing = dot(normal, wi)
-            if facing == 0.0 or not _sides(lights.emitters[emitter, EMITTER_FLAGS], facing):
+            flags = lights.emitters[emitter, EMITTER_FLAGS]
+            if facing == 0.0 or not _sides(flags, facing):
                 pdf = 0.0 * u0
+            shows_back = facing < 0.0 if flags & EMITTER_MIRRORED else facing > 0.0
             ng = scale(normal, (-1.0 if facing > 0.0 else 1.0) / length(normal))
             radiance = (
                 lights.triangles[emitter, TRIANGLE_RADIANCE],
                 lights.triangles[emitter, TRIANGLE_RADIANCE + 1],
                 lights.triangles[emitter, TRIANGLE_RADIANCE + 2],
             )
-            point = add(
-                (
-                    lights.triangles[emitter, TRIANGLE_V0],
-                    lights.triangles[emitter, TRIANGLE_V0 + 1],
-                    lights.triangles[emitter, TRIANGLE_V0 + 2],
-                ),
-                add(
-                    scale(
-                        (
-                            lights.triangles[emitter, TRIANGLE_EDGE1],
-                            lights.triangles[emitter, TRIANGLE_EDGE1 + 1],
-                            lights.triangles[emitter, TRIANGLE_EDGE1 + 2],
-                        ),
-                        u,
-                    ),
-                    scale(
-                        (
-                            lights.triangles[emitter, TRIANGLE_EDGE2],
-                            lights.triangles[emitter, TRIANGLE_EDGE2 + 1],
-                            lights.triangles[emitter, TRIANGLE_EDGE2 + 2],
-                        ),
-                        v,
-                    ),
-                ),
-            )
+            point = add(v0, add(scale(edge1, u), scale(edge2, v)))
         elif kind == LIGHT_BACKGROUND:
             max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
             pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
@@ -248,16 +201,16 @@ def sample_light(lights, geometry, p, n, has_transmission, u_pick, u0, u1):
         cast_shadow,
         max_bounces,
         use_mis,
+        shows_back,
     )
 
 
 @kernel
-def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmission, wi, distance, ng_unit):
+def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmission, wi, distance, time):
     """Density [sr^-1] with which `sample_light` at p, n would have proposed this point of an emissive triangle.
 
     `wi` and `distance` lead from p to the hit, through transparent surfaces if need be. 0 for triangles that are not
-    sampled, and for sides that are not: such a hit counts whole. `geometry` and `ng_unit` are not read: which side was
-    hit follows from `wi`.
+    sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
     """
     first = lights.lookup_offset[instance, 0]
     if first < 0:
@@ -265,10 +218,10 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     emitter = lights.lookup[first + triangle - lights.lookup_offset[instance, 1]]
     if emitter < 0:
         return 0.0 * distance
-    facing = _facing(lights.triangles, emitter, wi)
-    if not _sides(lights.emitters[emitter, EMITTER_FLAGS], facing):
+    v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
+    if not _sides(lights.emitters[emitter, EMITTER_FLAGS], dot(cross(edge1, edge2), wi)):
         return 0.0 * distance
-    pdf = triangle_pdf(lights.triangles, emitter, p, wi, distance)
+    pdf = triangle_pdf(v0, edge1, edge2, p, wi, distance)
     if not pdf > 0.0:
         return pdf
     return pdf * emitter_pmf(

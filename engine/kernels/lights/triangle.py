@@ -13,8 +13,18 @@ import math
 import numpy as np
 
 from engine.jit import kernel
+from engine.kernels.motion import point_to_world, triangle_at
 from engine.kernels.vector import add, cross, dot, length, normalize, scale, subtract
-from engine.scene.light_arrays import TRIANGLE_EDGE1, TRIANGLE_EDGE2, TRIANGLE_V0
+from engine.scene.arrays import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS, INSTANCE_MESH
+from engine.scene.light_arrays import (
+    EMITTER_FLAGS,
+    EMITTER_INSTANCE,
+    EMITTER_MOVING,
+    EMITTER_TRIANGLE,
+    TRIANGLE_EDGE1,
+    TRIANGLE_EDGE2,
+    TRIANGLE_V0,
+)
 
 #: Below, single precision cannot place a point within the spherical triangle; above, the receiver lies almost in it.
 _SMALLEST_SOLID_ANGLE = np.float32(3e-4)
@@ -22,16 +32,37 @@ _LARGEST_SOLID_ANGLE = np.float32(6.2)
 
 
 @kernel
-def triangle_vectors(triangles, row, p):
-    """First vertex seen from p, and the two edges from it."""
+def _moving_triangle(geometry, instance, triangle, time):
+    """World space vertices of a triangle that moves or changes its shape."""
+    v0, v1, v2 = triangle_at(geometry, geometry.instance_table[instance, INSTANCE_MESH], triangle, time)
+    if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
+        v0 = point_to_world(geometry, instance, time, v0)
+        v1 = point_to_world(geometry, instance, time, v1)
+        v2 = point_to_world(geometry, instance, time, v2)
+    return v0, v1, v2
+
+
+@kernel
+def emissive_triangle(lights, geometry, emitter, time):
+    """An emissive triangle at a time of the shutter: its first vertex and the two edges from it, world space."""
+    triangles = lights.triangles
+    if lights.emitters[emitter, EMITTER_FLAGS] & EMITTER_MOVING:
+        v0, v1, v2 = _moving_triangle(
+            geometry, lights.emitters[emitter, EMITTER_INSTANCE], lights.emitters[emitter, EMITTER_TRIANGLE], time
+        )
+        return v0, subtract(v1, v0), subtract(v2, v0)
     return (
+        (triangles[emitter, TRIANGLE_V0], triangles[emitter, TRIANGLE_V0 + 1], triangles[emitter, TRIANGLE_V0 + 2]),
         (
-            triangles[row, TRIANGLE_V0] - p[0],
-            triangles[row, TRIANGLE_V0 + 1] - p[1],
-            triangles[row, TRIANGLE_V0 + 2] - p[2],
+            triangles[emitter, TRIANGLE_EDGE1],
+            triangles[emitter, TRIANGLE_EDGE1 + 1],
+            triangles[emitter, TRIANGLE_EDGE1 + 2],
         ),
-        (triangles[row, TRIANGLE_EDGE1], triangles[row, TRIANGLE_EDGE1 + 1], triangles[row, TRIANGLE_EDGE1 + 2]),
-        (triangles[row, TRIANGLE_EDGE2], triangles[row, TRIANGLE_EDGE2 + 1], triangles[row, TRIANGLE_EDGE2 + 2]),
+        (
+            triangles[emitter, TRIANGLE_EDGE2],
+            triangles[emitter, TRIANGLE_EDGE2 + 1],
+            triangles[emitter, TRIANGLE_EDGE2 + 2],
+        ),
     )
 
 
@@ -62,9 +93,9 @@ def sampled_solid_angle(a, edge1, edge2, normal):
 
 
 @kernel
-def triangle_pdf(triangles, row, p, wi, distance):
+def triangle_pdf(v0, edge1, edge2, p, wi, distance):
     """Density [sr^-1] with which `sample_triangle` proposes a point of the triangle seen along wi at `distance`."""
-    a, edge1, edge2 = triangle_vectors(triangles, row, p)
+    a = subtract(v0, p)
     normal = cross(edge1, edge2)
     solid_angle = sampled_solid_angle(a, edge1, edge2, normal)
     if solid_angle > 0.0:
@@ -108,8 +139,8 @@ def _spherical_direction(a, b, c, solid_angle, u0, u1):
 
 
 @kernel(forceinline=True)
-def sample_triangle(triangles, row, p, u0, u1):
-    """Point of a triangle, for a receiver at p.
+def sample_triangle(v0, edge1, edge2, p, u0, u1):
+    """Point of a triangle, given by a vertex and the edges from it, for a receiver at p.
 
     Returns
     -------
@@ -118,7 +149,7 @@ def sample_triangle(triangles, row, p, u0, u1):
     u, v : barycentrics of vertices 1 and 2
     normal : cross(edge 1, edge 2), not normalised
     """
-    a, edge1, edge2 = triangle_vectors(triangles, row, p)
+    a = subtract(v0, p)
     normal = cross(edge1, edge2)
     squared = dot(normal, normal)
     solid_angle = sampled_solid_angle(a, edge1, edge2, normal)

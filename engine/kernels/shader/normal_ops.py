@@ -4,13 +4,13 @@
 import math
 
 from engine.jit import kernel
+from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
 from engine.kernels.shader.surface import (
     blended_object_normal,
     footprint_axis,
-    normal_to_object,
-    normal_to_world,
     read_point,
-    to_object,
+    unit_normal_to_object,
+    unit_normal_to_world,
     uv_tangent_object,
 )
 from engine.kernels.vector import (
@@ -33,6 +33,7 @@ from engine.state import (
     POINT_NG,
     POINT_NS,
     POINT_RADIUS,
+    POINT_TIME,
 )
 
 SPACE_TANGENT = 0
@@ -79,6 +80,7 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
     """Normal Map node: `color` as a normal in tangent, object or world space, blended by `strength`."""
     ns = read_point(points, lane, POINT_NS)
     instance = points.integer[lane, POINT_INSTANCE]
+    time = points.real[lane, POINT_TIME]
     backfacing = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING
     x = 2.0 * (color[0] - 0.5)
     y = 2.0 * (color[1] - 0.5)
@@ -97,14 +99,14 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
         z = 1.0 + (z - 1.0) * s
         bitangent = scale(cross(normal, tangent), sign)
         n = add(add(scale(tangent, x), scale(bitangent, y)), scale(normal, z))
-        n = normal_to_world(geometry, instance, normalize(n))
+        n = unit_normal_to_world(geometry, instance, time, normalize(n))
         if backfacing:
             n = negate(n)
     else:
         if space == SPACE_BLENDER_OBJECT or space == SPACE_BLENDER_WORLD:
             n = (x, -y, -z)
         if space == SPACE_OBJECT or space == SPACE_BLENDER_OBJECT:
-            n = normal_to_world(geometry, instance, n)
+            n = unit_normal_to_world(geometry, instance, time, n)
         else:
             n = normalize(n)
         if backfacing:
@@ -122,6 +124,7 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, i
     """
     ng = read_point(points, lane, POINT_NG)
     instance = points.integer[lane, POINT_INSTANCE]
+    time = points.real[lane, POINT_TIME]
     radius = points.real[lane, POINT_RADIUS]
     n = normal
     if not radius > 0.0:
@@ -129,9 +132,9 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, i
     dx = footprint_axis(ng, 1)
     dy = footprint_axis(ng, 2)
     if in_object_space != 0 and instance >= 0:
-        n = normal_to_object(geometry, instance, n)
-        dx = transform_direction(geometry.inverses, instance, dx)
-        dy = transform_direction(geometry.inverses, instance, dy)
+        n = unit_normal_to_object(geometry, instance, time, n)
+        dx = direction_to_object(geometry, instance, time, dx)
+        dy = direction_to_object(geometry, instance, time, dy)
     rx = cross(dy, n)
     ry = cross(n, dx)
     determinant = dot(dx, rx)
@@ -144,23 +147,23 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, i
         raised = scale(raised, 1.0 / math.sqrt(squared))
         n = normalize(add(scale(raised, strength), scale(n, 1.0 - strength)))
     if in_object_space != 0 and instance >= 0:
-        n = normal_to_world(geometry, instance, n)
+        n = unit_normal_to_world(geometry, instance, time, n)
     return safe_normal(n, read_point(points, lane, POINT_NS))
 
 
 @kernel
-def vector_transform(geometry, camera, instance, v, kind, source, target):
+def vector_transform(geometry, camera, instance, time, v, kind, source, target):
     """Vector Transform node: world, object and camera space, as vector, point or normal."""
     if source == target:
         return v
     if source == FROM_OBJECT:
         if instance >= 0:
             if kind == TRANSFORM_NORMAL:
-                v = normal_to_world(geometry, instance, v)
+                v = unit_normal_to_world(geometry, instance, time, v)
             elif kind == TRANSFORM_VECTOR:
-                v = transform_direction(geometry.transforms, instance, v)
+                v = direction_to_world(geometry, instance, time, v)
             else:
-                v = transform_point(geometry.transforms, instance, v)
+                v = point_to_world(geometry, instance, time, v)
     elif source == FROM_CAMERA:
         if kind == TRANSFORM_NORMAL:
             v = normalize(transform_normal(camera, CAMERA_WORLD_TO_CAMERA, v))
@@ -171,11 +174,11 @@ def vector_transform(geometry, camera, instance, v, kind, source, target):
     if target == FROM_OBJECT:
         if instance >= 0:
             if kind == TRANSFORM_NORMAL:
-                v = normal_to_object(geometry, instance, v)
+                v = unit_normal_to_object(geometry, instance, time, v)
             elif kind == TRANSFORM_VECTOR:
-                v = transform_direction(geometry.inverses, instance, v)
+                v = direction_to_object(geometry, instance, time, v)
             else:
-                v = to_object(geometry, instance, v)
+                v = point_to_object(geometry, instance, time, v)
     elif target == FROM_CAMERA:
         if kind == TRANSFORM_NORMAL:
             v = normalize(transform_normal(camera, CAMERA_TO_WORLD, v))

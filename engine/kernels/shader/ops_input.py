@@ -9,6 +9,7 @@ import math
 
 from engine.jit import kernel
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.kernels.motion import direction_to_world, point_to_world
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
 from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, safe_normal, vector_transform
@@ -19,15 +20,15 @@ from engine.kernels.shader.surface import (
     fetch_attribute,
     generated,
     mirrored_position,
-    normal_to_object,
     orthogonal_tangent,
     radial_tangent,
     read_point,
     smooth_normal_object,
     to_object,
+    unit_normal_to_object,
     uv_tangent_object,
 )
-from engine.kernels.vector import dot, normalize, scale, subtract, transform_direction, transform_point
+from engine.kernels.vector import dot, normalize, scale, subtract, transform_point
 from engine.scene.arrays import INSTANCE_MESH, MESH_DEFAULT_COLOR, MESH_DEFAULT_UV
 from engine.shaders.arrays import CAMERA_WORLD_TO_CAMERA
 from engine.state import (
@@ -39,6 +40,7 @@ from engine.state import (
     POINT_NS,
     POINT_P,
     POINT_RAY_LENGTH,
+    POINT_TIME,
     POINT_TRIANGLE,
     POINT_U,
     POINT_V,
@@ -182,13 +184,14 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
     axis = code[pc + 4]
     width = memory[code[pc + 3]]
     instance = points.integer[lane, POINT_INSTANCE]
+    time = points.real[lane, POINT_TIME]
     value = (0.0, 0.0, 0.0)
     if opcode == OP_POSITION:
         value = displaced_position(points, lane, axis, width)
     elif opcode == OP_GENERATED:
-        value = generated(geometry, instance, mirrored_position(points, lane, axis, width))
+        value = generated(geometry, instance, time, mirrored_position(points, lane, axis, width))
     elif opcode == OP_OBJECT_COORDINATE:
-        value = to_object(geometry, instance, displaced_position(points, lane, axis, width))
+        value = to_object(geometry, instance, time, displaced_position(points, lane, axis, width))
     elif opcode == OP_CAMERA_COORDINATE:
         value = camera_coordinate(camera, instance, displaced_position(points, lane, axis, width))
     elif opcode == OP_WINDOW:
@@ -198,7 +201,7 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
         value = (1.0 - u - v, u, 0.0)
     elif opcode == OP_OBJECT_NORMAL:
         if axis == 0 or instance < 0:
-            value = normal_to_object(geometry, instance, read_point(points, lane, POINT_NS))
+            value = unit_normal_to_object(geometry, instance, time, read_point(points, lane, POINT_NS))
         else:
             u, v = displaced_barycentrics(geometry, points, lane, axis, width)
             value = smooth_normal_object(geometry, points, lane, u, v)
@@ -283,8 +286,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         c = (0.0, 0.0, 0.0)
         if instance >= 0:
             if code[pc + 3] == 0:
-                transforms = geometry.transforms
-                c = (transforms[instance, 3], transforms[instance, 7], transforms[instance, 11])
+                c = point_to_world(geometry, instance, points.real[lane, POINT_TIME], c)
             else:
                 values = geometry.instance_values
                 c = (values[instance, 1], values[instance, 2], values[instance, 3])
@@ -365,6 +367,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
             geometry,
             camera,
             points.integer[lane, POINT_INSTANCE],
+            points.real[lane, POINT_TIME],
             read3(memory, code[pc + 3]),
             code[pc + 4],
             code[pc + 5],
@@ -398,8 +401,9 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         height = (memory[code[pc + 3]] - memory[code[pc + 4]]) * memory[code[pc + 5]]
         instance = points.integer[lane, POINT_INSTANCE]
         if code[pc + 7] != 0 and instance >= 0:
-            n = normal_to_object(geometry, instance, n)
-            n = transform_direction(geometry.transforms, instance, n)
+            time = points.real[lane, POINT_TIME]
+            n = unit_normal_to_object(geometry, instance, time, n)
+            n = direction_to_world(geometry, instance, time, n)
         write3(memory, code[pc + 2], scale(n, height))
     elif opcode == OP_SET_NORMAL:
         n = safe_normal(read3(memory, code[pc + 2]), read_point(points, lane, POINT_NS))

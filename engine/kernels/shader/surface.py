@@ -2,18 +2,16 @@
 """What shader inputs read at a point: positions, displaced positions for bump mapping, mesh attributes, spaces."""
 
 from engine.jit import kernel
-from engine.kernels.vector import (
-    add,
-    cross,
-    dot,
-    negate,
-    normalize,
-    scale,
-    subtract,
-    transform_direction,
-    transform_normal,
-    transform_point,
+from engine.kernels.motion import (
+    direction_to_object,
+    direction_to_world,
+    normal_to_object,
+    normal_to_world,
+    normals_at,
+    point_to_object,
+    triangle_at,
 )
+from engine.kernels.vector import add, cross, dot, negate, normalize, scale, subtract
 from engine.scene.arrays import (
     ATTRIBUTE_COMPONENTS,
     ATTRIBUTE_DOMAIN,
@@ -37,6 +35,7 @@ from engine.state import (
     POINT_NS,
     POINT_P,
     POINT_RADIUS,
+    POINT_TIME,
     POINT_TRIANGLE,
     POINT_U,
     POINT_V,
@@ -81,26 +80,14 @@ def mirrored_position(points, lane, axis, width):
 
 
 @kernel
-def edges(geometry, instance, triangle):
+def edges(geometry, instance, triangle, time):
     """World space edges v1 - v0 and v2 - v0."""
-    i0 = geometry.triangles[triangle, 0]
-    i1 = geometry.triangles[triangle, 1]
-    i2 = geometry.triangles[triangle, 2]
-    vertices = geometry.vertices
-    e1 = (
-        vertices[i1, 0] - vertices[i0, 0],
-        vertices[i1, 1] - vertices[i0, 1],
-        vertices[i1, 2] - vertices[i0, 2],
-    )
-    e2 = (
-        vertices[i2, 0] - vertices[i0, 0],
-        vertices[i2, 1] - vertices[i0, 1],
-        vertices[i2, 2] - vertices[i0, 2],
-    )
+    v0, v1, v2 = triangle_at(geometry, geometry.instance_table[instance, INSTANCE_MESH], triangle, time)
+    e1 = subtract(v1, v0)
+    e2 = subtract(v2, v0)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
         return e1, e2
-    transforms = geometry.transforms
-    return transform_direction(transforms, instance, e1), transform_direction(transforms, instance, e2)
+    return direction_to_world(geometry, instance, time, e1), direction_to_world(geometry, instance, time, e2)
 
 
 @kernel
@@ -111,7 +98,7 @@ def displaced_barycentrics(geometry, points, lane, axis, width):
     instance = points.integer[lane, POINT_INSTANCE]
     if axis == 0 or instance < 0:
         return u, v
-    e1, e2 = edges(geometry, instance, points.integer[lane, POINT_TRIANGLE])
+    e1, e2 = edges(geometry, instance, points.integer[lane, POINT_TRIANGLE], points.real[lane, POINT_TIME])
     move = points.real[lane, POINT_RADIUS] * width
     if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
         move = -move
@@ -185,37 +172,34 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
 
 
 @kernel
-def to_object(geometry, instance, p):
+def to_object(geometry, instance, time, p):
     """World to object space; the point itself where there is no object."""
     if instance < 0:
         return p
-    return transform_point(geometry.inverses, instance, p)
+    return point_to_object(geometry, instance, time, p)
 
 
 @kernel
-def normal_to_object(geometry, instance, n):
+def unit_normal_to_object(geometry, instance, time, n):
     """World normal to object space, unit."""
     if instance < 0:
         return n
-    return normalize(transform_normal(geometry.transforms, instance, n))
+    return normalize(normal_to_object(geometry, instance, time, n))
 
 
 @kernel
-def normal_to_world(geometry, instance, n):
+def unit_normal_to_world(geometry, instance, time, n):
     """Object space normal to world, unit."""
     if instance < 0:
         return n
-    return normalize(transform_normal(geometry.inverses, instance, n))
+    return normalize(normal_to_world(geometry, instance, time, n))
 
 
 @kernel
 def first_normal(geometry, points, lane):
-    """Row of `corner_normals` of the point's triangle, -1 where its mesh is flat."""
+    """MESH_FIRST_NORMAL of the point's mesh, -1 where it is flat."""
     mesh = geometry.instance_table[points.integer[lane, POINT_INSTANCE], INSTANCE_MESH]
-    first = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
-    if first < 0:
-        return -1
-    return first + points.integer[lane, POINT_TRIANGLE] - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+    return geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
 
 
 @kernel
@@ -228,11 +212,10 @@ def outward_ng(points, lane):
 
 
 @kernel
-def corner_normal(geometry, row, corner):
-    """One corner's normal, in the space the mesh is stored in."""
-    normals = geometry.corner_normals
-    at = 3 * corner
-    return (normals[row, at], normals[row, at + 1], normals[row, at + 2])
+def corner_normals(geometry, points, lane, first):
+    """The corners' normals of the point's triangle, in the space its mesh is stored in; `first` is not -1."""
+    mesh = geometry.instance_table[points.integer[lane, POINT_INSTANCE], INSTANCE_MESH]
+    return normals_at(geometry, mesh, first, points.integer[lane, POINT_TRIANGLE], points.real[lane, POINT_TIME])
 
 
 @kernel
@@ -250,13 +233,14 @@ def blend3(a, b, c, u, v):
 def smooth_normal_object(geometry, points, lane, u, v):
     """Unit interpolated normal in object space, outward (not flipped on back faces)."""
     instance = points.integer[lane, POINT_INSTANCE]
-    row = first_normal(geometry, points, lane)
-    if row < 0:
-        return normal_to_object(geometry, instance, outward_ng(points, lane))
-    a = corner_normal(geometry, row, 0)
-    n = blend3(a, corner_normal(geometry, row, 1), corner_normal(geometry, row, 2), u, v)
+    time = points.real[lane, POINT_TIME]
+    first = first_normal(geometry, points, lane)
+    if first < 0:
+        return unit_normal_to_object(geometry, instance, time, outward_ng(points, lane))
+    a, b, c = corner_normals(geometry, points, lane, first)
+    n = blend3(a, b, c, u, v)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        return normal_to_object(geometry, instance, n)
+        return unit_normal_to_object(geometry, instance, time, n)
     return normalize(n)
 
 
@@ -264,16 +248,15 @@ def smooth_normal_object(geometry, points, lane, u, v):
 def blended_object_normal(geometry, points, lane):
     """Object space corner normals blended but not normalised, outward: the frame of tangent space normal maps."""
     instance = points.integer[lane, POINT_INSTANCE]
-    row = first_normal(geometry, points, lane)
-    if row < 0:
-        return normal_to_object(geometry, instance, outward_ng(points, lane))
-    a = corner_normal(geometry, row, 0)
-    b = corner_normal(geometry, row, 1)
-    c = corner_normal(geometry, row, 2)
+    time = points.real[lane, POINT_TIME]
+    first = first_normal(geometry, points, lane)
+    if first < 0:
+        return unit_normal_to_object(geometry, instance, time, outward_ng(points, lane))
+    a, b, c = corner_normals(geometry, points, lane, first)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        a = normal_to_object(geometry, instance, a)
-        b = normal_to_object(geometry, instance, b)
-        c = normal_to_object(geometry, instance, c)
+        a = unit_normal_to_object(geometry, instance, time, a)
+        b = unit_normal_to_object(geometry, instance, time, b)
+        c = unit_normal_to_object(geometry, instance, time, c)
     return blend3(a, b, c, points.real[lane, POINT_U], points.real[lane, POINT_V])
 
 
@@ -298,18 +281,19 @@ def uv_tangent_object(geometry, points, lane, slot, uv_slot):
     determinant = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
     if determinant == 0.0:
         return (0.0, 0.0, 0.0), 0.0
-    e1, e2 = edges(geometry, instance, triangle)
+    time = points.real[lane, POINT_TIME]
+    e1, e2 = edges(geometry, instance, triangle, time)
     tangent = subtract(scale(e1, (v2 - v0) / determinant), scale(e2, (v1 - v0) / determinant))
-    tangent = normalize(transform_direction(geometry.inverses, instance, tangent))
+    tangent = normalize(direction_to_object(geometry, instance, time, tangent))
     return tangent, (1.0 if determinant > 0.0 else -1.0)
 
 
 @kernel
-def generated(geometry, instance, p):
+def generated(geometry, instance, time, p):
     """Generated coordinates of world point `p`: its place in the mesh's texture space box."""
     if instance < 0:
         return p
-    local = transform_point(geometry.inverses, instance, p)
+    local = point_to_object(geometry, instance, time, p)
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     box = geometry.texture_space
     return (
@@ -332,7 +316,8 @@ def generated_axis(box, mesh, axis, x):
 def radial_tangent(geometry, points, lane, axis):
     """Cycles' radial tangent about `axis` (0, 1, 2) from Generated coordinates, perpendicular to the normal."""
     instance = points.integer[lane, POINT_INSTANCE]
-    g = generated(geometry, instance, read_point(points, lane, POINT_P))
+    time = points.real[lane, POINT_TIME]
+    g = generated(geometry, instance, time, read_point(points, lane, POINT_P))
     if axis == 0:
         t = (0.0 * g[0], 0.5 - g[2], g[1] - 0.5)
     elif axis == 1:
@@ -346,5 +331,6 @@ def radial_tangent(geometry, points, lane, axis):
 def orthogonal_tangent(geometry, points, lane, t):
     """Object space tangent `t` to world, made perpendicular to the shading normal."""
     n = read_point(points, lane, POINT_NS)
-    world = normal_to_world(geometry, points.integer[lane, POINT_INSTANCE], t)
+    instance = points.integer[lane, POINT_INSTANCE]
+    world = unit_normal_to_world(geometry, instance, points.real[lane, POINT_TIME], t)
     return cross(n, normalize(cross(world, n)))
