@@ -80,7 +80,6 @@ def _configure_common(scene: Any, threads: int) -> None:
     render.use_persistent_data = False
     render.use_compositing = render.use_sequencer = False
     render.use_single_layer = True
-    render.use_motion_blur = False
     for layer in scene.view_layers:
         layer.samples = 0
 

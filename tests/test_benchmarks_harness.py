@@ -137,7 +137,7 @@ def test_every_builtin_scene_says_what_it_is() -> None:
     assert len(SCENES) > 100
     for name, scene in SCENES.items():
         assert scene.description != name, f"{name} has no docstring"
-        groups = {"closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures"}
+        groups = {"closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures", "motion"}
         assert scene.group in groups
 
 

@@ -4,10 +4,10 @@
 Importing this package fills the registry; `bpy` is needed only to build.
 """
 
-from benchmarks.scenes import cameras, closures, failures, geometry, lights, principled, rooms, textures
+from benchmarks.scenes import cameras, closures, failures, geometry, lights, motion, principled, rooms, textures
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "principled", "rooms",
-    "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "motion", "principled",
+    "rooms", "textures",
 ]  # fmt: skip

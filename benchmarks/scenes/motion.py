@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Motion blur: what turns, flies, grows, bends, glows, is instanced, or looks on while the shutter is open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+
+from benchmarks.scenes.registry import scene
+from benchmarks.scenes.studio import (
+    Nodes,
+    Socket,
+    add_object,
+    box,
+    camera,
+    diffuse,
+    emitter,
+    light,
+    lit_stage,
+    material,
+    quad,
+    resolution,
+    sphere,
+    stage,
+    world,
+)
+
+#: The frame rendered; keys lie one frame before and after it.
+FRAME = 10
+
+
+def _shutter(length: float = 1.0, position: str = "CENTER") -> None:
+    """Motion blur over so many frames."""
+    now = bpy.context.scene
+    now.frame_set(FRAME)
+    now.render.use_motion_blur = True
+    now.render.motion_blur_shutter = length
+    now.render.motion_blur_position = position
+    # Open all the time; Blender's own curve opens and closes gently.
+    curve = now.render.motion_blur_shutter_curve.curves[0]
+    for point in curve.points:
+        point.location.y = 1.0
+    now.render.motion_blur_shutter_curve.update()
+
+
+def _straighten(owner: Any) -> None:
+    """Even speed between keys."""
+    for layer in owner.id_data.animation_data.action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                for curve in bag.fcurves:
+                    for point in curve.keyframe_points:
+                        point.interpolation = "LINEAR"
+
+
+def _animate(owner: Any, path: str, *values: Sequence[float] | float) -> None:
+    """Keys of a property at the frames before, at and after the rendered one (three), or before and after it (two)."""
+    frames = (FRAME - 1, FRAME + 1) if len(values) == 2 else (FRAME - 1, FRAME, FRAME + 1)
+    for frame, value in zip(frames, values, strict=True):
+        setattr(owner, path, value)
+        owner.keyframe_insert(path, frame=frame)
+    _straighten(owner)
+
+
+def _checked(nodes: Nodes) -> Socket:
+    """Checks in object space: they must turn with the object."""
+    where = nodes("TexCoord", output="Object")
+    colors = {"Color1": (0.8, 0.7, 0.1, 1.0), "Color2": (0.1, 0.2, 0.6, 1.0)}
+    return nodes("BsdfDiffuse", Color=nodes("TexChecker", Vector=where, Scale=4.0, inputs=colors))
+
+
+@scene("motion-propeller")
+def propeller() -> None:
+    """Blades that turn a hundred degrees while the shutter is open, checked in object space."""
+    lit_stage()
+    checked = material("checked", _checked)
+    for index in range(3):
+        blade = add_object("Blade", box("Blade", checked, (2.2, 0.28, 0.06)), (0.0, -0.4, 0.9), (70, 0, 60 * index))
+        blade.rotation_mode = "XYZ"
+        x, y, z = blade.rotation_euler
+        _animate(blade, "rotation_euler", (x, y, z - math.radians(100)), (x, y, z + math.radians(100)))
+        blade.cycles.motion_steps = 3
+    _shutter()
+
+
+@scene("motion-flight")
+def flight() -> None:
+    """A ball and a mirrored, sheared box that fly by on bent ways, of different numbers of steps."""
+    lit_stage()
+    ball = add_object("Ball", sphere("Ball", diffuse((0.8, 0.3, 0.1), "ball"), 0.4))
+    _animate(ball, "location", (-2.0, -0.5, 0.4), (0.0, -0.5, 1.8), (1.6, -0.8, 0.4))
+    ball.cycles.motion_steps = 2
+    holder = add_object("Holder", None, (0.6, 0.2, 0.6), (0, 0, 30))
+    holder.scale = (1.6, 0.6, 1.0)
+    glossy = material("glossy", lambda nodes: nodes("BsdfAnisotropic", Color=(0.8, 0.9, 0.8), Roughness=0.3))
+    cube = add_object("Cube", box("Cube", glossy, (0.7, 0.7, 0.7)), (0.0, 0.0, 0.0), (25, 30, 0))
+    cube.parent = holder
+    cube.scale = (-1.0, 1.0, 1.0)
+    _animate(cube, "location", (0.0, -0.6, 0.0), (0.3, 0.8, 0.3))
+    _shutter()
+
+
+@scene("motion-camera")
+def camera_moves() -> None:
+    """A camera that turns and goes sideways, with a shallow focus."""
+    lit_stage()
+    add_object("Sphere", sphere("Sphere", material("checked", _checked), 0.8), (-0.75, 0.0, 0.8))
+    view = bpy.context.scene.camera
+    view.data.dof.use_dof, view.data.dof.focus_distance, view.data.dof.aperture_fstop = True, 6.0, 0.8
+    x, y, z = view.rotation_euler
+    _animate(view, "location", (-0.5, -6.0, 2.6), (0.6, -5.6, 2.9))
+    _animate(view, "rotation_euler", (x, y - 0.05, z), (x - 0.05, y + 0.05, z + 0.12))
+    _shutter()
+
+
+@scene("motion-deform")
+def deform() -> None:
+    """A smooth ball that is pressed flat and back by shape keys, and a ribbon that a modifier bends."""
+    lit_stage()
+    glossy = material("glossy", lambda nodes: nodes("BsdfAnisotropic", Color=(0.8, 0.8, 0.9), Roughness=0.35))
+    ball = add_object("Ball", sphere("Ball", glossy, 0.8), (-0.8, -0.2, 0.8))
+    ball.shape_key_add(name="Basis")
+    flat = ball.shape_key_add(name="Flat")
+    for point in flat.data:
+        point.co.z = 0.35 * point.co.z - 0.5
+        point.co.x *= 1.2
+    _animate(flat, "value", 0.0, 1.0, 0.2)
+    ball.cycles.motion_steps = 2
+    green = diffuse((0.2, 0.6, 0.3), "ribbon")
+    ribbon = add_object("Ribbon", quad("Ribbon", green, 0.5, 1.4), (0.9, -0.3, 0.9), (90, 0, 0))
+    ribbon.modifiers.new("Subdivide", "SUBSURF").subdivision_type = "SIMPLE"
+    ribbon.modifiers[0].render_levels = ribbon.modifiers[0].levels = 4
+    bend = ribbon.modifiers.new("Bend", "SIMPLE_DEFORM")
+    bend.deform_method, bend.deform_axis = "BEND", "X"
+    for frame, angle in ((FRAME - 1, -1.5), (FRAME + 1, 1.5)):
+        bend.angle = angle
+        ribbon.keyframe_insert('modifiers["Bend"].angle', frame=frame)
+    _straighten(ribbon)
+    _shutter()
+
+
+@scene("motion-grow")
+def grow() -> None:
+    """A box that grows unevenly, and one that keeps still by its own switch though it is animated."""
+    lit_stage()
+    grows = add_object("Grows", box("Grows", diffuse((0.7, 0.5, 0.2), "grows")), (-0.7, 0.0, 0.7), (15, 25, 10))
+    _animate(grows, "scale", (0.4, 1.0, 1.0), (1.4, 0.5, 1.5))
+    still = add_object("Still", box("Still", diffuse((0.2, 0.5, 0.7), "still")), (0.9, 0.0, 0.5))
+    _animate(still, "location", (0.0, 0.0, 0.5), (1.8, 0.0, 0.5))
+    still.cycles.use_motion_blur = False
+    _shutter()
+
+
+@scene("motion-emitter", samples=128)
+def glowing() -> None:
+    """A glowing card that turns over as it flies, and a small ball that glows where it is squeezed: all the light."""
+    stage()
+    world((0.02, 0.02, 0.02))
+    card = add_object("Card", quad("Card", emitter((1.0, 0.8, 0.5), 12.0), 1.2, 0.8), (0.0, -0.5, 2.2))
+    _animate(card, "location", (-1.6, -0.5, 2.0), (1.4, -0.8, 2.4))
+    _animate(card, "rotation_euler", (2.0, 0.3, 0.0), (4.2, -0.3, 0.5))
+    card.cycles.motion_steps = 3
+    ball = add_object("Ball", sphere("Ball", emitter((0.3, 0.5, 1.0), 20.0), 0.25, 24, 12), (0.9, -0.9, 0.4))
+    ball.shape_key_add(name="Basis")
+    flat = ball.shape_key_add(name="Flat")
+    for point in flat.data:
+        point.co.z *= 0.2
+    _animate(flat, "value", 0.0, 1.0)
+    _shutter()
+
+
+@scene("motion-instances")
+def instances() -> None:
+    """A collection shown by empties that circle, each with something in it that turns by itself."""
+    lit_stage()
+    hidden = bpy.data.collections.new("Library")
+    spinner = bpy.data.objects.new("Spinner", box("Spinner", material("checked", _checked), (0.6, 0.12, 0.12)))
+    spinner.location = (0.0, 0.0, 0.3)
+    hidden.objects.link(spinner)
+    _animate(spinner, "rotation_euler", (0.0, 0.0, -1.2), (0.0, 0.0, 1.2))
+    post = bpy.data.objects.new("Post", box("Post", diffuse((0.4, 0.3, 0.3), "post"), (0.1, 0.1, 0.3)))
+    post.location = (0.0, 0.0, 0.15)
+    hidden.objects.link(post)
+    for index in range(7):
+        angle = 2.0 * math.pi * index / 7
+        empty = add_object(f"Instance {index}", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", hidden
+        _animate(
+            empty, "location",
+            *((1.5 * math.cos(a), 1.1 * math.sin(a) - 0.3, 0.1 * index) for a in (angle - 0.25, angle + 0.25)),
+        )  # fmt: skip
+    _shutter()
+
+
+@scene("motion-start-curve")
+def start_curve() -> None:
+    """Blur that begins at the frame, through a shutter that opens at once and closes slowly; a lamp moves as well."""
+    lit_stage()
+    ball = add_object("Ball", sphere("Ball", diffuse((0.8, 0.2, 0.2), "ball"), 0.5), (0.0, -0.4, 0.5))
+    _animate(ball, "location", (-1.6, -0.4, 0.5), (1.6, -0.4, 0.5))
+    lamp = light("SPOT", 300.0, (0.0, -3.0, 4.0), shadow_soft_size=0.1, spot_size=0.5)
+    _animate(lamp, "location", (-1.0, -3.0, 4.0), (1.0, -3.0, 4.0))
+    _shutter(0.8, "START")
+    curve = bpy.context.scene.render.motion_blur_shutter_curve
+    points = sorted(curve.curves[0].points, key=lambda point: point.location.x)
+    for index, point in enumerate(points):
+        point.location.y = 1.0 - index / (len(points) - 1)
+        point.handle_type = "VECTOR"
+    curve.update()
+
+
+@scene("motion-glass", samples=128)
+def glass() -> None:
+    """A glass ball and a mirror that fly, seen in each other and behind a still pane."""
+    resolution()
+    world((0.3, 0.35, 0.4))
+    light("AREA", 200.0, (2.0, -2.0, 4.0), size=3.0)
+    add_object("Floor", quad("Floor", diffuse((0.6, 0.6, 0.6), "floor"), 12.0, 12.0))
+    clear = material("clear", lambda nodes: nodes("BsdfGlass", {"distribution": "GGX"}, Roughness=0.0, IOR=1.4))
+    mirror = material("mirror", lambda nodes: nodes("BsdfAnisotropic", Color=(0.9, 0.9, 0.9), Roughness=0.0))
+    ball = add_object("Ball", sphere("Ball", clear, 0.6), (0.0, -0.6, 0.7))
+    _animate(ball, "location", (-0.9, -0.6, 0.7), (0.5, -0.9, 0.9))
+    flat = add_object("Mirror", quad("Mirror", mirror, 2.0, 1.4), (0.8, 0.9, 0.8), (80, 0, -20))
+    _animate(flat, "location", (0.5, 0.9, 0.7), (1.1, 0.6, 1.0))
+    add_object("Box", box("Box", material("checked", _checked), (0.6, 0.6, 0.6)), (-0.9, 0.4, 0.3), (0, 0, 30))
+    camera((0.0, -5.0, 2.0), (0.0, 0.0, 0.6))
+    _shutter()
