@@ -175,11 +175,6 @@ def test_engine_is_asked_for_camera_and_shift(scene: Any) -> None:
     assert camera.shift_x == 0.75 and camera.transform[0, 3] == 9.0
 
 
-def test_motion_blur_is_reported(scene: Any) -> None:
-    scene.render.use_motion_blur = True
-    assert ["motion blur" in notice.problem for notice in export().notices] == [True]
-
-
 # ---------------------------------------------------------------------------------------------------------------------
 # Lights
 

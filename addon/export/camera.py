@@ -19,15 +19,37 @@ if TYPE_CHECKING:
 EQUIRECTANGULAR = "EQUIRECTANGULAR"
 
 
-def export_camera(context: ExportContext) -> Camera:
-    """The active camera.
+def find_camera(context: ExportContext) -> bpy.types.Object:
+    """The active camera, original: markers may make another one active at another time.
 
     Raises
     ------
     ValueError
-        If the scene has none, or one that is scaled to nothing.
+        If the scene has none.
     """
-    camera_object = _camera_object(context)
+    override = getattr(context.engine, "camera_override", None)
+    camera_object = override or context.scene.camera
+    if camera_object is None:
+        raise ValueError(
+            f"Scene {context.scene.name!r} has no camera: add one, or choose one in Scene properties > Camera"
+        )
+    return camera_object.original
+
+
+def export_camera(context: ExportContext, camera_object: bpy.types.Object) -> Camera:
+    """A camera as it is now.
+
+    Parameters
+    ----------
+    camera_object : Object
+        Original.
+
+    Raises
+    ------
+    ValueError
+        If it is scaled to nothing.
+    """
+    camera_object = camera_object.evaluated_get(context.depsgraph)
     transform = _without_scale(_model_matrix(context, camera_object))
     if not np.isfinite(transform).all() or not abs(np.linalg.det(transform[:3, :3])) > 1e-6:
         raise ValueError(f"Camera {camera_object.name!r} is scaled to zero or infinity: clear its scale (Alt S)")
@@ -93,16 +115,6 @@ def _film_exposure(scene: bpy.types.Scene) -> float:
     if settings is not None:
         return settings.film_exposure
     return cycles_property(scene, "film_exposure", 1.0)
-
-
-def _camera_object(context: ExportContext) -> bpy.types.Object:
-    override = getattr(context.engine, "camera_override", None)
-    camera_object = override or context.scene.camera
-    if camera_object is None:
-        raise ValueError(
-            f"Scene {context.scene.name!r} has no camera: add one, or choose one in Scene properties > Camera"
-        )
-    return camera_object.evaluated_get(context.depsgraph)
 
 
 def _model_matrix(context: ExportContext, camera_object: bpy.types.Object) -> Float32Array:

@@ -89,6 +89,8 @@ class ExportContext:
     #: Original datablocks changed since the last export of the same depsgraph; None = unknown, compare content.
     updated: frozenset[int] | None = None
     working_space: str = "Rec.709"
+    #: Whether the shutter is open for a while.
+    is_blurred: bool = False
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)

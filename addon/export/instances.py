@@ -12,6 +12,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
 from engine.scene.description import (
     VISIBLE_CAMERA,
@@ -26,6 +27,7 @@ from engine.scene.description import (
 from .context import ExportContext
 from .materials import MaterialExporter
 from .object_properties import Value, find_property
+from .shutter import motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
 _RAY_VISIBILITY = (
@@ -76,6 +78,10 @@ class Appearance:
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
     properties: tuple[tuple[str, Value], ...] = ()
+    #: Times of the shutter it is looked at, 0 if it is not blurred.
+    motion_step_count: int = 0
+    use_deform_motion: bool = False
+    is_particle: bool = False
 
 
 @dataclass
@@ -124,6 +130,14 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
     result.kind = np.array(numbers, np.int32)
     _read_arrays(context, materials, result)
     return result
+
+
+def is_invertible(transform: Float32Array) -> npt.NDArray[np.bool_]:
+    """Whether transforms, float32 (N, 4, 4), are finite and flatten nothing."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        a, b, c = (transform[:, :3, i].astype(np.float64) for i in range(3))
+        determinant = np.einsum("ni,ni->n", a, np.cross(b, c))
+        return np.isfinite(transform).all(axis=(1, 2)) & (determinant != 0.0)
 
 
 def random_of_name(name: str) -> int:
@@ -202,6 +216,10 @@ def _classify(
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
     )
+    if context.is_blurred:
+        kinds[-1].motion_step_count = motion_step_count(shown, parent)
+        kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
+        kinds[-1].is_particle = item.particle_system is not None
     if kinds[-1].is_shadow_catcher and is_mesh:
         context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
     return len(kinds) - 1

@@ -11,15 +11,17 @@ import numpy as np
 
 from engine.scene.description import Attribute, Instances, Light, Mesh, SceneDescription
 
-from .camera import export_camera, export_frame
+from .camera import export_camera, export_frame, find_camera
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext
 from .geometry import export_mesh
 from .images import ImageExporter
-from .instances import Appearance, Appearances, gather_appearances
+from .instances import Appearance, Appearances, gather_appearances, is_invertible
 from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
+from .motion import add_motion
 from .nodes import GraphExporter
+from .shutter import Clock, Shutter, read_shutter, read_shutter_curve
 from .unsupported import notice_scene
 from .world import export_world
 
@@ -60,35 +62,64 @@ def export_scene(
         engine=engine,
         cache=cache,
         should_cancel=should_cancel,
-        updated=_updated_datablocks(depsgraph, engine, cache),
     )
+    shutter = read_shutter(context)
+    context.is_blurred = shutter is not None
+    if shutter is None:
+        context.updated = _updated_datablocks(depsgraph, engine, cache)
     cache.begin()
+    clock = Clock(context)
+    try:
+        description = _describe(context, clock, shutter)
+    finally:
+        clock.restore()
+    # Going to other times flags whatever is animated: what the next export is told says nothing about this one.
+    cache.finish(depsgraph.as_pointer() if shutter is None else 0)
+    return description
+
+
+def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> SceneDescription:
     context.check_cancel()
-    camera = export_camera(context)
+    frame_current = context.scene.frame_current + context.scene.frame_subframe
+    camera_object = find_camera(context)
+    camera = export_camera(context, camera_object)
     to_xyz = _set_working_space(context)
     images = ImageExporter(context)
     graphs = GraphExporter(context, images)
     materials = MaterialExporter(context, graphs)
     world = export_world(context, graphs)
+    frame = export_frame(context)
+    curve = None
+    if shutter is not None:
+        curve = read_shutter_curve(context.scene.render)
+        if shutter.centre != shutter.frame:
+            # As Cycles: materials and world are those of the frame itself, everything else is that of the middle of
+            # the shutter.
+            gather_appearances(context, materials)
+            clock.go_to(shutter.centre)
+            camera = export_camera(context, camera_object)
     appearances = gather_appearances(context, materials)
-    meshes, instances = _export_instances(context, materials, appearances)
+    meshes, instances, chosen = _export_instances(context, materials, appearances)
     lights = _export_lights(context, graphs, appearances)
     notice_scene(context)
-    cache.finish(depsgraph.as_pointer())
-    return SceneDescription(
+    description = SceneDescription(
         camera=camera,
-        frame=export_frame(context),
+        frame=frame,
         meshes=meshes,
         instances=instances,
         materials=materials.materials,
         images=images.images,
         lights=lights,
         world=world,
-        notices=context.notices,
         working_space=context.working_space,
         to_xyz=to_xyz,
-        frame_current=context.scene.frame_current + context.scene.frame_subframe,
+        frame_current=frame_current,
+        shutter_curve=curve,
     )
+    if shutter is not None:
+        add_motion(context, clock, shutter, description, appearances, chosen, camera_object)
+    description.notices = context.notices
+    return description
 
 
 def _updated_datablocks(
@@ -122,7 +153,8 @@ def _set_working_space(context: ExportContext) -> np.ndarray | None:
 
 def _export_instances(
     context: ExportContext, materials: MaterialExporter, appearances: Appearances
-) -> tuple[list[Mesh], Instances]:
+) -> tuple[list[Mesh], Instances, np.ndarray]:
+    """Meshes, instances, and the rows of `appearances` that these are."""
     kinds = appearances.kinds
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
@@ -174,7 +206,7 @@ def _export_instances(
         shape = (len(kinds), width) if width else (len(kinds),)
         return np.array(values, dtype).reshape(shape)[kind_of]
 
-    return meshes, Instances(
+    instances = Instances(
         mesh=kind_mesh[kind_of],
         transform=transform,
         material_offset=kind_offset[kind_of],
@@ -190,6 +222,7 @@ def _export_instances(
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
     )
+    return meshes, instances, chosen
 
 
 def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:
@@ -206,10 +239,7 @@ def _drop_broken(
     context: ExportContext, appearances: Appearances, chosen: np.ndarray, transform: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Leave out instances whose transform cannot be inverted; Cycles shows nothing of them either."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        a, b, c = (transform[:, :3, i].astype(np.float64) for i in range(3))
-        determinant = np.einsum("ni,ni->n", a, np.cross(b, c))
-        is_good = np.isfinite(transform).all(axis=(1, 2)) & (determinant != 0.0)
+    is_good = is_invertible(transform)
     if is_good.all():
         return chosen, transform
     for row in np.unique(appearances.kind[chosen[~is_good]]).tolist():
