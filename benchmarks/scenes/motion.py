@@ -88,13 +88,13 @@ def propeller() -> None:
 
 @scene("motion-flight")
 def flight() -> None:
-    """A ball and a mirrored, sheared box that fly by on bent ways, of different numbers of steps."""
+    """A ball and a mirrored box, child of something turned, that fly by on bent ways, of different numbers of steps."""
     lit_stage()
     ball = add_object("Ball", sphere("Ball", diffuse((0.8, 0.3, 0.1), "ball"), 0.4))
     _animate(ball, "location", (-2.0, -0.5, 0.4), (0.0, -0.5, 1.8), (1.6, -0.8, 0.4))
     ball.cycles.motion_steps = 2
     holder = add_object("Holder", None, (0.6, 0.2, 0.6), (0, 0, 30))
-    holder.scale = (1.6, 0.6, 1.0)
+    holder.scale = (1.2, 1.2, 1.2)
     glossy = material("glossy", lambda nodes: nodes("BsdfAnisotropic", Color=(0.8, 0.9, 0.8), Roughness=0.3))
     cube = add_object("Cube", box("Cube", glossy, (0.7, 0.7, 0.7)), (0.0, 0.0, 0.0), (25, 30, 0))
     cube.parent = holder
