@@ -213,6 +213,15 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         ),
         default=_DEFAULTS.mixture_preset,
     )
+    mixture_time: EnumProperty(  # type: ignore[valid-type]
+        name="Time",
+        description="How a neural mixture sees when a path is traced, where something moves while the shutter is open",
+        items=(
+            ("NONE", "Not", "One mixture for all times"),
+            ("FREQUENCY", "Frequencies", "By sines and cosines of the time"),
+        ),
+        default=_DEFAULTS.mixture_time,
+    )
     network_selection: BoolProperty(  # type: ignore[valid-type]
         name="Network's Share",
         description="Let a neural mixture learn how often to guide, instead of a share by region",

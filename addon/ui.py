@@ -116,6 +116,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "mixture_target",
             "mixture_lobes",
             "mixture_preset",
+            "mixture_time",
             "network_selection",
             "mis_compensation",
             "sample_weighting",

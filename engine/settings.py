@@ -18,6 +18,8 @@ MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
 MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
 #: Sizes of neural mixtures: the paper's, those of its authors' program, or without grids, for renders of few records.
 MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
+#: How a neural mixture sees the time of a path, where something moves.
+MIXTURE_TIMES = ("NONE", "FREQUENCY")
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")
@@ -70,6 +72,7 @@ class RenderSettings:
     mixture_target: str = "PRODUCT"
     mixture_lobes: str = "OWN"
     mixture_preset: str = "COMPACT"
+    mixture_time: str = "NONE"
     network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
     mis_compensation: bool = False  # learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"
@@ -105,6 +108,7 @@ class RenderSettings:
             ("mixture_target", MIXTURE_TARGETS),
             ("mixture_lobes", MIXTURE_LOBES),
             ("mixture_preset", MIXTURE_PRESETS),
+            ("mixture_time", MIXTURE_TIMES),
             ("orca_error", ORCA_ERRORS),
             ("sample_weighting", SAMPLE_WEIGHTINGS),
         ):

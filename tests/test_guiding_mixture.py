@@ -54,6 +54,7 @@ SHAPES = {
         wo_encoding="HARMONICS", wo_size=4, roughness_bins=4, target="PRODUCT", has_selection=True,
     ),
     "one-blob": shapes.NASG_PRODUCT,
+    "time": MixtureShape(position_encoding="BLOB", normal_encoding="RAW", time_frequencies=3),
 }
 
 
@@ -81,12 +82,13 @@ def random_directions(rng, count):
 
 
 def random_points(count, seed=0, spread=1.3):
-    """Position (some outside the bounds), normal, wo, roughness."""
+    """Position (some outside the bounds), normal, wo, roughness, time."""
     rng = np.random.default_rng(seed)
     middle, half = BOUNDS.mean(axis=0), 0.5 * (BOUNDS[1] - BOUNDS[0])
     position = (middle + spread * half * rng.uniform(-1.0, 1.0, (count, 3))).astype(np.float32)
     roughness = rng.uniform(size=count).astype(np.float32)
-    return position, random_directions(rng, count), random_directions(rng, count), roughness
+    normal, wo = random_directions(rng, count), random_directions(rng, count)
+    return position, normal, wo, roughness, rng.uniform(size=count).astype(np.float32)
 
 
 def encoding_of(shape, parameters):

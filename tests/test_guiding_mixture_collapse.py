@@ -101,7 +101,8 @@ def propose(network, position, rng, wi, is_fixed=False):
     count = position.shape[0]
     raw = np.zeros((count, SHAPE.output_width), np.float32)
     evaluate_mixtures(
-        network, position.astype(np.float32), upwards(count), upwards(count), np.ones(count, np.float32), count,
+        network, position.astype(np.float32), upwards(count), upwards(count), np.ones(count, np.float32),
+        np.zeros(count, np.float32), count,
         allocate_mixture_scratch(SHAPE), raw,
     )
     u = np.ones((count, 4)) if is_fixed else rng.uniform(size=(count, 4))

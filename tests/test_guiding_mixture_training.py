@@ -131,7 +131,7 @@ def infer(shape, snapshot, position, wo, roughness=0.2):
     normal = np.tile(np.float32((0.0, 0.0, 1.0)), (count, 1))
     evaluate_mixtures(
         network, position.astype(np.float32), normal, wo.astype(np.float32), np.full(count, roughness, np.float32),
-        count, allocate_mixture_scratch(shape), raw,
+        np.zeros(count, np.float32), count, allocate_mixture_scratch(shape), raw,
     )
     return network, raw
 
@@ -185,7 +185,8 @@ def test_training_and_inference_agree(name):
     position, normal, wo = (rows[:, column : column + 3].copy() for column in (ROW_POSITION, ROW_NORMAL, ROW_WO))
     network = make_mixture_network(shape, training.snapshot())
     evaluate_mixtures(
-        network, position, normal, wo, rows[:, ROW_ROUGHNESS].copy(), count, allocate_mixture_scratch(shape), raw
+        network, position, normal, wo, rows[:, ROW_ROUGHNESS].copy(), rows[:, ROW_TIME].copy(), count,
+        allocate_mixture_scratch(shape), raw,
     )
     expected = training.predict(rows)
     assert expected.std() > 0.1

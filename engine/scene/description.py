@@ -365,3 +365,8 @@ class SceneDescription:
     frame_current: float = 0.0
     #: How far the shutter is open at evenly spaced times, float32 (K,), 0 or more; None: open all the time.
     shutter_curve: Float32Array | None = None
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether anything moves while the shutter is open but the camera: light at a place depends on the time."""
+        return bool(self.instances.motion) or any(mesh.motion_vertices is not None for mesh in self.meshes)

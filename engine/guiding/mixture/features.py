@@ -3,7 +3,8 @@
 
 Positions are contracted into the unit cube (`encoding.contract`: the bounds take the middle 90% of each axis, the rest
 of space the ends) and either read from dense grids of learned features or spread over bins. Features are, in order: the
-position's, the normal's, those of the direction to the viewer, the roughness's, and ones up to a multiple of eight.
+position's, the normal's, those of the direction to the viewer, the roughness's, the time's, and ones up to a multiple of
+eight.
 
 References
 ----------
@@ -11,6 +12,7 @@ Dong et al. 2023, Eq. 13 (grids). Huang et al. 2024, Table 1 (one-blob, raw dire
 Müller et al. 2022, "Instant Neural Graphics Primitives", appendix A (smoothstep between grid points).
 Müller et al. 2019, "Neural Importance Sampling", section 4.3 (one-blob); its kernel here is `encoding.blob`.
 Sloan 2013, "Efficient Spherical Harmonic Evaluation" (bands 0 to 3).
+Mildenhall et al. 2020, "NeRF", Eq. 4 (frequencies of the time).
 """
 
 from __future__ import annotations
@@ -36,8 +38,9 @@ OPTION_NORMAL_SIZE = 3
 OPTION_WO = 4
 OPTION_WO_SIZE = 5
 OPTION_ROUGHNESS_BINS = 6
-OPTION_FEATURE_WIDTH = 7
-OPTION_COUNT = 8
+OPTION_TIME_FREQUENCIES = 7
+OPTION_FEATURE_WIDTH = 8
+OPTION_COUNT = 9
 
 ENCODING_NONE = 0
 ENCODING_RAW = 1
@@ -80,6 +83,7 @@ def make_mixture_encoding(shape: MixtureShape, bounds: Float32Array, table: Floa
     options[OPTION_WO] = _ENCODINGS[shape.wo_encoding]
     options[OPTION_WO_SIZE] = shape.wo_size
     options[OPTION_ROUGHNESS_BINS] = shape.roughness_bins
+    options[OPTION_TIME_FREQUENCIES] = shape.time_frequencies
     options[OPTION_FEATURE_WIDTH] = shape.feature_width
     lower, upper = bounds.astype(np.float64)
     center = (0.5 * (lower + upper)).astype(np.float32)
@@ -210,7 +214,18 @@ def _write_direction(x, y, z, encoding_kind, size, out, row, column):
 
 
 @kernel
-def encode_features(encoding, position, normal, wo, roughness, start, stop, out):
+def _write_frequencies(time, count, out, row, column):
+    """Sine and cosine of so many octaves of a time in [0, 1], from half a period on; returns the next column."""
+    angle = np.float32(np.pi) * min(max(_component(time), np.float32(0.0)), np.float32(1.0))
+    for j in range(count):
+        out[row, column + 2 * j] = np.sin(angle)
+        out[row, column + 2 * j + 1] = np.cos(angle)
+        angle += angle
+    return column + 2 * count
+
+
+@kernel
+def encode_features(encoding, position, normal, wo, roughness, time, start, stop, out):
     """Features of points `start` to `stop`, into the first rows of `out`. Whatever goes in, they are finite.
 
     Parameters
@@ -220,6 +235,7 @@ def encode_features(encoding, position, normal, wo, roughness, start, stop, out)
     normal : float32 (N, 3), unit shading normal on the viewer's side
     wo : float32 (N, 3), unit, towards the viewer
     roughness : float32 (N,), in [0, 1]
+    time : float32 (N,), of the shutter, in [0, 1]
     start, stop : int, points to do
     out : float32 (at least stop - start, at least feature_width), written
     """
@@ -248,6 +264,7 @@ def encode_features(encoding, position, normal, wo, roughness, start, stop, out)
             # Rough surfaces differ less than smooth ones do.
             seen = 1.0 - np.exp(-min(max(_component(roughness[k]), np.float32(0.0)), np.float32(1.0)))
             column = _write_blob(2.0 * seen - 1.0, roughness_bins, out, row, column)
+        column = _write_frequencies(time[k], options[OPTION_TIME_FREQUENCIES], out, row, column)
         for j in range(column, options[OPTION_FEATURE_WIDTH]):
             out[row, j] = 1.0
 

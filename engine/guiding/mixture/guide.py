@@ -27,7 +27,7 @@ from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_point, lane_ahead, prefetch_lines
 from engine.kernels.vector import store
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
-from engine.state import POINT_NS, POINT_P, POINT_WO
+from engine.state import POINT_NS, POINT_P, POINT_TIME, POINT_WO
 
 #: The BSDF covers what a network has not seen: it keeps this share of the directions at least.
 _MOST_GUIDED = np.float32(0.95)
@@ -42,7 +42,7 @@ class MixtureGuide(Bundle):
     roughness : float32 (L,), of the surface, in [0, 1]
     is_diffuse : uint8 (L,), whether every rough lobe of the BSDF is a diffuse reflection
     chunk_lane : int32 (CHUNK_ROWS,); chunk_position, chunk_normal, chunk_wo : float32 (CHUNK_ROWS, 3);
-        chunk_roughness : float32 (CHUNK_ROWS,); scratch, raw : what the network is asked for, one thread's
+        chunk_roughness, chunk_time : float32 (CHUNK_ROWS,); scratch, raw : what the network is asked for, one thread's
     """
 
     network: MixtureNetwork
@@ -55,6 +55,7 @@ class MixtureGuide(Bundle):
     chunk_normal: Float32Array
     chunk_wo: Float32Array
     chunk_roughness: Float32Array
+    chunk_time: Float32Array
     scratch: Float32Array
     raw: Float32Array
 
@@ -71,7 +72,7 @@ def allocate_mixture_guide(shape: MixtureShape, lane_count: int) -> MixtureGuide
     return MixtureGuide(
         no_mixture_network(shape), lobes, np.zeros(lane_count, np.float32), np.zeros(lane_count, np.float32),
         np.zeros(lane_count, np.uint8), np.zeros(CHUNK_ROWS, np.int32), vectors(), vectors(), vectors(),
-        np.zeros(CHUNK_ROWS, np.float32), allocate_mixture_scratch(shape),
+        np.zeros(CHUNK_ROWS, np.float32), np.zeros(CHUNK_ROWS, np.float32), allocate_mixture_scratch(shape),
         np.zeros((CHUNK_ROWS, shape.output_width), np.float32),
     )
 
@@ -157,10 +158,11 @@ def query_mixtures(guide, guided, points, lanes, lane_count):
                 store(guide.chunk_normal, count, real_3(points, lane, POINT_NS))
                 store(guide.chunk_wo, count, real_3(points, lane, POINT_WO))
                 guide.chunk_roughness[count] = guide.roughness[lane]
+                guide.chunk_time[count] = points.real[lane, POINT_TIME]
                 count += 1
         evaluate_mixtures(
-            network, guide.chunk_position, guide.chunk_normal, guide.chunk_wo, guide.chunk_roughness, count,
-            guide.scratch, guide.raw,
+            network, guide.chunk_position, guide.chunk_normal, guide.chunk_wo, guide.chunk_roughness, guide.chunk_time,
+            count, guide.scratch, guide.raw,
         )
         for row in range(count):
             lane = np.int64(guide.chunk_lane[row])

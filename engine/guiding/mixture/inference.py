@@ -98,7 +98,7 @@ def allocate_mixture_scratch(shape: MixtureShape) -> Float32Array:
 
 
 @kernel
-def evaluate_mixtures(network, position, normal, wo, roughness, row_count, scratch, raw):
+def evaluate_mixtures(network, position, normal, wo, roughness, time, row_count, scratch, raw):
     """Raw parameters of the mixtures at a batch of points, and the logit of the selection after them.
 
     A row's result depends on that row alone, bit for bit. Whatever goes in, finite numbers come out: NaN becomes 0, all
@@ -111,6 +111,7 @@ def evaluate_mixtures(network, position, normal, wo, roughness, row_count, scrat
     normal : float32 (N, 3), unit shading normal on the viewer's side, world space
     wo : float32 (N, 3), unit, towards the viewer, world space
     roughness : float32 (N,), in [0, 1]
+    time : float32 (N,), of the shutter, in [0, 1]
     row_count : int, rows to do, at most N
     scratch : float32 (2 * CHUNK_ROWS, columns), of `allocate_mixture_scratch`
     raw : float32 (at least row_count, output_width), written
@@ -122,7 +123,7 @@ def evaluate_mixtures(network, position, normal, wo, roughness, row_count, scrat
         return
     for start in range(0, row_count, CHUNK_ROWS):
         stop = min(row_count, start + np.int64(CHUNK_ROWS))
-        encode_features(network.encoding, position, normal, wo, roughness, start, stop, scratch)
+        encode_features(network.encoding, position, normal, wo, roughness, time, start, stop, scratch)
         first = evaluate_chunk(network.perceptron, stop - start, scratch)
         for row in range(stop - start):
             for j in range(raw.shape[1]):

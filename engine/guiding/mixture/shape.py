@@ -6,6 +6,7 @@ References
 Dong et al. 2023, "Neural Parametric Mixtures for Path Guiding" (NPM), sections 4.3 and 5, Eqs. 13 and 14.
 Huang et al. 2024, "Online Neural Path Guiding with Normalized Anisotropic Spherical Gaussians" (NASG), sections 5 and
 6, Tables 1 and 2.
+Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", section 6.2 (time as an auxiliary input).
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class MixtureShape:
         coordinates), 'BLOB' (one-blob), 'HARMONICS' (spherical, all bands below a degree)
     normal_size, wo_size : bins a coordinate of 'BLOB', degree of 'HARMONICS'
     roughness_bins : of the one-blob encoding of 1 - exp(-roughness), 0 = not seen
+    time_frequencies : octaves of the frequency encoding of the path's time, 0 = not seen
     width, hidden_layers : of the perceptron, which has no bias
     target : what the mixture is proportional to: 'RADIANCE' (incident), 'COSINE' (radiance times |cos|) or 'PRODUCT'
         (radiance times BSDF times |cos|)
@@ -76,6 +78,7 @@ class MixtureShape:
     wo_encoding: str = "NONE"
     wo_size: int = 0
     roughness_bins: int = 0
+    time_frequencies: int = 0
     width: int = 64
     hidden_layers: int = 2
     target: str = "RADIANCE"
@@ -103,6 +106,7 @@ class MixtureShape:
             "growth": (1.0, 4.0),
             "position_bins": (3, 64),
             "roughness_bins": (0, 64),
+            "time_frequencies": (0, 16),
             "width": (8, 256),
             "hidden_layers": (1, 8),
         }
@@ -152,7 +156,7 @@ class MixtureShape:
         direction_width["HARMONICS"] = lambda size: size * size
         normal = direction_width[self.normal_encoding](self.normal_size)
         wo = direction_width[self.wo_encoding](self.wo_size)
-        return self.position_width + normal + wo + self.roughness_bins
+        return self.position_width + normal + wo + self.roughness_bins + 2 * self.time_frequencies
 
     @property
     def feature_width(self) -> int:

@@ -42,6 +42,7 @@ from engine.guiding.rows import (
     ROW_RADIANCE,
     ROW_REFLECTANCE,
     ROW_ROUGHNESS,
+    ROW_TIME,
     ROW_WI,
     ROW_WIDTH,
     ROW_WO,
@@ -275,11 +276,11 @@ class MixtureTraining:
         position, normal, wo = (
             np.ascontiguousarray(rows[:, column : column + 3]) for column in (ROW_POSITION, ROW_NORMAL, ROW_WO)
         )
-        roughness = np.ascontiguousarray(rows[:, ROW_ROUGHNESS])
+        roughness, time = (np.ascontiguousarray(rows[:, column]) for column in (ROW_ROUGHNESS, ROW_TIME))
         features = np.empty((rows.shape[0], self.shape.feature_width), np.float32)
         self._over_rows(
             lambda start, stop: encode_features(
-                self._encoding, position, normal, wo, roughness, start, stop, features[start:stop]
+                self._encoding, position, normal, wo, roughness, time, start, stop, features[start:stop]
             ),
             rows.shape[0],
         )
