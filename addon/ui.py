@@ -47,6 +47,7 @@ _CYCLES_PANELS = (
     "CYCLES_WORLD_PT_settings_surface",
     "CYCLES_CAMERA_PT_dof",
     "CYCLES_CAMERA_PT_dof_aperture",
+    "CYCLES_OBJECT_PT_motion_blur",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
 )
@@ -170,6 +171,53 @@ class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
             column.prop(settings, name)
 
 
+class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """When the shutter is open: Blender's own settings, as Cycles reads them."""
+
+    bl_label = "Motion Blur"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the switch."""
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        render = context.scene.render
+        column = self._column()
+        column.active = render.use_motion_blur
+        # Cycles' own in older Blenders.
+        owner = render if hasattr(render, "motion_blur_position") else getattr(context.scene, "cycles", None)
+        if owner is not None:
+            column.prop(owner, "motion_blur_position", text="Position")
+        column.prop(render, "motion_blur_shutter")
+
+
+class NEURALGUIDE_PT_motion_blur_curve(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How the shutter opens and closes."""
+
+    bl_label = "Shutter Curve"
+    bl_parent_id = "NEURALGUIDE_PT_motion_blur"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        render = context.scene.render
+        column = self._column()
+        column.active = render.use_motion_blur
+        column.template_curve_mapping(render, "motion_blur_shutter_curve")
+        row = column.row(align=True)
+        for shape, icon in (
+            ("SMOOTH", "SMOOTHCURVE"),
+            ("ROUND", "SPHERECURVE"),
+            ("ROOT", "ROOTCURVE"),
+            ("SHARP", "SHARPCURVE"),
+            ("LINE", "LINCURVE"),
+            ("MAX", "NOCURVE"),
+        ):
+            row.operator("render.shutter_curve_preset", icon=icon, text="").shape = shape
+
+
 class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """Exposure, filter, background."""
 
@@ -265,6 +313,8 @@ _classes = (
     NEURALGUIDE_PT_guiding,
     NEURALGUIDE_PT_sampling_advanced,
     NEURALGUIDE_PT_light_paths,
+    NEURALGUIDE_PT_motion_blur,
+    NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
     NEURALGUIDE_PT_passes,
 )

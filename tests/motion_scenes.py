@@ -14,7 +14,7 @@ def keyframe(owner: Any, path: str, values: dict[float, Any], interpolation: str
         setattr(owner, path, value)
         owner.keyframe_insert(path, frame=frame)
     for curve in curves_of(owner):
-        if curve.data_path == path:
+        if curve.data_path == owner.path_from_id(path):
             for point in curve.keyframe_points:
                 point.interpolation = interpolation
 

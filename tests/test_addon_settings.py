@@ -47,6 +47,11 @@ def test_cycles_settings_are_taken_over(blender: Any) -> None:
     from addon.properties import copy_cycles_settings
 
     assert copy_cycles_settings(scene) == ["path guiding"]
+    # Blender's own, and read as it is.
+    scene.render.use_motion_blur = True
+    assert copy_cycles_settings(scene) == ["path guiding"]
+    cycles.rolling_shutter_type = "TOP"
+    assert copy_cycles_settings(scene) == ["path guiding", "rolling shutter"]
 
 
 def test_without_cycles_the_reason_is_given(blender: Any) -> None:
@@ -108,3 +113,43 @@ def test_borrowed_panels_ask_for_our_engine_and_cycles_conditions(blender: Any) 
     assert panel.poll(SimpleNamespace(engine="NEURALGUIDE", light=sun))
     assert not panel.poll(SimpleNamespace(engine="NEURALGUIDE", light=None))
     assert not panel.poll(SimpleNamespace(engine="CYCLES", light=sun))
+
+
+def test_motion_blur_can_be_chosen(blender: Any) -> None:
+    from addon import ui
+
+    drawn: list[str] = []
+
+    class Layout:
+        active = True
+
+        def prop(self, owner: Any, name: str, text: str = "") -> None:
+            getattr(owner, name)
+            drawn.append(name)
+
+        def column(self, align: bool = False) -> Any:
+            return self
+
+        row = column
+
+        def template_curve_mapping(self, owner: Any, name: str) -> None:
+            self.prop(owner, name)
+
+        def operator(self, name: str, icon: str, text: str) -> Any:
+            assert name == "render.shutter_curve_preset"
+            return SimpleNamespace()
+
+    for panel in (ui.NEURALGUIDE_PT_motion_blur, ui.NEURALGUIDE_PT_motion_blur_curve):
+        drawer = type("Drawer", (ui._RenderPanel,), {"layout": Layout()})()
+        for method in ("draw_header", "draw"):
+            if hasattr(panel, method):
+                getattr(panel, method)(drawer, blender.context)
+    assert drawn == [
+        "use_motion_blur", "motion_blur_position", "motion_blur_shutter", "motion_blur_shutter_curve"
+    ]  # fmt: skip
+    assert {"NEURALGUIDE_PT_motion_blur", "NEURALGUIDE_OBJECT_PT_motion_blur"} <= set(dir(blender.types))
+    cube, lamp = SimpleNamespace(type="MESH"), SimpleNamespace(type="LIGHT", instance_type="NONE")
+    poll = blender.types.NEURALGUIDE_OBJECT_PT_motion_blur.poll
+    assert poll(SimpleNamespace(engine="NEURALGUIDE", object=cube))
+    assert not poll(SimpleNamespace(engine="NEURALGUIDE", object=lamp))
+    assert not poll(SimpleNamespace(engine="CYCLES", object=cube))

@@ -215,6 +215,36 @@ def test_items_are_found_again_in_another_order() -> None:
     assert find_again(before, now[:0]).tolist() == [-1] * 5
 
 
+def test_particles_are_followed_and_those_that_are_born_or_die_are_left_out(scene: Any) -> None:
+    """As Cycles: nobody knows where they come from or go."""
+    shown, emitter = add_cube("Shown"), add_cube("Emitter")
+    shown.location = (50.0, 0.0, 0.0)
+    emitter.modifiers.new("Particles", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    # One every 0.9 frames, each for five frames, a metre a frame.
+    settings.count, settings.frame_start, settings.frame_end, settings.lifetime = 10, 1, 10, 5
+    settings.render_type, settings.instance_object = "OBJECT", shown
+    settings.effector_weights.gravity = 0.0
+    settings.normal_factor = scene.render.fps / scene.render.fps_base
+    # Blender goes through the frames before it knows where particles are.
+    for frame in range(1, 12):
+        scene.frame_set(frame)
+    counts = []
+    for length in (0.5, 2.0):
+        open_shutter(scene, length)
+        scene.frame_set(9)
+        instances = export().instances
+        # The object itself stands still.
+        assert sorted(instances.motion) == [row for row, name in enumerate(instances.name) if name == "Shown"][1:]
+        for row, motion in instances.motion.items():
+            moves = np.diff(motion[:, :3, 3], axis=0)
+            np.testing.assert_allclose(moves[0], moves[1], atol=0.02)
+            assert np.linalg.norm(moves[0]) == pytest.approx(0.5 * length, abs=0.05)
+            np.testing.assert_array_equal(motion[1], instances.transform[row])
+        counts.append(len(instances.motion))
+    assert counts == [5, 3]
+
+
 # ---------------------------------------------------------------------------------------------------------------------
 # Camera and lamps
 
@@ -284,9 +314,6 @@ def test_materials_are_those_of_the_frame(scene: Any) -> None:
     cube.data.materials.append(material)
     shader = next(node for node in material.node_tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
     keyframe(shader.inputs["Roughness"], "default_value", {0: 0.0, 20: 1.0})
-    for curve in curves_of(material.node_tree):
-        for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"
     open_shutter(scene, 4.0, "END")
     scene.frame_set(10)
     graph = export().materials[0].graph

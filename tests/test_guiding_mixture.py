@@ -259,8 +259,8 @@ def test_harmonics_are_orthonormal():
     wo = np.stack(np.broadcast_arrays(r[:, None] * np.cos(phi), r[:, None] * np.sin(phi), z[:, None]), -1)
     wo = wo.reshape(-1, 3).astype(np.float32)
     weight = np.repeat(z_weight, 16) * math.pi / 8
-    position, normal, _, roughness = random_points(wo.shape[0])
-    features = features_of(shape, random_parameters(shape), (position, normal, wo, roughness))
+    position, normal, _, roughness, time = random_points(wo.shape[0])
+    features = features_of(shape, random_parameters(shape), (position, normal, wo, roughness, time))
     first = shape.position_width + 12
     harmonics = features[:, first : first + 16].astype(np.float64)
     np.testing.assert_allclose(harmonics.T @ (harmonics * weight[:, None]), np.eye(16), atol=1e-5)

@@ -33,6 +33,7 @@ from engine.guiding.rows import (
     ROW_RADIANCE,
     ROW_REFLECTANCE,
     ROW_ROUGHNESS,
+    ROW_TIME,
     ROW_WIDTH,
     ROW_WO,
     make_rows,

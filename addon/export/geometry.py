@@ -96,7 +96,7 @@ def _read_mesh(
         name=mesh.name,
         vertices=vertices,
         triangles=topology.vertices,
-        corner_normals=_read_normals(mesh, topology),
+        corner_normals=read_normals(mesh, topology),
         material_slots=_read_material_slots(mesh, topology),
     )
     context.check_cancel()
@@ -116,7 +116,7 @@ def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
     return flat.reshape(-1, 3)
 
 
-def _read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
+def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
     """Split normals, float32 (T, 3, 3), or None where every face is flat."""
     flat = np.empty(len(mesh.loops) * 3, np.float32)
     if hasattr(mesh, "corner_normals"):

@@ -14,6 +14,7 @@ from engine.scene.description import Camera, Float32Array, Instances, SceneDescr
 
 from .camera import export_camera
 from .context import ExportContext
+from .deformation import ShapeTrack
 from .instances import Appearances, is_invertible
 from .moments import Moment, Observer, find_again
 from .shutter import Clock, Shutter, motion_step_count
@@ -56,7 +57,8 @@ def add_motion(
     kind_steps = np.array([*(kind.motion_step_count for kind in appearances.kinds), 0], np.int64)
     steps = kind_steps[appearances.kind[chosen]]
     camera = CameraTrack(context, camera_object, description.camera)
-    count = max(int(steps.max(initial=0)), camera.step_count)
+    shapes = ShapeTrack(context, description, appearances, chosen)
+    count = max(int(steps.max(initial=0)), camera.step_count, shapes.step_count)
     if count == 0:
         return
     track = TransformTrack(context, instances, steps, count)
@@ -74,10 +76,12 @@ def add_motion(
         moment = observer.look()
         where = find_again(middle.keys, moment.keys)
         track.look(step, moment, where[chosen])
+        shapes.look(step, count, moment, where)
         known = np.flatnonzero(lights & (where >= 0))
         restless[known] |= differ(middle.transform[known], moment.transform[where[known]])
     description.camera.motion = camera.result()
     instances.motion = track.result()
+    shapes.finish()
     for row in np.unique(appearances.kind[restless]).tolist():
         context.notice(
             appearances.kinds[row].name,

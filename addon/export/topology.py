@@ -30,12 +30,7 @@ def read_topology(mesh: bpy.types.Mesh, triangle_count: int) -> Topology:
     """Triangles of a mesh whose loop triangles were computed."""
     corners = np.empty(triangle_count * 3, np.uint32)
     mesh.loop_triangles.foreach_get("loops", corners)
-    corner_vertices = np.empty(len(mesh.loops), np.int32)
-    stored = mesh.attributes.get(".corner_vert")
-    if stored is not None:
-        stored.data.foreach_get("value", corner_vertices)
-    else:
-        mesh.loops.foreach_get("vertex_index", corner_vertices)
+    corner_vertices = _read_corner_vertices(mesh)
     polygons = np.empty(triangle_count, np.int32)
     if hasattr(mesh, "loop_triangle_polygons"):
         mesh.loop_triangle_polygons.foreach_get("value", polygons)
@@ -44,6 +39,37 @@ def read_topology(mesh: bpy.types.Mesh, triangle_count: int) -> Topology:
     rows = corners.astype(np.intp)
     vertices = gather(corner_vertices.view(np.uint32), rows)
     return Topology(rows, vertices.reshape(-1, 3), polygons)
+
+
+class Faces:
+    """Faces of a Blender mesh as they are before triangulation, which goes by the shape too."""
+
+    def __init__(self, corner_vertices: Int32Array, starts: Int32Array) -> None:
+        self._arrays = (corner_vertices, starts)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Faces):
+            return NotImplemented
+        return all(np.array_equal(a, b) for a, b in zip(self._arrays, other._arrays, strict=True))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def read_faces(mesh: bpy.types.Mesh) -> Faces:
+    """Faces of a mesh."""
+    starts = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_start", starts)
+    return Faces(_read_corner_vertices(mesh), starts)
+
+
+def _read_corner_vertices(mesh: bpy.types.Mesh) -> Int32Array:
+    corner_vertices = np.empty(len(mesh.loops), np.int32)
+    stored = mesh.attributes.get(".corner_vert")
+    if stored is not None:
+        stored.data.foreach_get("value", corner_vertices)
+    else:
+        mesh.loops.foreach_get("vertex_index", corner_vertices)
+    return corner_vertices
 
 
 def gather(values: np.ndarray, rows: npt.NDArray[np.intp]) -> np.ndarray:

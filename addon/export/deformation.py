@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Motion blur: meshes that change their shape while the shutter is open."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field, replace
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from engine.scene.description import Float32Array, Mesh, SceneDescription
+
+from .context import ExportContext
+from .geometry import read_normals, read_positions
+from .instances import Appearance, Appearances
+from .moments import Moment
+from .topology import Faces, Topology, read_faces, read_topology
+
+#: A point attribute [m/s] that stands for positions at other times, in meshes of simulations.
+_VELOCITY = "velocity"
+#: Times Cycles makes of velocities.
+_VELOCITY_STEPS = 3
+
+
+class ShapeTrack:
+    """Shapes of all meshes at all times, of which only those that change are kept."""
+
+    def __init__(
+        self,
+        context: ExportContext,
+        description: SceneDescription,
+        appearances: Appearances,
+        chosen: npt.NDArray[np.intp],
+    ) -> None:
+        """Find the meshes that may change; Blender stands at the middle of the shutter.
+
+        Parameters
+        ----------
+        chosen : intp (N,)
+            Rows of `appearances` that the instances of `description` are.
+        """
+        self._context = context
+        self._description = description
+        self._shapes: list[_Shape] = []
+        # Meshes of the same vertices differ in properties of objects only.
+        groups: dict[int, list[int]] = {}
+        for row, mesh in enumerate(description.meshes):
+            groups.setdefault(id(mesh.vertices), []).append(row)
+        group_of_mesh = np.zeros(len(description.meshes), np.int64)
+        for group, rows in enumerate(groups.values()):
+            group_of_mesh[rows] = group
+        group_of_instance = group_of_mesh[description.instances.mesh]
+        order = np.argsort(group_of_instance, kind="stable")
+        bounds = np.searchsorted(group_of_instance[order], np.arange(len(groups) + 1))
+        for rows, first, end in zip(groups.values(), bounds[:-1], bounds[1:], strict=True):
+            items = chosen[order[first:end]]
+            kinds = [appearances.kinds[row] for row in np.unique(appearances.kind[items]).tolist()]
+            kinds = [kind for kind in kinds if kind.use_deform_motion and kind.motion_step_count > 0]
+            if kinds and kinds[0].mesh is not None:
+                self._add(rows, items, kinds, kinds[0].mesh)
+        #: Most times of any mesh, 0 if none may change.
+        self.step_count = max((shape.step_count for shape in self._shapes), default=0)
+
+    def _add(
+        self, rows: list[int], items: npt.NDArray[np.intp], kinds: list[Appearance], source: bpy.types.Mesh
+    ) -> None:
+        self._context.check_cancel()
+        mesh = self._description.meshes[rows[0]]
+        velocity = source.attributes.get(_VELOCITY)
+        has_velocity = velocity is not None and (velocity.domain, velocity.data_type) == ("POINT", "FLOAT_VECTOR")
+        if not has_velocity and not any(_can_deform(kind.owner) for kind in kinds):
+            return
+        shape = _Shape(rows, items, mesh, kinds[0].name, max(kind.motion_step_count for kind in kinds))
+        if has_velocity:
+            _follow_velocity(self._context, shape, source)
+        else:
+            shape.faces = read_faces(source)
+            if mesh.corner_normals is not None:
+                source.calc_loop_triangles()
+                shape.topology = read_topology(source, len(mesh.triangles))
+        self._shapes.append(shape)
+
+    def look(self, step: int, count: int, moment: Moment, where: npt.NDArray[np.intp]) -> None:
+        """Read what is due at the time `step` of `count`; `where` intp has the rows of `moment` of all items."""
+        for shape in self._shapes:
+            stride = (count - 1) // (shape.step_count - 1)
+            if shape.faces is None or step % stride != 0:
+                continue
+            found = where[shape.items]
+            found = found[found >= 0]
+            if len(found):
+                self._context.check_cancel()
+                self._read(shape, step // stride, moment.data[found[0]])
+
+    def _read(self, shape: _Shape, step: int, source: bpy.types.Mesh) -> None:
+        middle = shape.mesh
+        positions = read_positions(source) if len(source.vertices) == len(middle.vertices) else None
+        if positions is not None and np.array_equal(positions, middle.vertices):
+            return
+        if positions is None or read_faces(source) != shape.faces:
+            self._context.notice(
+                shape.name,
+                "has other vertices or faces at another time of the shutter: its shape is not blurred",
+                "its shape in the middle",
+            )
+            shape.give_up()
+            return
+        normals = read_normals(source, shape.topology) if shape.topology is not None else None
+        shape.vertices[step] = self._repaired(shape, positions, middle.vertices)
+        if normals is not None and middle.corner_normals is not None:
+            shape.normals[step] = self._repaired(shape, normals, middle.corner_normals)
+
+    def _repaired(self, shape: _Shape, values: Float32Array, middle: Float32Array) -> Float32Array:
+        """Without NaN and infinity that are not in the middle too."""
+        is_good = np.isfinite(values)
+        if is_good.all():
+            return values
+        problem = "has vertices that are not finite while the shutter is open"
+        self._context.notice(shape.name, problem, "then where they are in the middle")
+        return np.where(is_good, values, middle)
+
+    def finish(self) -> None:
+        """Put the meshes that changed into the description, under keys that tell how."""
+        meshes = self._description.meshes
+        for shape in self._shapes:
+            if not shape.vertices:
+                continue
+            self._context.check_cancel()
+            vertices = _with_middle(shape.mesh.vertices, shape.vertices, shape.step_count)
+            normals = None
+            if shape.mesh.corner_normals is not None:
+                normals = _with_middle(shape.mesh.corner_normals, shape.normals, shape.step_count)
+            digest = hashlib.blake2b(vertices.data, digest_size=16)
+            if normals is not None:
+                digest.update(normals.data)
+            for row in shape.rows:
+                key = (meshes[row].key, digest.hexdigest())
+                meshes[row] = replace(meshes[row], key=key, motion_vertices=vertices, motion_normals=normals)
+
+
+@dataclass
+class _Shape:
+    """A mesh, its rows in the description, and the items that show it."""
+
+    rows: list[int]
+    items: npt.NDArray[np.intp]
+    mesh: Mesh
+    name: str
+    step_count: int
+    #: None: there is nothing to be read at other times.
+    faces: Faces | None = None
+    #: None where every face is flat.
+    topology: Topology | None = None
+    #: By time; those of the middle are the mesh's own.
+    vertices: dict[int, Float32Array] = field(default_factory=dict)
+    normals: dict[int, Float32Array] = field(default_factory=dict)
+
+    def give_up(self) -> None:
+        """Forget what was read, and read no more."""
+        self.faces = self.topology = None
+        self.vertices.clear()
+        self.normals.clear()
+
+
+def _can_deform(owner: bpy.types.Object) -> bool:
+    """Whether an object's evaluation may give its mesh another shape at another time."""
+    if owner.type != "MESH" or len(owner.modifiers) > 0:
+        return True
+    return getattr(owner.original.data, "shape_keys", None) is not None
+
+
+def _follow_velocity(context: ExportContext, shape: _Shape, source: bpy.types.Mesh) -> None:
+    """As Cycles: vertices go straight on, [m/s], whatever the mesh is at other times."""
+    flat = np.empty(len(source.vertices) * 3, np.float32)
+    source.attributes[_VELOCITY].data.foreach_get("vector", flat)
+    render = context.scene.render
+    seconds = 0.5 * render.motion_blur_shutter * render.fps_base / render.fps
+    move = np.nan_to_num(flat.reshape(-1, 3), posinf=0.0, neginf=0.0) * np.float32(seconds)
+    shape.step_count = _VELOCITY_STEPS
+    if move.any():
+        shape.vertices = {0: shape.mesh.vertices - move, 2: shape.mesh.vertices + move}
+
+
+def _with_middle(middle: Float32Array, others: dict[int, Float32Array], count: int) -> Float32Array:
+    """All times, float32 (count, ...); where nothing was read, the middle."""
+    result = np.repeat(middle[None], count, axis=0)
+    for step, values in others.items():
+        result[step] = values
+    return result
