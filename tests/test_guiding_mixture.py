@@ -230,7 +230,7 @@ def test_features_have_their_places(shape):
     features = features_of(shape, random_parameters(shape), points)
     assert np.isfinite(features).all()
     assert (features[:, shape.used_width :] == 1.0).all()
-    _, normal, wo, _ = points
+    _, normal, wo, _, time = points
     column = shape.position_width
     if shape.position_encoding == "BLOB":
         bins = features[:, :column].reshape(-1, 3, shape.position_bins)
@@ -244,7 +244,13 @@ def test_features_have_their_places(shape):
         np.testing.assert_allclose(bins @ centers, inside, atol=1e-5)
     if shape.normal_encoding == "RAW":
         np.testing.assert_array_equal(features[:, column : column + 3], normal)
+    if shape.wo_encoding == "RAW":
         np.testing.assert_array_equal(features[:, column + 3 : column + 6], wo)
+    if shape.time_frequencies:
+        angle = math.pi * time[:, None].astype(np.float64) * 2.0 ** np.arange(shape.time_frequencies)
+        waves = np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(time), -1)
+        found = features[:, shape.used_width - 2 * shape.time_frequencies : shape.used_width]
+        np.testing.assert_allclose(found, waves, atol=1e-5)
     if shape.normal_encoding == "BLOB":
         np.testing.assert_allclose(features[:, column : column + 12].reshape(-1, 3, 4).sum(axis=2), 1.0, atol=1e-6)
         np.testing.assert_allclose(features[:, shape.used_width - 4 : shape.used_width].sum(axis=1), 1.0, atol=1e-6)

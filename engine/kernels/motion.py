@@ -173,6 +173,40 @@ def normal_to_object(geometry, instance, time, n):
 
 
 @kernel
+def move_surface(geometry, instance, time, p, extent, ng, ns):
+    """A point of a moving instance's surface, from object to world space.
+
+    Parameters
+    ----------
+    p, ng, ns : 3-tuples, the point and its normals
+    extent : float32, largest coordinate of its triangle
+
+    Returns
+    -------
+    p, ng, ns : 3-tuples, normals not normalised
+    extent : float32, largest coordinate on the way
+    """
+    m = _moving_matrix(geometry, instance, time)
+    i = _inverse(m)
+    widest = apply_direction(m, (extent, extent, extent))
+    p = apply_point(m, p)
+    return (
+        p,
+        (
+            i[0] * ng[0] + i[3] * ng[1] + i[6] * ng[2],
+            i[1] * ng[0] + i[4] * ng[1] + i[7] * ng[2],
+            i[2] * ng[0] + i[5] * ng[1] + i[8] * ng[2],
+        ),
+        (
+            i[0] * ns[0] + i[3] * ns[1] + i[6] * ns[2],
+            i[1] * ns[0] + i[4] * ns[1] + i[7] * ns[2],
+            i[2] * ns[0] + i[5] * ns[1] + i[8] * ns[2],
+        ),
+        max(abs(widest[0]), abs(widest[1]), abs(widest[2]), abs(p[0]), abs(p[1]), abs(p[2])),
+    )
+
+
+@kernel
 def _between(array, a, b, fraction):
     """A point between two rows."""
     u = load(array, a)

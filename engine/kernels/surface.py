@@ -4,17 +4,23 @@
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.motion import (
-    direction_to_world,
-    normal_to_world,
-    normals_at,
-    point_to_world,
-    triangle_at,
+from engine.kernels.motion import move_surface, normals_at, triangle_at
+from engine.kernels.vector import (
+    add,
+    cross,
+    dot,
+    negate,
+    normalize,
+    scale,
+    subtract,
+    transform_direction,
+    transform_normal,
+    transform_point,
 )
-from engine.kernels.vector import add, cross, dot, negate, normalize, scale, subtract
 from engine.scene.arrays import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_MIRRORED,
+    INSTANCE_FLAG_MOVING,
     INSTANCE_FLAGS,
     INSTANCE_MATERIAL_OFFSET,
     INSTANCE_MESH,
@@ -78,13 +84,15 @@ def surface_point(geometry, instance, triangle, u, v, time):
             ng = negate(ng)
             if first_normal < 0:
                 ns = ng
+    elif flags & INSTANCE_FLAG_MOVING:
+        p, ng, ns, extent = move_surface(geometry, instance, time, p, extent, ng, ns)
     else:
-        widest = direction_to_world(geometry, instance, time, (extent, extent, extent))
+        widest = transform_direction(geometry.transforms, instance, (extent, extent, extent))
         extent = max(abs(widest[0]), abs(widest[1]), abs(widest[2]))
-        p = point_to_world(geometry, instance, time, p)
+        p = transform_point(geometry.transforms, instance, p)
         extent = max(extent, abs(p[0]), abs(p[1]), abs(p[2]))
-        ng = normal_to_world(geometry, instance, time, ng)
-        ns = normal_to_world(geometry, instance, time, ns)
+        ng = transform_normal(geometry.inverses, instance, ng)
+        ns = transform_normal(geometry.inverses, instance, ns)
     ng = normalize(ng)
     if first_normal >= 0:
         ns = normalize(ns)

@@ -2,8 +2,8 @@
 """What a mixture network sees of a point: one definition, which training and inference both run.
 
 Positions are contracted into the unit cube (`encoding.contract`: the bounds take the middle 90% of each axis, the rest
-of space the ends) and either read from dense grids of learned features or spread over bins. Features are, in order: the
-position's, the normal's, those of the direction to the viewer, the roughness's, the time's, and ones up to a multiple of
+of space the ends) and either read from dense grids of learned features or spread over bins. Features are, in order:
+those of the position, the normal, the direction to the viewer, the roughness and the time, and ones up to a multiple of
 eight.
 
 References
