@@ -86,6 +86,17 @@ PROTOCOLS = {
         {"OFF": 1.0, "NASG-RADIANCE": 1.75, "NASG-COSINE": 1.89, "NASG": 2.96, "NASG-SG": 2.51},
         "Huang et al. 2024, section 7.1 and Table 3 (8 scenes)",
     ),
+    "4d": Protocol(
+        "4d",
+        ("OFF", "VMM", "NPM", "NPM-TIME"),
+        512,
+        "relMSE",
+        _PLAIN
+        | {"use_nee": False, "use_russian_roulette": False}
+        | dict.fromkeys(("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"), _NPM_BOUNCES),
+        {"OFF": 1.0, "NPM": 1.93},
+        "Dong et al. 2025, section 6 and Table 1 (equal time, 5 scenes); of time as an auxiliary input it has no table",
+    ),
 }
 
 

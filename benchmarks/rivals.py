@@ -21,6 +21,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
     "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},
+    "NPM-TIME": {"guiding_method": "NPM", "mixture_time": "FREQUENCY"},
+    "NASG-TIME": {"guiding_method": "NASG", "mixture_time": "FREQUENCY"},
 }
 
 

@@ -21,6 +21,7 @@ from benchmarks.scenes.studio import (
     light,
     lit_stage,
     material,
+    mesh,
     quad,
     resolution,
     sphere,
@@ -227,4 +228,54 @@ def glass() -> None:
     _animate(flat, "location", (0.5, 0.9, 0.7), (1.1, 0.6, 1.0))
     add_object("Box", box("Box", material("checked", _checked), (0.6, 0.6, 0.6)), (-0.9, 0.4, 0.3), (0, 0, 30))
     camera((0.0, -5.0, 2.0), (0.0, 0.0, 0.6))
+    _shutter()
+
+
+def _room(name: str, surface: Any, half: float, height: float) -> None:
+    """Floor, ceiling and walls but the one towards -y."""
+    x, z = half, height
+    corners = [(i, j, k) for i in (-x, x) for j in (-x, x) for k in (0.0, z)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    add_object(name, mesh(name, corners, faces, surface))
+
+
+@scene("blur-tower", samples=256)
+def tower() -> None:
+    """A glowing body flies behind a tower of cubes that fall: what lights a place depends on when it is looked at."""
+    resolution()
+    world((0.0, 0.0, 0.0))
+    _room("Room", diffuse((0.7, 0.7, 0.7), "room"), 2.5, 3.0)
+    body = add_object("Body", sphere("Body", emitter((1.0, 0.8, 0.6), 60.0), 0.16, 24, 12))
+    _animate(body, "location", (-1.9, 1.2, 0.5), (1.9, 0.9, 1.4))
+    for row in range(4):
+        for column in range(4):
+            color = (0.3 + 0.15 * row, 0.45, 0.75 - 0.15 * column)
+            cube = add_object("Cube", box("Cube", diffuse(color, "cube"), (0.42, 0.42, 0.42)))
+            x, z = -0.8 + 0.5 * column, 0.22 + 0.46 * row
+            away = 0.25 * row
+            _animate(cube, "location", (x, 0.2, z), (x + away, 0.2 - away, max(z - 0.5 * away, 0.22)))
+            _animate(cube, "rotation_euler", (0.0, 0.0, 0.0), (0.6 * away, 0.9 * away, 0.4 * column * away))
+    camera((0.0, -5.2, 1.6), (0.0, 0.0, 1.1), 40.0)
+    _shutter()
+
+
+@scene("blur-turning-room", samples=256)
+def turning_room() -> None:
+    """A lamp hidden in a drum with slits that turns: beams sweep over the room."""
+    resolution()
+    world((0.0, 0.0, 0.0))
+    _room("Room", diffuse((0.75, 0.72, 0.7), "room"), 2.5, 3.0)
+    add_object("Lamp", sphere("Lamp", emitter((1.0, 0.9, 0.7), 150.0), 0.08, 24, 12), (0.0, 0.4, 1.0))
+    metal = diffuse((0.5, 0.5, 0.55), "drum")
+    sides, open_sides = 24, (0, 1, 8, 9, 16)
+    ring = [(0.45 * math.cos(2 * math.pi * i / sides), 0.45 * math.sin(2 * math.pi * i / sides)) for i in range(sides)]
+    corners = [(x, y, z) for z in (-0.5, 0.5) for x, y in ring]
+    faces: list[tuple[int, ...]] = [
+        (i, (i + 1) % sides, sides + (i + 1) % sides, sides + i) for i in range(sides) if i not in open_sides
+    ]
+    faces += [tuple(range(sides)), tuple(range(sides, 2 * sides))]
+    drum = add_object("Drum", mesh("Drum", corners, faces, metal), (0.0, 0.4, 1.0))
+    _animate(drum, "rotation_euler", (0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
+    drum.cycles.motion_steps = 3
+    camera((0.0, -5.2, 1.8), (0.0, 0.0, 1.2), 40.0)
     _shutter()
