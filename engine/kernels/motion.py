@@ -219,15 +219,24 @@ def _between(array, a, b, fraction):
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def triangle_at(geometry, mesh, triangle, time):
     """Vertices of a triangle, in the space that the mesh is stored in."""
+    if geometry.mesh_table[mesh, MESH_MOTION] >= 0:
+        return _bent_triangle(geometry, mesh, triangle, time)
+    a = np.int64(geometry.triangles[triangle, 0])
+    b = np.int64(geometry.triangles[triangle, 1])
+    c = np.int64(geometry.triangles[triangle, 2])
+    return load(geometry.vertices, a), load(geometry.vertices, b), load(geometry.vertices, c)
+
+
+@kernel
+def _bent_triangle(geometry, mesh, triangle, time):
+    """Vertices of a triangle of a mesh that changes its shape."""
     a = np.int64(geometry.triangles[triangle, 0])
     b = np.int64(geometry.triangles[triangle, 1])
     c = np.int64(geometry.triangles[triangle, 2])
     motion = geometry.mesh_table[mesh, MESH_MOTION]
-    if motion < 0:
-        return load(geometry.vertices, a), load(geometry.vertices, b), load(geometry.vertices, c)
     key, fraction = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
     step = np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
     offset = np.int64(geometry.motion_table[motion, MOTION_FIRST_VERTEX]) + key * step
@@ -243,7 +252,7 @@ def triangle_at(geometry, mesh, triangle, time):
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def normals_at(geometry, mesh, first_normal, triangle, time):
     """Corner normals of a triangle of a smooth mesh, in the space it is stored in; unit where it keeps its shape.
 
@@ -252,16 +261,23 @@ def normals_at(geometry, mesh, first_normal, triangle, time):
     first_normal : int
         Row of the mesh's first triangle, MESH_FIRST_NORMAL.
     """
+    if geometry.mesh_table[mesh, MESH_MOTION] >= 0:
+        return _bent_normals(geometry, mesh, triangle, time)
+    normals = geometry.corner_normals
+    row = np.int64(first_normal + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE])
+    return (
+        (normals[row, 0], normals[row, 1], normals[row, 2]),
+        (normals[row, 3], normals[row, 4], normals[row, 5]),
+        (normals[row, 6], normals[row, 7], normals[row, 8]),
+    )
+
+
+@kernel
+def _bent_normals(geometry, mesh, triangle, time):
+    """Corner normals of a triangle of a mesh that changes its shape."""
     normals = geometry.corner_normals
     local = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
-    row = np.int64(first_normal + local)
     motion = geometry.mesh_table[mesh, MESH_MOTION]
-    if motion < 0:
-        return (
-            (normals[row, 0], normals[row, 1], normals[row, 2]),
-            (normals[row, 3], normals[row, 4], normals[row, 5]),
-            (normals[row, 6], normals[row, 7], normals[row, 8]),
-        )
     key, f = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
     step = np.int64(geometry.mesh_table[mesh, MESH_TRIANGLE_COUNT])
     row = np.int64(geometry.motion_table[motion, MOTION_FIRST_NORMAL]) + key * step + local

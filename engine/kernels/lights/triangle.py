@@ -42,7 +42,7 @@ def _moving_triangle(geometry, instance, triangle, time):
     return v0, v1, v2
 
 
-@kernel
+@kernel(forceinline=True)
 def emissive_triangle(lights, geometry, emitter, time):
     """An emissive triangle at a time of the shutter: its first vertex and the two edges from it, world space."""
     triangles = lights.triangles
