@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bias import find_bias
+from engine import learning
 from engine.accel import RayScratch, trace_closest
 from engine.jit import kernel
 from engine.kernels.camera import sample_time
@@ -32,6 +33,7 @@ from engine.session import Session
 from engine.settings import RenderSettings
 from tests import light_probe
 from tests.test_accel import at, built, quad_scene
+from tests.test_guided_sources import Untrained
 from tests.test_session import floor_scene, material, sun
 
 
@@ -331,6 +333,28 @@ def test_light_sampling_and_scattering_agree_about_a_moving_emitter():
     guided = rendered(description, range(20, 22), guiding_method="VMM", guiding_trial=False, samples=512)
     bias = find_bias(guided, sampled)
     assert not bias.is_biased and bias.detectable < 0.03, bias
+
+
+@pytest.mark.parametrize("is_moving", [True, False])
+def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves(is_moving, monkeypatch):
+    """Of a network with parameters drawn at random: no other is as wrong."""
+    seen = []
+
+    def make(settings):
+        seen.append(settings.mixture_time)
+        return Untrained(settings, 4.0)
+
+    monkeypatch.setattr(learning, "make_source_model", make)
+    description = emitter_scene()
+    if not is_moving:
+        description.instances.motion.clear()
+        description.meshes[1].motion_vertices = None
+    guided = rendered(
+        description, range(2), guiding_method="NPM", mixture_time="FREQUENCY", guiding_trial=False, samples=511
+    )
+    bias = find_bias(guided, rendered(description, range(10, 14), samples=512))
+    assert not bias.is_biased and bias.detectable < 0.03, bias
+    assert seen == ["FREQUENCY" if is_moving else "NONE"] * 2
 
 
 def test_a_still_picture_is_the_mean_of_pictures_at_all_times():

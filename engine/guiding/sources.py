@@ -24,8 +24,8 @@ from engine.settings import RenderSettings
 
 #: One-blob bins for each coordinate, in place of grids whose cells see too few records (docs/experiments.md).
 _COMPACT_BINS = 32
-#: Dong et al. 2025, section 6.2.
-_TIME_FREQUENCIES = 16
+#: Octaves of the time: Dong et al. 2025, section 6.2; and fewer, that a render on a processor can train.
+_TIME_FREQUENCIES, _COMPACT_TIME_FREQUENCIES = 16, 4
 _NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
 #: Spherical Gaussians in NASG's place have as many parameters with more lobes.
 _LOBE_COUNTS = {"VMF": 8, "NASG": 8, "SG": SG.lobe_count}
@@ -52,7 +52,8 @@ def source_shape(settings: RenderSettings) -> MixtureShape | FlowShape:
         shape = replace(shape, position_encoding="BLOB", position_bins=_COMPACT_BINS)
     shape = replace(shape, has_selection=settings.network_selection)
     if settings.mixture_time == "FREQUENCY":
-        shape = replace(shape, time_frequencies=_TIME_FREQUENCIES)
+        is_compact = settings.mixture_preset == "COMPACT"
+        shape = replace(shape, time_frequencies=_COMPACT_TIME_FREQUENCIES if is_compact else _TIME_FREQUENCIES)
     if settings.mixture_lobes != "OWN":
         shape = replace(
             shape, lobe_model="NASG" if settings.mixture_lobes == "NASG" else "VMF",
