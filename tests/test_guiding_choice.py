@@ -54,6 +54,22 @@ def test_guiding_that_loses_is_given_up_soon():
     assert first <= 1 + 4 * SAMPLES
 
 
+def test_one_lucky_comparison_binds_nobody():
+    """Guiding that looks better by half at first, and then is worth nothing, is given up; twice as good is believed."""
+    for first_look, is_kept in ((1.5, False), (2.1, True)):
+        choice, first = Choice(1, "VMM", tries_plain=True), 1
+        looks = [first_look, 0.9, 0.9, 0.9]
+        for _ in range(12):
+            if choice._trial is not None:
+                choice._trial = Measured(looks.pop(0))
+            choice.judge(WEIGHTS, first, 0.0)
+            if choice.has_lost:
+                break
+            choice.plan(first, SAMPLES, ())
+            first += SAMPLES
+        assert choice.has_lost != is_kept
+
+
 @pytest.mark.parametrize("best", ["VMM", "VMM_RIS", "TABLE_RIS"])
 def test_the_best_method_is_found(best):
     worth = {"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 2.0, "TABLE_RIS": 2.0} | {best: 2.6}

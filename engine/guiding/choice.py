@@ -58,7 +58,7 @@ class Choice:
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
         self._iteration = 0
-        self._least_efficiency = 0.0
+        self._least_efficiency = self._clear_efficiency = 0.0
         self._has_won = False
         self._trial: GuidingTrial | None = None
         #: Log efficiencies of the challenger so far, and from which sample on methods may be tried again.
@@ -120,7 +120,7 @@ class Choice:
             return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
+        self._has_won = efficiency >= self._clear_efficiency
         # Written so that NaN, nothing compared, goes on.
         self.has_lost = efficiency < self._least_efficiency
 
@@ -155,6 +155,7 @@ class Choice:
         self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
         if len(self.parts) > 1:
             self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
+            self._clear_efficiency = trial.CLEAR_EFFICIENCY[self._iteration]
         elif self.is_settled and count >= 4:
             self._challenge(first, count, offers)
         self._trial = GuidingTrial(self._pixel_count) if len(self.parts) > 1 else None
