@@ -43,10 +43,10 @@ def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_p
 
 
 def test_unguided_rendering_is_compared_first():
-    choice, history, _ = run({"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 2.0, "TABLE_RIS": 2.0})
+    choice, history, _ = run({"OFF": 1.0, "VMM": 4.0, "VMM_RIS": 4.0, "TABLE_RIS": 4.0})
     firsts = [arms for _, _, arms in history if len(arms) > 1]
     assert firsts[0] == [CURRENT, PLAIN] and all(arms == [CURRENT, CHALLENGER] for arms in firsts[1:])
-    assert choice.efficiency == 2.0
+    assert choice.efficiency == 4.0
 
 
 def test_guiding_that_loses_is_given_up_soon():
@@ -54,20 +54,27 @@ def test_guiding_that_loses_is_given_up_soon():
     assert first <= 1 + 4 * SAMPLES
 
 
-def test_one_lucky_comparison_binds_nobody():
-    """Guiding that looks better by half at first, and then is worth nothing, is given up; twice as good is believed."""
-    for first_look, is_kept in ((1.5, False), (2.1, True)):
-        choice, first = Choice(1, "VMM", tries_plain=True), 1
-        looks = [first_look, 0.9, 0.9, 0.9]
-        for _ in range(12):
+def test_one_lucky_comparison_does_not_bind_for_good():
+    """Guiding that looked better by half once, and is worth less than nothing, is left at four times the samples."""
+    for later, is_kept in ((0.9, False), (1.2, True)):
+        choice, first, count = Choice(1, "VMM", tries_plain=True), 1, 0
+        for _ in range(120):
             if choice._trial is not None:
-                choice._trial = Measured(looks.pop(0))
+                choice._trial = Measured(1.5 if count == 0 else later)
+                count += 1
             choice.judge(WEIGHTS, first, 0.0)
             if choice.has_lost:
                 break
             choice.plan(first, SAMPLES, ())
             first += SAMPLES
         assert choice.has_lost != is_kept
+        # One at first, and then three at a time.
+        assert count in ((1 + 3 * 2, 1 + 3 * 3) if is_kept else (1 + 3,)), count
+
+
+def test_what_is_clearly_better_is_not_doubted():
+    _, history, _ = run({"OFF": 1.0, "VMM": 4.0}, offers=())
+    assert sum(len(arms) > 1 for _, _, arms in history) == 1
 
 
 @pytest.mark.parametrize("best", ["VMM", "VMM_RIS", "TABLE_RIS"])

@@ -81,7 +81,7 @@ def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
     untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
     assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
-    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", 0.0)
     won = render("VMM", 1, samples=31).report.guiding
     assert won.stopped_at == 0 and won.efficiency > 0.0
     assert won.record_count > 0

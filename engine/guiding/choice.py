@@ -2,9 +2,9 @@
 """Which method the next iteration goes by: what is in use, compared with unguided rendering, then with finer methods.
 
 Some iterations render a part of their samples by another method, and efficiencies, 1 / (variance x cost), are compared
-(`engine.guiding.trial`). All methods have the same expected image, and what is chosen depends on samples already taken
-only. With the method AUTO a finer method is tried where resampling promises to pay (`engine.learning`), taken up if it
-does, and left again if it no longer does.
+(`engine.guiding.trial`); with unguided rendering again later on, unless there is no doubt. All methods have the same
+expected image, and what is chosen depends on samples already taken only. With the method AUTO a finer method is tried
+where resampling promises to pay (`engine.learning`), taken up if it does, and left again if it no longer does.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ _DROPPED = (0.8, 0.95, 1.03)
 _TAKEN = (1.5, 1.15, 1.03)
 #: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
 _AGAIN = 4
+#: Then guiding is compared with unguided rendering again too, so many times: one lucky comparison must not bind an easy
+#: scene for good (docs/experiments.md). Not where it is _SURE times as good; below _LEAST_LATER on average it is left.
+_LOOKS = 3
+_SURE = 2.5
+_LEAST_LATER = 1.0
 
 
 class Choice:
@@ -58,9 +63,14 @@ class Choice:
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
         self._iteration = 0
-        self._least_efficiency = self._clear_efficiency = 0.0
+        self._least_efficiency = 0.0
         self._has_won = False
         self._trial: GuidingTrial | None = None
+        #: Later comparisons with unguided rendering: whether this iteration makes one, from which sample on the next
+        #: are due, and log efficiencies so far.
+        self._looks_again = False
+        self._look_from = 0
+        self._looks: list[float] = []
         #: Log efficiencies of the challenger so far, and from which sample on methods may be tried again.
         self._evidence: list[float] = []
         self._not_before: dict[str, int] = {}
@@ -88,6 +98,7 @@ class Choice:
         """Compare with unguided rendering again, from a stage of the trial on: something else guides now."""
         self._iteration = iteration
         self._has_won = False
+        self._looks = []
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
@@ -118,11 +129,29 @@ class Choice:
         if self.challenger:
             self._judge_challenger(efficiency, next_sample)
             return
+        if self._looks_again:
+            self._look(efficiency, next_sample)
+            return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self._has_won = efficiency >= self._clear_efficiency
+        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
         # Written so that NaN, nothing compared, goes on.
         self.has_lost = efficiency < self._least_efficiency
+        if self.is_settled:
+            self._look_from = _AGAIN * next_sample
+
+    def _look(self, efficiency: float, next_sample: int) -> None:
+        """Take one of a few later comparisons with unguided rendering."""
+        if not efficiency > 0.0:
+            return
+        self._looks.append(math.log(efficiency))
+        if len(self._looks) < _LOOKS:
+            return
+        self.efficiency = math.exp(sum(self._looks) / len(self._looks))
+        self.trials.append(f"{self.rung} over OFF {self.efficiency:.2f} at sample {next_sample}")
+        self.has_lost = self.efficiency < _LEAST_LATER
+        self._looks = []
+        self._look_from = _AGAIN * next_sample
 
     def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
         if not efficiency > 0.0:
@@ -153,12 +182,20 @@ class Choice:
         """
         is_tried = self._tries_plain and not self._has_won and knows_something
         self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
+        self._looks_again = False
         if len(self.parts) > 1:
             self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
-            self._clear_efficiency = trial.CLEAR_EFFICIENCY[self._iteration]
         elif self.is_settled and count >= 4:
-            self._challenge(first, count, offers)
+            self._looks_again = self._is_due(first)
+            if self._looks_again:
+                self.parts = trial.compared_parts(first, count)
+            else:
+                self._challenge(first, count, offers)
         self._trial = GuidingTrial(self._pixel_count) if len(self.parts) > 1 else None
+
+    def _is_due(self, first: int) -> bool:
+        """Whether to compare with unguided rendering again."""
+        return self._tries_plain and not self.challenger and first >= self._look_from and self.efficiency < _SURE
 
     def _challenge(self, first: int, count: int, offers: Sequence[str]) -> None:
         if self.challenger not in offers:

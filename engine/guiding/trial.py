@@ -24,10 +24,8 @@ LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.15, 6: 1.3}
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 2
 LAST_DOUBT = 5
-#: By index, efficiency that needs no more comparing. A first comparison of a few samples a pixel can be half off where
-#: bright samples are few: one of 1.46 bound an easy scene to guiding for good, at three quarters of its efficiency
-#: (docs/experiments.md).
-CLEAR_EFFICIENCY = {3: 2.0, 4: 1.6, 5: 1.35, 6: 1.3}
+#: Efficiency that needs no more comparing for now.
+CLEAR_EFFICIENCY = 1.35
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
@@ -55,6 +53,11 @@ def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Par
     """
     if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
         return [Part(first, count, CURRENT)]
+    return compared_parts(first, count)
+
+
+def compared_parts(first: int, count: int) -> list[Part]:
+    """Parts of an iteration, of four samples or more, that renders a few of them unguided."""
     plain = max(count // 4, 2)  # a variance takes two
     return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
 
