@@ -56,7 +56,7 @@ def test_guiding_that_loses_is_given_up_soon():
 
 def test_one_lucky_comparison_does_not_bind_for_good():
     """Guiding that looked better by half once, and is worth less than nothing, is left at four times the samples."""
-    for later, is_kept in ((0.9, False), (1.2, True)):
+    for later, is_kept in ((0.8, False), (1.0, True)):
         choice, first, count = Choice(1, "VMM", tries_plain=True), 1, 0
         for _ in range(120):
             if choice._trial is not None:
