@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.scene import arrays as layout
-from engine.scene.arrays import GeometryArrays
+from engine.scene.arrays import Float32Array, GeometryArrays
 from engine.scene.description import Instances, Mesh, Notice, SceneDescription
-from engine.scene.motion import MOST_KEYS, interpolation_keys
+from engine.scene.motion import MOST_KEYS, keys_of_motions
 
 _DOMAINS = {
     "POINT": layout.DOMAIN_POINT,
@@ -231,12 +231,12 @@ def build_geometry(
 
     table = np.zeros((max(instance_count, 1), layout.INSTANCE_WIDTH), np.int32)
     values = np.zeros((max(instance_count, 1), layout.VALUE_WIDTH), np.float32)
-    motion_keys: list[np.ndarray] = []
+    motion_keys: list[Float32Array] = []
     if instance_count:
         key_total = 0
-        for index, steps in sorted(instances.motion.items()):
-            keys = interpolation_keys(steps)
-            motion_keys.append(keys)
+        moving = sorted(instances.motion)
+        motion_keys = keys_of_motions([instances.motion[index] for index in moving])
+        for index, keys in zip(moving, motion_keys, strict=True):
             table[index, layout.INSTANCE_FIRST_KEY] = key_total
             table[index, layout.INSTANCE_KEY_COUNT] = len(keys)
             flags[index] |= layout.INSTANCE_FLAG_MOVING
