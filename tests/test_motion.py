@@ -218,6 +218,19 @@ def test_steps_that_do_not_fit_the_mesh_are_reported():
         assert len(geometry.motion_table) == 0
 
 
+def test_motions_that_cannot_be_followed_are_reported():
+    for motion in (np.full((3, 4, 4), np.nan), np.tile(np.eye(4), (130, 1, 1)), np.eye(4)[None]):
+        description = quad_scene([at(0, 0, 0)])
+        description.instances.motion[0] = motion.astype(np.float32)
+        notices = []
+        geometry, _ = built(description, notices)
+        assert len(notices) == 1 and notices[0].subject == "object Quad 0" and "stands still" in notices[0].fallback
+        assert len(geometry.motion_transforms) == 0
+    description.instances.motion = {3: steps(np.eye(4), np.eye(4))}
+    with pytest.raises(ValueError, match="of instance 3, and there are 1"):
+        built(description)
+
+
 @kernel
 def _there_and_back(geometry, instance, time, v, out):
     p = point_to_object(geometry, instance, time, point_to_world(geometry, instance, time, v))

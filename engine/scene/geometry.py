@@ -99,6 +99,20 @@ def _turned_normals(normals: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     return (turned / np.maximum(lengths, 1e-30)[:, None]).reshape(normals.shape)
 
 
+def _usable_motions(instances: Instances, notices: list[Notice]) -> dict[int, np.ndarray]:
+    """Motions that can be followed, by instance, in order."""
+    usable = {}
+    for index, steps in sorted(instances.motion.items()):
+        if not 0 <= index < len(instances.mesh):
+            raise ValueError(f"a motion is of instance {index}, and there are {len(instances.mesh)}")
+        if 2 <= len(steps) <= MOST_KEYS and steps.shape[1:] == (4, 4) and np.isfinite(steps).all():
+            usable[index] = steps
+            continue
+        problem = f"its motion is NaN, infinite, or not of 2 to {MOST_KEYS} steps"
+        notices.append(Notice(f"object {instances.name[index]}", problem, "it stands still"))
+    return usable
+
+
 def _steps(mesh: Mesh, notices: list[Notice]) -> np.ndarray | None:
     """Vertices at each step of a mesh that changes its shape, float32 (S, V, 3), where they can be used."""
     steps = mesh.motion_vertices
@@ -129,6 +143,11 @@ def build_geometry(
         Attribute slots in the order the shader programs number them.
     notices : list of Notice
         What was left out is appended.
+
+    Raises
+    ------
+    ValueError
+        For a motion of an instance that does not exist.
     """
     meshes, instances = description.meshes, description.instances
     instance_count = len(instances.mesh)
@@ -144,6 +163,7 @@ def build_geometry(
     vertices, triangles, normals, slots = [], [], [], []
     attribute_data: list[np.ndarray] = []
     motion_rows: list[tuple[int, ...]] = []
+    motions = _usable_motions(instances, notices)
     mesh_table = np.zeros((max(len(meshes), 1), layout.MESH_WIDTH), np.int32)
     attribute_count = max(len(attribute_names), 1)
     attribute_table = np.zeros((max(len(meshes), 1) * attribute_count, layout.ATTRIBUTE_WIDTH), np.int64)
@@ -159,7 +179,7 @@ def build_geometry(
         user = int(first_user[index])
         # A singular transform cannot be undone for the shader, but its flattened surface can still be seen: bake it.
         steps = _steps(mesh, notices)
-        if user >= 0 and (users[index] == 1) and finite[user] and user not in instances.motion:
+        if user >= 0 and (users[index] == 1) and finite[user] and user not in motions:
             matrix = instances.transform[user].astype(np.float64)
             with np.errstate(invalid="ignore", over="ignore"):
                 positions = (positions @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
@@ -234,9 +254,8 @@ def build_geometry(
     motion_keys: list[Float32Array] = []
     if instance_count:
         key_total = 0
-        moving = sorted(instances.motion)
-        motion_keys = keys_of_motions([instances.motion[index] for index in moving])
-        for index, keys in zip(moving, motion_keys, strict=True):
+        motion_keys = keys_of_motions(list(motions.values()))
+        for index, keys in zip(motions, motion_keys, strict=True):
             table[index, layout.INSTANCE_FIRST_KEY] = key_total
             table[index, layout.INSTANCE_KEY_COUNT] = len(keys)
             flags[index] |= layout.INSTANCE_FLAG_MOVING
