@@ -135,7 +135,7 @@ def deform() -> None:
     ribbon.modifiers.new("Subdivide", "SUBSURF").subdivision_type = "SIMPLE"
     ribbon.modifiers[0].render_levels = ribbon.modifiers[0].levels = 4
     bend = ribbon.modifiers.new("Bend", "SIMPLE_DEFORM")
-    bend.deform_method, bend.deform_axis = "BEND", "X"
+    bend.deform_method, bend.deform_axis = "BEND", "Z"
     for frame, angle in ((FRAME - 1, -1.5), (FRAME + 1, 1.5)):
         bend.angle = angle
         ribbon.keyframe_insert('modifiers["Bend"].angle', frame=frame)
