@@ -54,6 +54,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 def opened(browser: Browser, page: str) -> Browser:
     browser.emulate("prefers-color-scheme", "light")
     browser.open(page)
+    # Pictures that come later move what lies below them away from under the pointer.
+    browser.run("document.querySelectorAll('img').forEach(image => { image.loading = 'eager' })")
+    wait_until(lambda: browser.run("return [...document.images].every(image => image.complete)"))
     return browser
 
 
