@@ -33,6 +33,19 @@ def open_shutter(scene: Any, length: float = 1.0, position: str = "CENTER") -> N
     scene.render.motion_blur_position = position
 
 
+def blurred_scene() -> Any:
+    """An empty file with a camera, at frame 10, its shutter open for a frame."""
+    import bpy
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.frame_set(10)
+    open_shutter(scene)
+    return scene
+
+
 def add_cube(name: str = "Cube") -> Any:
     """A cube in the scene."""
     import bpy

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.jit import kernel
-from engine.kernels.camera import generate_ray, sample_filter
+from engine.kernels.camera import generate_ray, sample_table
 from engine.scene.camera import build_camera, filter_table
 from engine.scene.description import Camera, Frame
 
@@ -24,7 +24,7 @@ def _rays(camera, motion, xy, lens, time, origin, direction):
 @kernel
 def _filter(table, u, out):
     for i in range(u.shape[0]):
-        out[i] = sample_filter(table, u[i])
+        out[i] = sample_table(table, u[i])
 
 
 def rays(camera, frame, xy, lens=None, time=0.5):

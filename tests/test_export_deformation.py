@@ -8,21 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from motion_scenes import add_cube, curves_of, export, keyframe, open_shutter
+from motion_scenes import add_cube, blurred_scene, curves_of, export, keyframe, open_shutter
 
 
 @pytest.fixture
 def scene() -> Any:
-    """An empty file with a camera, at frame 10, its shutter open for a frame."""
-    import bpy
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
-    scene.frame_set(10)
-    open_shutter(scene)
-    return scene
+    return blurred_scene()
 
 
 def add_stretching_cube(scene: Any, is_smooth: bool = True) -> Any:

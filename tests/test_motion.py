@@ -13,7 +13,7 @@ from benchmarks.bias import find_bias
 from engine import learning
 from engine.accel import RayScratch, trace_closest
 from engine.jit import kernel
-from engine.kernels.camera import sample_time
+from engine.kernels.camera import sample_table
 from engine.kernels.motion import (
     direction_to_object,
     direction_to_world,
@@ -419,7 +419,7 @@ def test_static_scenes_do_not_depend_on_the_shutter():
 @kernel
 def _times(table, u, out):
     for i in range(u.shape[0]):
-        out[i] = sample_time(table, u[i])
+        out[i] = sample_table(table, u[i])
 
 
 @pytest.mark.parametrize("curve", [None, (0.0, 1.0, 0.0), (1.0, 0.2, 0.6, 0.0)])

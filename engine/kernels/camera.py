@@ -22,19 +22,18 @@ from engine.scene.camera import (
     CAMERA_OFFSET_Y,
     CAMERA_SCALE_X,
     CAMERA_SCALE_Y,
-    FILTER_TABLE_SIZE,
     KIND_EQUIRECTANGULAR,
     KIND_ORTHOGRAPHIC,
     KIND_PERSPECTIVE,
-    SHUTTER_TABLE_SIZE,
 )
 
 
 @kernel
-def sample_filter(table, u):
-    """Offset from a pixel's centre [pixels], distributed as the filter whose inverse CDF is `table`."""
-    x = u * np.float32(FILTER_TABLE_SIZE - 1)
-    index = min(int(x), FILTER_TABLE_SIZE - 2)
+def sample_table(table, u):
+    """What uniform `u` in [0, 1] becomes by an inverse CDF, `table`: an offset in a pixel, a time of the shutter."""
+    last = table.shape[0] - 1
+    x = u * np.float32(last)
+    index = min(int(x), last - 1)
     fraction = x - np.float32(index)
     return table[index] * (1.0 - fraction) + table[index + 1] * fraction
 
@@ -62,15 +61,6 @@ def sample_aperture(camera, u, v):
         x = along * math.cos(first + step) + rest * math.cos(first)
         y = along * math.sin(first + step) + rest * math.sin(first)
     return x * camera[CAMERA_INVERSE_RATIO], y
-
-
-@kernel
-def sample_time(table, u):
-    """Time in [0, 1], as often as the shutter is open then; `table` is its inverse CDF."""
-    x = u * np.float32(SHUTTER_TABLE_SIZE - 1)
-    index = min(int(x), SHUTTER_TABLE_SIZE - 2)
-    fraction = x - np.float32(index)
-    return table[index] * (1.0 - fraction) + table[index + 1] * fraction
 
 
 @kernel

@@ -89,6 +89,26 @@ def _inverse(m):
 
 
 @kernel
+def _apply(i, d):
+    """A matrix, a tuple of 9 (row-major), applied to a vector."""
+    return (
+        i[0] * d[0] + i[1] * d[1] + i[2] * d[2],
+        i[3] * d[0] + i[4] * d[1] + i[5] * d[2],
+        i[6] * d[0] + i[7] * d[1] + i[8] * d[2],
+    )
+
+
+@kernel
+def _apply_transposed(i, n):
+    """The transpose of a matrix, a tuple of 9 (row-major), applied to a vector."""
+    return (
+        i[0] * n[0] + i[3] * n[1] + i[6] * n[2],
+        i[1] * n[0] + i[4] * n[1] + i[7] * n[2],
+        i[2] * n[0] + i[5] * n[1] + i[8] * n[2],
+    )
+
+
+@kernel
 def _moving_matrix(geometry, instance, time):
     """Object to world of an instance that moves, a tuple of 12."""
     first = geometry.instance_table[instance, INSTANCE_FIRST_KEY]
@@ -122,12 +142,7 @@ def direction_to_world(geometry, instance, time, d):
 def normal_to_world(geometry, instance, time, n):
     """Object to world space, not normalised."""
     if is_moving(geometry, instance):
-        i = _inverse(_moving_matrix(geometry, instance, time))
-        return (
-            i[0] * n[0] + i[3] * n[1] + i[6] * n[2],
-            i[1] * n[0] + i[4] * n[1] + i[7] * n[2],
-            i[2] * n[0] + i[5] * n[1] + i[8] * n[2],
-        )
+        return _apply_transposed(_inverse(_moving_matrix(geometry, instance, time)), n)
     return transform_normal(geometry.inverses, instance, n)
 
 
@@ -136,13 +151,7 @@ def point_to_object(geometry, instance, time, p):
     """World to object space."""
     if is_moving(geometry, instance):
         m = _moving_matrix(geometry, instance, time)
-        i = _inverse(m)
-        d = (p[0] - m[3], p[1] - m[7], p[2] - m[11])
-        return (
-            i[0] * d[0] + i[1] * d[1] + i[2] * d[2],
-            i[3] * d[0] + i[4] * d[1] + i[5] * d[2],
-            i[6] * d[0] + i[7] * d[1] + i[8] * d[2],
-        )
+        return _apply(_inverse(m), (p[0] - m[3], p[1] - m[7], p[2] - m[11]))
     return transform_point(geometry.inverses, instance, p)
 
 
@@ -150,12 +159,7 @@ def point_to_object(geometry, instance, time, p):
 def direction_to_object(geometry, instance, time, d):
     """World to object space, not normalised."""
     if is_moving(geometry, instance):
-        i = _inverse(_moving_matrix(geometry, instance, time))
-        return (
-            i[0] * d[0] + i[1] * d[1] + i[2] * d[2],
-            i[3] * d[0] + i[4] * d[1] + i[5] * d[2],
-            i[6] * d[0] + i[7] * d[1] + i[8] * d[2],
-        )
+        return _apply(_inverse(_moving_matrix(geometry, instance, time)), d)
     return transform_direction(geometry.inverses, instance, d)
 
 
@@ -192,16 +196,8 @@ def move_surface(geometry, instance, time, p, extent, ng, ns):
     p = apply_point(m, p)
     return (
         p,
-        (
-            i[0] * ng[0] + i[3] * ng[1] + i[6] * ng[2],
-            i[1] * ng[0] + i[4] * ng[1] + i[7] * ng[2],
-            i[2] * ng[0] + i[5] * ng[1] + i[8] * ng[2],
-        ),
-        (
-            i[0] * ns[0] + i[3] * ns[1] + i[6] * ns[2],
-            i[1] * ns[0] + i[4] * ns[1] + i[7] * ns[2],
-            i[2] * ns[0] + i[5] * ns[1] + i[8] * ns[2],
-        ),
+        _apply_transposed(i, ng),
+        _apply_transposed(i, ns),
         max(abs(widest[0]), abs(widest[1]), abs(widest[2]), abs(p[0]), abs(p[1]), abs(p[2])),
     )
 

@@ -4,7 +4,7 @@
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.camera import generate_ray, sample_filter, sample_time
+from engine.kernels.camera import generate_ray, sample_table
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
@@ -55,9 +55,9 @@ def init_from_camera(
         rng = pixel_hash(seed, row * full_width + column)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, _, _, _ = sample_4d(rng, sample, SET_TIME)
-        time = sample_time(shutter, time_u)
-        x = np.float32(column) + 0.5 + sample_filter(filter_table, u0)
-        y = np.float32(row) + 0.5 + sample_filter(filter_table, u1)
+        time = sample_table(shutter, time_u)
+        x = np.float32(column) + 0.5 + sample_table(filter_table, u0)
+        y = np.float32(row) + 0.5 + sample_table(filter_table, u1)
         origin, direction, near, far, radius, spread = generate_ray(camera, motion, x, y, u2, u3, time)
         paths.pixel[lane] = pixel
         paths.sample[lane] = sample
