@@ -20,7 +20,6 @@ from engine.shaders import arrays as layout
 from engine.shaders import nodes_closure, nodes_image, nodes_input, nodes_texture_math
 from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY, ShaderArrays
 from engine.shaders.camera import camera_matrices
-from engine.shaders.cie import XYZ_TO_REC709
 from engine.shaders.folding import estimate_emission, fold
 from engine.shaders.image_pool import build_image_pool, srgb_table
 from engine.shaders.program import (
@@ -32,6 +31,7 @@ from engine.shaders.program import (
     assemble,
 )
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
+from engine.spectral.observer import XYZ_TO_REC709
 
 #: Deep chains of nodes recurse a few Python frames per node.
 _RECURSION_LIMIT = 50_000

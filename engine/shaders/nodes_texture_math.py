@@ -12,8 +12,8 @@ from engine.kernels.shader.color_math import BLEND_MODES
 from engine.kernels.shader.scalar_math import MATH_OPERATIONS
 from engine.kernels.shader.vector_math import COMPONENT_OPERATIONS, VECTOR_OPERATIONS
 from engine.scene.description import Node
-from engine.shaders.cie import CIE_1931_TO_REC709
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket
+from engine.spectral.observer import CIE_1931_TO_REC709
 
 _BLACK = (0.0, 0.0, 0.0)
 _GREY = (0.5, 0.5, 0.5)
