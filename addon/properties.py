@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`scene.neuralguide` and `view_layer.neuralguide`: what a user may choose, under the names scripts depend on."""
+"""`neuralguide` of scenes, materials and view layers: what a user may choose, under the names scripts depend on."""
 
 from __future__ import annotations
 
@@ -261,6 +261,16 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         description="The same image every time: rendering waits for the training of the network",
         default=_DEFAULTS.deterministic,
     )
+    spectral: EnumProperty(  # type: ignore[valid-type]
+        name="Spectral",
+        description="Whether light has wavelengths, or red, green and blue",
+        items=(
+            ("AUTO", "Automatic", "Where a material disperses light"),
+            ("ON", "On", "In every scene"),
+            ("OFF", "Off", "Never: what disperses light does not"),
+        ),
+        default=_DEFAULTS.spectral,
+    )
     use_nee: BoolProperty(  # type: ignore[valid-type]
         name="Sample Lights",
         description="Next-event estimation: send a ray to a light from every hit. Off only for experiments",
@@ -339,6 +349,54 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     )
     threads: IntProperty(  # type: ignore[valid-type]
         name="Threads", description="Threads to render with (0 = all)", min=0, max=1024, default=_DEFAULTS.threads
+    )
+
+
+def _material_changed(settings: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """Have Blender copy the material for the render anew, which it does not by itself for properties of add-ons."""
+    settings.id_data.update_tag()
+
+
+class NeuralGuideMaterialSettings(bpy.types.PropertyGroup):
+    """What Blender's materials do not say; `addon.dispersion` tells what the engine makes of it."""
+
+    dispersion: EnumProperty(  # type: ignore[valid-type]
+        name="Dispersion",
+        description="How refraction depends on the wavelength. The nodes' IOR is that of yellow light, 587.6 nm",
+        items=(
+            ("NONE", "None", "All wavelengths are refracted alike"),
+            ("ABBE", "Abbe Number", "As makers of glass state it"),
+            ("CAUCHY", "Cauchy", "By coefficients of A + B / wavelength²"),
+        ),
+        default="NONE",
+        update=_material_changed,
+    )
+    abbe_number: FloatProperty(  # type: ignore[valid-type]
+        name="Abbe Number",
+        description="Low is strong: flint glass 30, diamond 55, water 56, crown glass 64",
+        min=1.0,
+        soft_min=10.0,
+        soft_max=100.0,
+        default=59.0,
+        update=_material_changed,
+    )
+    cauchy_a: FloatProperty(  # type: ignore[valid-type]
+        name="A",
+        description="Index for very long wavelengths. With B it gives the strength; the IOR remains the nodes'",
+        min=1.0,
+        soft_max=3.0,
+        precision=4,
+        default=1.5046,
+        update=_material_changed,
+    )
+    cauchy_b: FloatProperty(  # type: ignore[valid-type]
+        name="B",
+        description="Square micrometres",
+        min=0.0,
+        soft_max=0.05,
+        precision=5,
+        default=0.0042,
+        update=_material_changed,
     )
 
 
@@ -435,20 +493,22 @@ def copy_cycles_settings(scene: bpy.types.Scene) -> list[str]:
     return left
 
 
-_classes = (NeuralGuideSceneSettings, NeuralGuideViewLayerSettings)
+_classes = (NeuralGuideSceneSettings, NeuralGuideMaterialSettings, NeuralGuideViewLayerSettings)
 
 
 def register() -> None:
-    """Add the settings to scenes and view layers."""
+    """Add the settings to scenes, materials and view layers."""
     for cls in _classes:
         bpy.utils.register_class(cls)
     bpy.types.Scene.neuralguide = PointerProperty(type=NeuralGuideSceneSettings)
+    bpy.types.Material.neuralguide = PointerProperty(type=NeuralGuideMaterialSettings)
     bpy.types.ViewLayer.neuralguide = PointerProperty(type=NeuralGuideViewLayerSettings)
 
 
 def unregister() -> None:
     """Take them away; what a file holds stays in it."""
     del bpy.types.ViewLayer.neuralguide
+    del bpy.types.Material.neuralguide
     del bpy.types.Scene.neuralguide
     for cls in reversed(_classes):
         bpy.utils.unregister_class(cls)

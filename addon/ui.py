@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from . import warm_up
+from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
@@ -89,6 +90,7 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         row.prop(settings, "seed")
         row.prop(settings, "use_animated_seed", text="", icon="TIME")
         column.prop(settings, "guiding_method")
+        column.prop(settings, "spectral")
 
 
 class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -266,6 +268,29 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         quality.prop(layer.neuralguide, "use_pass_guiding_benefit")
 
 
+class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How a material's refraction depends on the wavelength."""
+
+    bl_label = "Dispersion"
+    bl_context = "material"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only for materials that refract."""
+        return super().poll(context) and context.material is not None and can_disperse(context.material)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.material.neuralguide
+        column = self._column()
+        column.prop(settings, "dispersion", text="Kind")
+        if settings.dispersion == "ABBE":
+            column.prop(settings, "abbe_number")
+        elif settings.dispersion == "CAUCHY":
+            column.prop(settings, "cauchy_a")
+            column.prop(settings, "cauchy_b")
+
+
 def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:
     """Blender's own panels that work with this engine."""
     for panel in bpy.types.Panel.__subclasses__():
@@ -317,6 +342,7 @@ _classes = (
     NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
     NEURALGUIDE_PT_passes,
+    NEURALGUIDE_PT_dispersion,
 )
 
 

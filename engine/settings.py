@@ -30,6 +30,8 @@ ORCA_ERRORS = ("RELATIVE", "ABSOLUTE")
 SAMPLE_WEIGHTINGS = ("ITERATION", "UNIFORM")
 #: Most candidates of a vertex.
 MAX_CANDIDATES = 32
+#: Whether paths carry wavelengths: AUTO where a material disperses.
+SPECTRAL_MODES = ("OFF", "ON", "AUTO")
 PIXEL_FILTERS = ("BOX", "GAUSSIAN", "BLACKMAN_HARRIS")
 
 #: Samples a pixel from which on AUTO guides: of fewer, too many are spent on learning (docs/experiments.md).
@@ -79,6 +81,7 @@ class RenderSettings:
     radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
     training_share: float = 0.25  # of the processors' time
     deterministic: bool = False
+    spectral: str = "AUTO"
     use_nee: bool = True
     use_russian_roulette: bool = True
     use_caustics_reflective: bool = True
@@ -111,6 +114,7 @@ class RenderSettings:
             ("mixture_time", MIXTURE_TIMES),
             ("orca_error", ORCA_ERRORS),
             ("sample_weighting", SAMPLE_WEIGHTINGS),
+            ("spectral", SPECTRAL_MODES),
         ):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} {getattr(self, name)!r}: choose one of {', '.join(choices)}")

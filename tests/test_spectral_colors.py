@@ -97,9 +97,8 @@ def test_spectra_are_continuous_in_the_color() -> None:
     from_dark = ((0.1, 0.05, 0.02), (0.9, 0.4, 0.2))
     from_blue_to_red = ((0.1, 0.05, 1.0), (1.0, 0.05, 0.1))
     for start, end in (brighter, from_dark, from_blue_to_red):
-        largest = [
-            np.abs(np.diff(spectra(np.linspace(start, end, count), GRID[::20]), axis=0)).max() for count in (1001, 64001)
-        ]
+        paths = [spectra(np.linspace(start, end, count), GRID[::20]) for count in (1001, 64001)]
+        largest = [np.abs(np.diff(path, axis=0)).max() for path in paths]
         # A jump would be as large between points 64 times as close; at 1 spectra change like a square root.
         assert largest[1] < largest[0] / 4.0
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.scene.description import Link, Material, Node, NodeGraph
 
+from ..dispersion import dispersion_of
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
 from .unsupported import notice_material
@@ -86,6 +87,7 @@ class MaterialExporter:
             use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
             use_transparent_shadow=_use_transparent_shadow(material),
             emission_sampling=_emission_sampling(material),
+            dispersion=dispersion_of(material),
             user=user,
         )
         exported.key = (material.name_full, fingerprint(exported))

@@ -112,6 +112,8 @@ class Material:
     use_transparent_shadow: bool = True
     #: 'AUTO', 'NONE', 'FRONT', 'BACK', 'FRONT_BACK': whether emission is sampled as a light.
     emission_sampling: str = "AUTO"
+    #: How its refractive indices change with the wavelength [um^2], 0 not at all; `engine.spectral.dispersion`.
+    dispersion: float = 0.0
     user: str = ""
 
 
@@ -370,3 +372,8 @@ class SceneDescription:
     def is_moving(self) -> bool:
         """Whether anything moves while the shutter is open but the camera: light at a place depends on the time."""
         return bool(self.instances.motion) or any(mesh.motion_vertices is not None for mesh in self.meshes)
+
+    @property
+    def has_dispersion(self) -> bool:
+        """Whether some material refracts wavelengths differently."""
+        return any(material.dispersion != 0.0 for material in self.materials)

@@ -135,6 +135,7 @@ def compile_scene(description: SceneDescription) -> Programs:
             f"{material.user} / {material.name}" if material.user else f"material {material.name}",
             material.graph,
             pass_index=material.pass_index,
+            dispersion=material.dispersion,
             use_bump_map_correction=material.use_bump_map_correction,
             use_transparent_shadow=material.use_transparent_shadow,
         )

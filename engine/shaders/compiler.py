@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -57,12 +58,15 @@ class ProgramSource:
         None: grey diffuse for a material, `color` as emission for a world, plain white emission for a light.
     kind : str
         'MATERIAL', 'WORLD' or 'LIGHT'.
+    dispersion : float  [um^2]
+        0 where it is not finite.
     """
 
     name: str
     graph: NodeGraph | None
     kind: str = "MATERIAL"
     pass_index: int = 0
+    dispersion: float = 0.0
     use_bump_map_correction: bool = True
     use_transparent_shadow: bool = True
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -205,12 +209,15 @@ class _SceneCompiler:
         table, pixels_byte, pixels_float, image_notices = build_image_pool(self.images)
         pass_index = np.zeros(max(count, 1), np.float32)
         pass_index[:count] = [source.pass_index for source in sources]
+        dispersion = np.zeros(max(count, 1), np.float32)
+        dispersion[:count] = [source.dispersion if math.isfinite(source.dispersion) else 0.0 for source in sources]
         shaders = ShaderArrays(
             code=words,
             constants=np.array(pool.values, np.float32),
             programs=programs,
             program_values=values,
             program_pass_index=pass_index,
+            program_dispersion=dispersion,
             images=table,
             pixels_byte=pixels_byte,
             pixels_float=pixels_float,
