@@ -141,7 +141,10 @@ def main(arguments: list[str] | None = None) -> int:
             raise ValueError(f"{chosen.scene} names {len(sources)} scenes: choose one")
         scene = open_scene(sources[0], _PIXELS, tuple(chosen.size) if chosen.size else None)
         find_rival("OFF").configure(scene, Budget(chosen.samples), chosen.seed, chosen.threads)
-        settings = replace(render_settings(scene), use_nee=chosen.nee, deterministic=chosen.deterministic)
+        # What is drawn knows colours, not wavelengths.
+        settings = replace(
+            render_settings(scene), use_nee=chosen.nee, deterministic=chosen.deterministic, spectral="OFF"
+        )
         description = export_scene(bpy.context.evaluated_depsgraph_get())
         x, y = chosen.pixel
         width, height = description.frame.width, description.frame.height

@@ -20,7 +20,7 @@ from engine.guidance import Guidance
 from engine.guiding import trial
 from engine.guiding.choice import Choice
 from engine.guiding.light_share import LightShareModel
-from engine.guiding.network import NETWORK_SHAPES
+from engine.guiding.network import network_shape
 from engine.guiding.network_query import NetworkField, make_network_field
 from engine.guiding.report import GuidingReport
 from engine.guiding.selection import SelectionModel
@@ -192,7 +192,7 @@ class Learner:
 
     def _start_network(self) -> None:
         self.report.has_trained = True
-        self._shape = NETWORK_SHAPES[self.settings.network_size]
+        self._shape = network_shape(self.settings.network_size, self.settings.channel_count)
         self._trainer = NetworkTrainer(
             self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
             deterministic=self.settings.deterministic,
@@ -219,7 +219,7 @@ class Learner:
             Fit to call every guided stage with, on no lanes.
         """
         rng = np.random.default_rng(0)
-        records = allocate_vertex_records(256)
+        records = allocate_vertex_records(256, self.settings.channel_count)
         direction = rng.normal(size=(256, 3))
         records.position[:] = rng.random((256, 3))
         records.direction[:] = direction / np.linalg.norm(direction, axis=1)[:, None]
@@ -235,7 +235,7 @@ class Learner:
             TreeSource(self.settings).learn(records, 256, 1.0, 1.0, self._executor, 1)
         table = None
         if self.settings.guiding_method == "TABLE_RIS":
-            model = TableModel()
+            model = TableModel(channel_count=self.settings.channel_count)
             model.update(vmm)
             table = model.field
         allocation = make_allocation(np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=CandidateCosts())
@@ -410,7 +410,7 @@ class Learner:
             self._vmm = VmmModel(bounds)
             self._max_distance = 2.0 * float(np.linalg.norm(bounds[1] - bounds[0]))
             if self.settings.guiding_method == "TABLE_RIS":
-                self._table = TableModel()
+                self._table = TableModel(channel_count=self.settings.channel_count)
         np.minimum(records.distance, self._max_distance, out=records.distance)
         self._vmm.update(as_records(records), row_count, self._executor, self._thread_count)
         if self._table is not None:
@@ -525,7 +525,7 @@ class Learner:
                 self._table = None
             elif self._table is None:
                 assert self._vmm is not None
-                self._table = TableModel(self._vmm.region_count)
+                self._table = TableModel(self._vmm.region_count, self.settings.channel_count)
             elif self._table.update_count >= _TABLE_UPDATES:
                 offers.append("TABLE_RIS")
         if choice.has_tried("TABLE_RIS"):

@@ -33,6 +33,9 @@ except ImportError:  # Windows
 PARTS = ("shaders", "tracing")
 #: What one more compiles for guided renders, with the others in place.
 GUIDED_PARTS = ("guiding",)
+#: And for renders with wavelengths.
+SPECTRAL_PARTS = ("spectral",)
+SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
 
 _PACKAGE = __package__ or "engine"
 _POLL_SECONDS = 0.05
@@ -64,7 +67,9 @@ def is_cold(parts: Sequence[str] = PARTS) -> bool:
     return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in parts)
 
 
-def compile_ahead(poll: Callable[[float], None], *, is_guided: bool = False) -> None:
+def compile_ahead(
+    poll: Callable[[float], None], *, is_guided: bool = False, is_spectral: bool = False
+) -> None:
     """Fill the cache, if it is cold; does nothing where that is impossible.
 
     Parameters
@@ -73,9 +78,18 @@ def compile_ahead(poll: Callable[[float], None], *, is_guided: bool = False) -> 
         Called often with the seconds so far. What it raises ends the helpers and is raised again.
     is_guided : bool
         Whether the kernels of guiding are needed too.
+    is_spectral : bool
+        Whether paths have wavelengths: tracing has kernels of its own for them.
     """
     started = time.monotonic()
-    for parts in (PARTS, GUIDED_PARTS) if is_guided else (PARTS,):
+    needed: list[tuple[str, ...]] = [PARTS]
+    if is_guided:
+        needed.append(GUIDED_PARTS)
+    if is_spectral:
+        needed.append(SPECTRAL_PARTS)
+    if is_guided and is_spectral:
+        needed.append(SPECTRAL_GUIDED_PARTS)
+    for parts in needed:
         if is_cold(parts):
             _compile_parts(parts, lambda: poll(time.monotonic() - started))
 

@@ -32,7 +32,7 @@ def compile_part(part: str) -> None:
     Parameters
     ----------
     part : str
-        One of `precompile.PARTS` and `precompile.GUIDED_PARTS`.
+        One of the parts that `precompile` names.
 
     Raises
     ------
@@ -46,7 +46,13 @@ def compile_part(part: str) -> None:
     with precompile.exclusive(part):
         stamp = precompile.stamp_file(part)
         if not stamp.is_file():
-            {"shaders": _compile_shaders, "tracing": _compile_tracing, "guiding": _compile_guiding}[part]()
+            {
+                "shaders": _compile_shaders,
+                "tracing": _compile_tracing,
+                "guiding": _compile_guiding,
+                "spectral": _compile_spectral,
+                "spectral_guiding": _compile_spectral_guiding,
+            }[part]()
             stamp.touch()
 
 
@@ -72,12 +78,21 @@ def _compile_guiding() -> None:
     _render("TABLE_RIS")
 
 
-def _render(guiding_method: str) -> None:
+def _compile_spectral() -> None:
+    _render("OFF", spectral="ON")
+
+
+def _compile_spectral_guiding() -> None:
+    _render("VMM_RIS", spectral="ON")
+    _render("TABLE_RIS", spectral="ON")
+
+
+def _render(guiding_method: str, spectral: str = "OFF") -> None:
     from engine.scene.build import SceneCache, build_scene
     from engine.session import Session
     from engine.settings import RenderSettings
 
-    settings = RenderSettings(samples=3, threads=1, guiding_method=guiding_method)
+    settings = RenderSettings(samples=3, threads=1, guiding_method=guiding_method, spectral=spectral)
     session = Session(settings)
     session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
     session.render(passes=("Combined", "Normal"))

@@ -87,6 +87,7 @@ class RenderReport:
     reject_count: int = 0
     peak_memory: int = 0
     thread_count: int = 1
+    is_spectral: bool = False  # paths had wavelengths
     cancelled: bool = False
     guiding: GuidingReport = field(default_factory=GuidingReport)
 
@@ -139,6 +140,11 @@ def _tiles(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
             pixels = np.ascontiguousarray(np.stack([columns.ravel(), rows.ravel()], axis=1), np.int32)
             tiles.append((pixels, ((rows - y0) * width + (columns - x0)).ravel()))
     return tiles
+
+
+def _is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
+    """Whether paths have wavelengths."""
+    return settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
 
 
 class Session:
@@ -200,7 +206,10 @@ class Session:
                 on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
 
         start = time.perf_counter()
-        compile_ahead(lambda seconds: poll(_COMPILING, seconds), is_guided=self.settings.is_guided)
+        compile_ahead(
+            lambda seconds: poll(_COMPILING, seconds), is_guided=self.settings.is_guided,
+            is_spectral=_is_spectral(self.settings, description),
+        )
         self._compile_seconds = time.perf_counter() - start
         start = time.perf_counter()
         self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
@@ -272,6 +281,7 @@ class Session:
         if not scene.description.is_moving:
             # What does not depend on the time is learned sooner without it.
             settings = replace(settings, mixture_time="NONE")
+        settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
         names = frozenset(passes)
         frame = scene.description.frame
         x0, y0, x1, y1 = frame.region
@@ -336,6 +346,7 @@ class Session:
             reject_count=total.reject_count,
             peak_memory=peak_memory(),
             thread_count=self.thread_count,
+            is_spectral=settings.spectral == "ON",
             cancelled=job.cancelled,
             guiding=guiding,
         )

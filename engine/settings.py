@@ -139,6 +139,11 @@ class RenderSettings:
         return self.guiding_method != "OFF" and (self.guiding_method != "AUTO" or self.samples >= LEAST_GUIDED_SAMPLES)
 
     @property
+    def channel_count(self) -> int:
+        """Width of a path's spectrum: wavelengths, or RGB. AUTO is RGB: `Session` decides it before."""
+        return 4 if self.spectral == "ON" else 3
+
+    @property
     def source(self) -> str:
         """What directions are drawn from, one of SOURCES."""
         return self.guiding_method if self.guiding_method in SOURCES else self.source_field

@@ -6,7 +6,8 @@ line: lanes in flight are visited in any order, and a stage should fetch few lin
 array of its own all the same, indexed by lane.
 
 `channels` is a tuple whose *length* is the spectrum's width (3 for RGB, 4 for hero wavelengths). Numba types a tuple by
-its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process.
+its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process. What only wavelengths
+need stands behind `if len(paths.channels) > RGB:`, which costs an RGB render nothing; its fields have no lanes there.
 """
 
 from __future__ import annotations
@@ -17,6 +18,11 @@ from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array, Uint32Array
 
 _CACHE_LINE = 64
+
+#: Channels of a render without wavelengths.
+RGB = 3
+#: Wavelengths of a path, where it has any.
+WAVELENGTHS = 4
 
 
 def _aligned(byte_count: int) -> np.ndarray:
@@ -158,7 +164,9 @@ class Closures(Bundle):
     transparency : float32 (L, 4), summed weight of transparent closures
     holdout : float32 (L,), weight of holdout closures
     ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`bsdf.reset_closures` sets it)
-    flags : int32 (L,), CLOSURE_NO_* bits of engine.kernels.bsdf.kinds
+    flags : int32 (L,), CLOSURE_* bits of engine.kernels.bsdf.kinds
+    dispersion : float32 (L,) [um^2], of the material (`engine.spectral.dispersion`); wavelength [nm], share : float32
+        (L, WAVELENGTHS), of the path, see `PathState`. Set where the lane disperses (CLOSURE_DISPERSES), else not read
     channels : tuple of ints, its length is the spectrum's width
     """
 
@@ -171,7 +179,27 @@ class Closures(Bundle):
     holdout: Float32Array
     ns: Float32Array
     flags: Int32Array
+    dispersion: Float32Array
+    wavelength: Float32Array
+    share: Float32Array
     channels: tuple[int, ...]
+
+
+def _without_wavelengths(scalar: str) -> dict[str, np.ndarray]:
+    """Fields that a render in RGB has no use for: `wavelength`, `share` and one number a lane."""
+    return {
+        scalar: np.zeros(0, np.float32),
+        "wavelength": np.zeros((0, WAVELENGTHS), np.float32),
+        "share": np.zeros((0, WAVELENGTHS), np.float32),
+    }
+
+
+def value_width(channel_count: int) -> int:
+    """Columns that a BSDF's value takes: its channels; with wavelengths three times as many.
+
+    The second third is the density by channel of lanes that disperse, the last is for work.
+    """
+    return channel_count if channel_count == RGB else 3 * channel_count
 
 
 def allocate_points(lane_count: int) -> ShadePoints:
@@ -201,9 +229,23 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
             ]
         ],
     )
+    if channel_count == RGB:
+        fields |= _without_wavelengths("dispersion")
+    else:
+        # Apart, so that shaders meet the same closures (`as_rgb`) and are not compiled again.
+        fields |= _records(
+            lane_count, [[("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("dispersion", real)]]
+        )
     return Closures(
         kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields, channels=tuple(range(channel_count))
     )
+
+
+def as_rgb(closures: Closures) -> Closures:
+    """The same closures as shaders see them: their colours are RGB, whatever the render's spectrum."""
+    if len(closures.channels) == RGB:
+        return closures
+    return closures._replace(**_without_wavelengths("dispersion"), channels=tuple(range(RGB)))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -232,6 +274,9 @@ class PathState(Bundle):
     survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
         played the least that guiding asks for, -1 = nothing
     alive : uint8, 0 once the path has ended in this round
+    hero : float32 in [0, 1), by which wavelengths are drawn; wavelength : float32 (L, WAVELENGTHS) [nm], hero first
+    share : float32 (L, WAVELENGTHS), of each wavelength in the path's density: with which it would have been sampled,
+        had that been the hero, over the sum of all
     """
 
     _rows = True
@@ -268,6 +313,9 @@ class PathState(Bundle):
     random: Float32Array
     survival: Float32Array
     alive: Uint8Array
+    hero: Float32Array
+    wavelength: Float32Array
+    share: Float32Array
     channels: tuple[int, ...]
 
 
@@ -381,50 +429,52 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
 def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
     """Zeroed `PathState` for `lane_count` lanes."""
     real, integer = np.float32, np.int32
-    fields = _records(
-        lane_count,
+    layout: list[list[tuple]] = [
         [
-            [
-                ("origin", real, 3),
-                ("direction", real, 3),
-                ("time", real),
-                ("flags", integer),
-                ("hit_distance", real),
-                ("hit_u", real),
-                ("hit_v", real),
-                ("hit_instance", integer),
-                ("hit_triangle", integer),
-                ("depth", integer),
-                ("offset", real),
-                ("alive", np.uint8),
-            ],
-            [
-                ("throughput", real, channel_count),
-                ("radiance", real, channel_count),
-                ("random", real, 4),
-                ("rng", np.uint32),
-                ("sample", integer),
-                ("dimension", integer),
-                ("pixel", integer),
-                ("unguided", real),
-                ("survival", real),
-            ],
-            [
-                ("mis_origin", real, 3),
-                ("mis_normal", real, 3),
-                ("mis_distance", real),
-                ("mis_pdf", real),
-                ("min_pdf", real),
-                ("radius", real),
-                ("spread", real),
-                ("alpha", real),
-                ("diffuse_depth", integer),
-                ("glossy_depth", integer),
-                ("transmission_depth", integer),
-                ("transparent_depth", integer),
-            ],
+            ("origin", real, 3),
+            ("direction", real, 3),
+            ("time", real),
+            ("flags", integer),
+            ("hit_distance", real),
+            ("hit_u", real),
+            ("hit_v", real),
+            ("hit_instance", integer),
+            ("hit_triangle", integer),
+            ("depth", integer),
+            ("offset", real),
+            ("alive", np.uint8),
         ],
-    )
+        [
+            ("throughput", real, channel_count),
+            ("radiance", real, channel_count),
+            ("random", real, 4),
+            ("rng", np.uint32),
+            ("sample", integer),
+            ("dimension", integer),
+            ("pixel", integer),
+            ("unguided", real),
+            ("survival", real),
+        ],
+        [
+            ("mis_origin", real, 3),
+            ("mis_normal", real, 3),
+            ("mis_distance", real),
+            ("mis_pdf", real),
+            ("min_pdf", real),
+            ("radius", real),
+            ("spread", real),
+            ("alpha", real),
+            ("diffuse_depth", integer),
+            ("glossy_depth", integer),
+            ("transmission_depth", integer),
+            ("transparent_depth", integer),
+        ],
+    ]
+    if channel_count > RGB:
+        layout.append([("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("hero", real)])
+    fields = _records(lane_count, layout)
+    if channel_count == RGB:
+        fields |= _without_wavelengths("hero")
     return PathState(**fields, channels=tuple(range(channel_count)))
 
 

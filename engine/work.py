@@ -19,6 +19,7 @@ from engine.ris.orca import Allocation
 from engine.scene.arrays import GeometryArrays
 from engine.scene.light_arrays import LightArrays
 from engine.shaders.arrays import ShaderArrays
+from engine.spectral.tables import SpectralTables
 from engine.state import Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
 
 # SceneView.header
@@ -30,7 +31,8 @@ SCENE_WORLD_IS_CONSTANT = 4
 SCENE_HAS_EMITTERS = 5
 SCENE_HAS_HITTABLE_LIGHTS = 6
 SCENE_HAS_TRANSPARENT_SHADOWS = 7
-SCENE_HEADER_WIDTH = 8
+SCENE_IS_SPECTRAL = 8  # paths have wavelengths
+SCENE_HEADER_WIDTH = 9
 
 
 class SceneView(Bundle):
@@ -45,6 +47,7 @@ class SceneView(Bundle):
     camera_motion: np.ndarray
     shutter: np.ndarray
     pixel_filter: np.ndarray
+    spectrum: SpectralTables
     geometry: GeometryArrays
     shaders: ShaderArrays
     tables: BsdfTables
@@ -149,6 +152,7 @@ CLOCK_ENTRIES = (
     "prepare_surface",
     "shade_background",
     "evaluate_shaders",
+    "upsample",
     "shade_emission",
     "write_features",
     "prepare_guides",
@@ -184,7 +188,8 @@ class Work(Bundle):
     traced, surface, missed, lit, programs, pending : int32 (L,), lanes that a stage has left for another
     single, several : int32 (L,), guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
-    f_cos : float32 (L, C)
+    shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.as_rgb`)
+    f_cos : float32 (L, `engine.state.value_width`)
     guide : see `engine.guiding.guide`
     latent, hidden : float32, activations of a network (`engine.guiding.network_query.predict_network`)
     """
@@ -211,10 +216,12 @@ class Work(Bundle):
     paths: PathState
     points: ShadePoints
     closures: Closures
+    shaded: Closures
     samples: LightSamples
     shadows: ShadowRays
     light_points: ShadePoints
     light_closures: Closures
+    light_shaded: Closures
     guided: GuidedLanes
     log: VertexLog
     guide: Bundle

@@ -11,6 +11,7 @@ import pytest
 
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_DIFFUSE
 from engine.settings import RenderSettings
+from engine.spectral.tables import no_spectral_tables
 from engine.state import RAY_CAMERA, RAY_DIFFUSE, RAY_MIS_SKIP, allocate_paths
 from engine.wavefront.options import make_options
 from engine.wavefront.shade_lights import shade_lights
@@ -34,7 +35,8 @@ def _paths(directions: Any, flags: int, pdf: Any = 0.0, hit_distance: float = 1e
 
 def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     lanes = np.arange(len(paths.flags), dtype=np.int32)
-    shade_lights(lights, make_options(RenderSettings(**settings), 1.0), paths, lanes, len(lanes))
+    options, scratch = make_options(RenderSettings(**settings), 1.0), np.zeros((len(lanes), 3), np.float32)
+    shade_lights(lights, no_spectral_tables(), options, paths, lanes, len(lanes), scratch)
     return paths.radiance.copy()
 
 

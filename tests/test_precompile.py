@@ -21,7 +21,7 @@ import json, sys
 from engine.precompile_worker import small_scene
 from engine.session import Session
 from engine.settings import RenderSettings
-session = Session(RenderSettings(samples=7, threads=2, guiding_method=sys.argv[1]))
+session = Session(RenderSettings(samples=7, threads=2, guiding_method=sys.argv[1], spectral=sys.argv[2]))
 session.load(small_scene(), on_progress=lambda progress: print(progress.message))
 result = session.render(passes=("Combined", "Albedo"))
 assert result.passes["Combined"].mean() > 0.0
@@ -91,13 +91,24 @@ def test_inside_blender_its_python_is_found(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["OFF", "TABLE_RIS"])
-def test_helpers_compile_everything_a_render_needs(cold: Path, method: str) -> None:
+@pytest.mark.parametrize(
+    ("method", "spectral", "parts"),
+    [
+        ("OFF", "OFF", precompile.PARTS),
+        (
+            "TABLE_RIS", "ON",
+            precompile.PARTS + precompile.GUIDED_PARTS + precompile.SPECTRAL_PARTS + precompile.SPECTRAL_GUIDED_PARTS,
+        ),
+    ],
+)
+def test_helpers_compile_everything_a_render_needs(
+    cold: Path, method: str, spectral: str, parts: tuple[str, ...]
+) -> None:
     """A first process waits for the helpers and a second finds all there; neither compiles a kernel itself."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
     def render() -> str:
-        command = [sys.executable, "-c", _RENDER, method]
+        command = [sys.executable, "-c", _RENDER, method, spectral]
         return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
     first = render()
@@ -105,7 +116,6 @@ def test_helpers_compile_everything_a_render_needs(cold: Path, method: str) -> N
     assert "compiled True" in first
     assert not precompile.is_cold()
     made = {path: (cold / path).stat().st_mtime for path in machine_code(cold)}
-    parts = precompile.PARTS if method == "OFF" else precompile.PARTS + precompile.GUIDED_PARTS
     newest_stamp = max(precompile.stamp_file(part).stat().st_mtime for part in parts)
     assert max(made.values()) <= newest_stamp + 0.1, "the first process had to compile something itself"
     second = render()

@@ -90,8 +90,10 @@ def test_python_sees_the_stages_and_no_others() -> None:
         table.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("method", ["VMM_RIS", "TABLE_RIS"])
-def test_the_main_loop_passes_what_its_stages_take(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("method", "spectral"), [("VMM_RIS", "OFF"), ("TABLE_RIS", "OFF"), ("TABLE_RIS", "ON")])
+def test_the_main_loop_passes_what_its_stages_take(
+    method: str, spectral: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Nothing else would notice: calls through pointers are not checked."""
     kept: list[integrator.Integrator] = []
     arguments: list[tuple] = []
@@ -103,7 +105,7 @@ def test_the_main_loop_passes_what_its_stages_take(method: str, monkeypatch: pyt
         return arguments[-1]
 
     monkeypatch.setattr(integrator.Integrator, "_arguments", keep)
-    session = Session(RenderSettings(samples=8, threads=1, guiding_method=method))
+    session = Session(RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral))
     session.load(small_scene())
     session.render(passes=("Combined", "Normal"))
     assert kept[-1]._compiled_loop is not None and isinstance(arguments[-1][0], StageTable)
@@ -114,8 +116,8 @@ def test_the_main_loop_passes_what_its_stages_take(method: str, monkeypatch: pyt
     stages = kept[-1].stages.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene, and no lamp of it can be hit.
-    assert len(bound) >= len(stages) - 2
+    # The world is not constant in this scene, no lamp of it can be hit, and three stages are for wavelengths.
+    assert len(bound) >= len(stages) - (2 if spectral == "ON" else 5)
     for name, stage in bound.items():
         assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]
 

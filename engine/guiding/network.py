@@ -14,7 +14,7 @@ Müller et al. 2022, "Instant Neural Graphics Primitives", section 3 (hash grid)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -174,6 +174,11 @@ COMPACT_SHAPE = NetworkShape(
 
 #: By the setting `network_size`.
 NETWORK_SHAPES = {"COMPACT": COMPACT_SHAPE, "PAPER": NetworkShape()}
+
+
+def network_shape(size: str, channel_count: int) -> NetworkShape:
+    """The shape of a size (`NETWORK_SHAPES`) for a spectrum's width."""
+    return replace(NETWORK_SHAPES[size], channel_count=channel_count)
 
 
 @dataclass(frozen=True)

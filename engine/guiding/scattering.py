@@ -14,10 +14,12 @@ from engine.guiding.guide import eval_guide, predict_guide, sample_guide
 from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
 from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, mean_roughness, sample_among
+from engine.kernels.bsdf.dispersion import share_densities
+from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.path import real_3, scatter_path
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
-from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO
+from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RGB
 
 #: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
 _LEAST_UNGUIDED = 1e-6
@@ -37,7 +39,7 @@ def propose(paths, points, closures, guided, guide, lane, u0, u1, u2, u3, f_cos,
     ----------
     u0, u1, u2, u3 : float32 in [0, 1)
         Guide or BSDF, and which lobe; direction; the BSDF's lobe that is credited with the guide's direction.
-    f_cos : float32 (>= row + 1, C)
+    f_cos : float32 (>= row + 1, `state.value_width`)
         The BSDF's value times the cosine goes to its row `row`.
 
     Returns
@@ -97,7 +99,7 @@ def send_on(
         Contribution weight of the candidate, 1 / source_pdf if there was no other.
     benefit : float32
         Factor of Eq. (19), NaN = none.
-    f_cos : float32 (>= row + 1, C)
+    f_cos : float32 (>= row + 1, `state.value_width`)
         The BSDF's value times the cosine in row `row`.
     before : float32 (L, C)
         Scratch.
@@ -114,6 +116,10 @@ def send_on(
     if not largest > 0.0:
         paths.alive[lane] = 0
         return
+    if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
+        probability = guided.probability[lane]
+        proposed = probability * guided.rough_share[lane] * guide_pdf
+        share_densities(paths, closures, lane, proposed, 1.0 - probability, source_pdf, f_cos, row)
     if bsdf_pdf > 0.0:
         unguided = paths.unguided[lane] / (weight * bsdf_pdf)
         paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)

@@ -15,6 +15,7 @@ from engine.guiding.records import Records
 from engine.jit import kernel
 from engine.kernels.vector import dot
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
+from engine.state import RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
 MAX_VERTICES = 24
@@ -214,7 +215,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.radiance[record_count, c] = value
                 if known_count > 0 and total < 1e30:
                     for c in range(channel_count):
-                        if records.radiance[record_count, c] < 0.0:
+                        # Of wavelengths only the mean is learned: each path has its own.
+                        if channel_count > RGB or records.radiance[record_count, c] < 0.0:
                             records.radiance[record_count, c] = total / known_count
                     for c in range(3):
                         records.position[record_count, c] = real[row, VERTEX_P + c]

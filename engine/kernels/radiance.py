@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Adding light to a path: the power heuristic and clamping, shared by every stage that finds light."""
 
+import numpy as np
+
 from engine.jit import kernel
 
 
@@ -21,7 +23,7 @@ def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indi
     """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does.
 
     `depth` counts scatterings before the light's last one: 0 is direct light. The limits are on the sum of channels,
-    three times the user's setting; 0 = none.
+    as many times the user's setting as there are; 0 = none.
     """
     limit = clamp_indirect if depth > 0 else clamp_direct
     factor = limit * 0.0 + 1.0
@@ -29,7 +31,8 @@ def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indi
         total = 0.0 * limit
         for c in range(len(paths.channels)):
             total += abs(contribution[row, c])
-        if total > 3.0 * limit:
-            factor = 3.0 * limit / total
+        limit *= np.float32(len(paths.channels))
+        if total > limit:
+            factor = limit / total
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] += factor * contribution[row, c]

@@ -8,6 +8,7 @@ import numpy as np
 from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
 from engine.settings import MAX_CANDIDATES as MAX_CANDIDATES
+from engine.state import value_width
 
 #: Rows of a thread's batch: a neural query of this many stays in cache.
 CANDIDATE_ROWS = 4096
@@ -18,7 +19,7 @@ class Candidates(Bundle):
 
     vertex : int64, which of the chunk's vertices proposed it
     direction : float32 (N, 3), unit, world
-    f_cos : float32 (N, C), BSDF times cosine [sr^-1]
+    f_cos : float32 (N, `engine.state.value_width`), BSDF times cosine [sr^-1]
     radiance : float32 (N, C), predicted incident radiance; a common factor does not matter
     source_pdf : float32 [sr^-1], Eq. (7), with the probability of not taking a delta lobe
     bsdf_pdf, guide_pdf : float32 [sr^-1]
@@ -56,7 +57,7 @@ def allocate_candidates(row_count: int, channel_count: int = 3) -> Candidates:
     return Candidates(
         vertex=scalars(np.int64),
         direction=np.zeros((row_count, 3), np.float32),
-        f_cos=np.zeros((row_count, channel_count), np.float32),
+        f_cos=np.zeros((row_count, value_width(channel_count)), np.float32),
         radiance=np.ones((row_count, channel_count), np.float32),
         source_pdf=scalars(),
         bsdf_pdf=scalars(),

@@ -5,10 +5,12 @@ import math
 
 from engine.jit import kernel
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.spectrum import to_rgb
+from engine.state import RGB
 
 
 @kernel
-def accumulate(paths, active, active_count, free, free_count, film):
+def accumulate(spectrum, paths, active, active_count, free, free_count, film):
     """Keep living lanes in `active`; add the others to the film.
 
     A sample with a NaN or infinite channel counts as black and as a reject.
@@ -33,8 +35,9 @@ def accumulate(paths, active, active_count, free, free_count, film):
         for c in range(len(paths.channels)):
             finite = finite and math.isfinite(paths.radiance[lane, c])
         if finite:
-            for c in range(len(paths.channels)):
-                value = paths.radiance[lane, c]
+            color = to_rgb(spectrum, paths, lane, paths.radiance, lane)
+            for c in range(RGB):
+                value = color[c]
                 film.radiance[pixel, c] += value
                 film.square[pixel, c] += value * value
             film.alpha[pixel] += paths.alpha[lane]

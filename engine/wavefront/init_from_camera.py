@@ -8,21 +8,40 @@ from engine.kernels.camera import generate_ray, sample_table
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
-from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND
+from engine.spectral.wavelengths import wavelength_at
+from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
 
 _LANES_AHEAD = 4
 
 
 @kernel
+def start_wavelengths(spectrum, paths, lane, u):
+    """Draw a path's wavelengths by one number: the hero, then the others at equal steps round the density's [0, 1).
+
+    References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling", Eq. (8).
+    """
+    count = len(paths.channels)
+    step = 1.0 / np.float32(count)
+    paths.hero[lane] = u
+    for c in range(count):
+        paths.wavelength[lane, c] = wavelength_at(spectrum, u)
+        paths.share[lane, c] = step
+        u += step
+        if u >= 1.0:
+            u -= 1.0
+
+
+@kernel
 def init_from_camera(
-    camera, motion, shutter, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths, log,
-    record_threshold, active, active_count, free, free_count,
+    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths,
+    log, record_threshold, active, active_count, free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 
     Parameters
     ----------
     camera : float32 (CAMERA_WIDTH,); motion, shutter, filter_table : float32, as `engine.scene.camera.CameraArrays`
+    spectrum : SpectralTables
     seed : int
     unit : int32 (P, 2)
         Column and row of the unit's pixels in the full image (so that a border does not change the numbers drawn).
@@ -54,7 +73,7 @@ def init_from_camera(
         row = unit[pixel, 1]
         rng = pixel_hash(seed, row * full_width + column)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
-        time_u, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        time_u, hero, _, _ = sample_4d(rng, sample, SET_TIME)
         time = sample_table(shutter, time_u)
         x = np.float32(column) + 0.5 + sample_table(filter_table, u0)
         y = np.float32(row) + 0.5 + sample_table(filter_table, u1)
@@ -70,6 +89,8 @@ def init_from_camera(
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 1.0
             paths.radiance[lane, c] = 0.0
+        if len(paths.channels) > RGB:
+            start_wavelengths(spectrum, paths, lane, hero)
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
         paths.mis_pdf[lane] = 0.0

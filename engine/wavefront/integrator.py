@@ -16,7 +16,7 @@ from engine.accel import RayScratch
 from engine.film import FilmTile, allocate_tile
 from engine.guidance import Guidance
 from engine.guiding.guide import allocate_guide_of, with_field
-from engine.guiding.network import NETWORK_SHAPES
+from engine.guiding.network import network_shape
 from engine.guiding.network_query import no_network
 from engine.guiding.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.table import no_table
@@ -38,15 +38,19 @@ from engine.shaders.arrays import (
     PROGRAM_FLAGS,
     allocate_memory,
 )
+from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.stage_table import StageTable
 from engine.state import (
     LANE_COUNT,
+    RGB,
     allocate_closures,
     allocate_guided_lanes,
     allocate_light_samples,
     allocate_paths,
     allocate_points,
     allocate_shadow_rays,
+    as_rgb,
+    value_width,
 )
 from engine.wavefront.accumulate import accumulate
 from engine.wavefront.draw_candidates import draw_candidates
@@ -68,6 +72,7 @@ from engine.wavefront.shade_background import fill_background, prepare_backgroun
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.trace_rounds import FAR, trace_rounds
+from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
 from engine.work import (
@@ -90,6 +95,7 @@ from engine.work import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HEADER_WIDTH,
+    SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
@@ -126,6 +132,9 @@ _STAGES: dict[str, tuple[Callable[..., Any], int]] = {
     "prepare_background": (prepare_background, 0),
     "shade_background": (shade_background, 0),
     "evaluate_shaders": (evaluate_shaders, 0),
+    "upsample_emission": (upsample_emission, 0),
+    "upsample_lights": (upsample_lights, 0),
+    "upsample_closures": (upsample_closures, 0),
     "shade_emission": (shade_emission, 0),
     "write_features": (write_features, 0),
     "choose_lights": (choose_lights, 2),
@@ -184,10 +193,10 @@ class Batch:
     """One thread's memory: everything a unit needs, allocated once."""
 
     def __init__(
-        self, scene: Scene, pixel_count: int, settings: RenderSettings, *, use_features: bool, is_guided: bool = False,
-        channel_count: int = 3,
+        self, scene: Scene, pixel_count: int, settings: RenderSettings, *, use_features: bool, is_guided: bool = False
     ) -> None:
-        lanes = LANE_COUNT
+        lanes, channel_count = LANE_COUNT, settings.channel_count
+        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
         self._scratch = RayScratch()
         self.records = allocate_vertex_records(RECORD_ROWS if is_guided else 1, channel_count)
         self.work = Work(
@@ -198,23 +207,25 @@ class Batch:
             ray_address=np.array([self._scratch.address], np.int64),
             registers=allocate_memory(scene.shaders),
             **{name: np.zeros(lanes, np.int32) for name in LANE_LISTS},
-            f_cos=np.zeros((lanes, channel_count), np.float32),
+            f_cos=np.zeros((lanes, value_width(channel_count)), np.float32),
             latent=np.zeros((1, MAX_WIDTH), np.float32),
             hidden=allocate_scratch(MAX_WIDTH),
             paths=allocate_paths(lanes, channel_count),
             points=allocate_points(lanes),
-            closures=allocate_closures(lanes, channel_count),
+            closures=closures,
+            shaded=as_rgb(closures),
             samples=allocate_light_samples(lanes, channel_count),
             shadows=allocate_shadow_rays(lanes, channel_count),
             light_points=allocate_points(lanes),
-            light_closures=allocate_closures(lanes, channel_count),
+            light_closures=light_closures,
+            light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
             log=allocate_log(lanes, use_vertices=is_guided),
             guide=allocate_guide_of(settings, lanes if is_guided else 1),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
         )
-        self.film: FilmTile = allocate_tile(pixel_count, channel_count, use_features)
+        self.film: FilmTile = allocate_tile(pixel_count, RGB, use_features)
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
@@ -279,6 +290,7 @@ class Integrator:
     """
 
     def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+        channel_count = settings.channel_count
         self.scene = scene
         self.options = make_options(settings, scene.description.frame.exposure)
         self.seed = settings.seed
@@ -301,8 +313,10 @@ class Integrator:
         numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
+        numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         self.view = SceneView(
-            numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter, scene.geometry,
+            numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
+            tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
             scene.shaders, scene.tables, scene.lights,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
@@ -313,8 +327,8 @@ class Integrator:
         self._python_loop = in_python(trace_rounds)
         nothing = np.zeros(1, np.float32)
         self._no_guidance = GuidanceView(
-            no_field(), no_table(), no_network(NETWORK_SHAPES[settings.network_size]), no_allocation(),
-            nothing, nothing, nothing,
+            no_field(), no_table(channel_count), no_network(network_shape(settings.network_size, channel_count)),
+            no_allocation(), nothing, nothing, nothing,
         )
         self._settings = settings
         self.guidance: Guidance | None = None
@@ -365,17 +379,20 @@ class Integrator:
         self.trace_unit(batch, unit, stop)
         world, shaders = view.header[SCENE_WORLD_PROGRAM], view.shaders
         if view.header[SCENE_WORLD_IS_CONSTANT]:
-            stages.fill_background(shaders.program_values, world, b.closures, b.missed, 0)
+            stages.fill_background(shaders.program_values, world, b.shaded, b.missed, 0)
         else:
             stages.prepare_background(world, b.paths, b.points, b.missed, 0)
+        if view.header[SCENE_IS_SPECTRAL]:
+            stages.upsample_emission(view.spectrum, b.paths, b.closures, b.missed, 0)
+            stages.upsample_lights(view.spectrum, b.paths, b.samples, b.lit, 0)
         stages.shade_background(
-            view.lights, options, view.header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed, 0, batch.film,
-            self.use_features,
+            view.lights, view.spectrum, options, view.header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed, 0,
+            batch.film, self.use_features,
         )
         if view.header[SCENE_HAS_EMITTERS] and view.header[SCENE_HAS_TRANSPARENT_SHADOWS]:
             stages.pass_transparent(
-                view.header[SCENE_HANDLE], b.ray, b.ray_bits, b.ray_address[0], options, view.geometry,
-                shaders.programs, shaders.program_values, b.paths, b.shadows, b.light_points, b.light_closures,
+                view.header[SCENE_HANDLE], b.ray, b.ray_bits, b.ray_address[0], options, view.spectrum, view.geometry,
+                shaders.programs, shaders.program_values, b.paths, b.shadows, b.light_points, b.light_shaded,
                 b.pending, 0, False,
             )
         if rehearsal is not None:
@@ -443,7 +460,7 @@ class Integrator:
         pinhole = view.camera.copy()
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         _, active_count, _ = stages.init_from_camera(
-            pinhole, view.camera_motion, view.shutter, np.zeros_like(view.pixel_filter), self.seed,
+            pinhole, view.camera_motion, view.shutter, view.spectrum, np.zeros_like(view.pixel_filter), self.seed,
             np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, path_count, 0, b.paths, b.log, 0, b.active, 0,
             b.free, LANE_COUNT,
         )
@@ -456,9 +473,13 @@ class Integrator:
             view.geometry, view.shaders.programs, b.paths, b.points, b.traced, traced_count, b.surface, b.missed
         )
         stages.evaluate_shaders(
-            view.shaders, view.geometry, view.tables, b.points, b.closures, b.surface, surface_count, b.registers,
+            view.shaders, view.geometry, view.tables, b.points, b.shaded, b.surface, surface_count, b.registers,
             self.mode,
         )
+        if view.header[SCENE_IS_SPECTRAL]:
+            stages.upsample_closures(
+                view.spectrum, view.shaders.program_dispersion, b.paths, b.points, b.closures, b.surface, surface_count
+            )
         if self.guidance is not None and self.guidance.field is not None:
             stages.prepare_guides(
                 guiding_options, learned.field, learned.allocation, np.ones_like(learned.probability),

@@ -11,6 +11,7 @@ from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, trace_clos
 from engine.jit import kernel
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_radiance
+from engine.kernels.spectrum import filter_by
 from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import load, store
 from engine.scene.arrays import INSTANCE_MESH, MESH_FIRST_TRIANGLE
@@ -80,14 +81,15 @@ def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_
 
 @kernel
 def pass_transparent(
-    scene, ray, bits, address, options, geometry, programs, program_values, paths, shadows, points, closures, pending,
-    pending_count, is_evaluated,
+    scene, ray, bits, address, options, spectrum, geometry, programs, program_values, paths, shadows, points, closures,
+    pending, pending_count, is_evaluated,
 ):
     """Take every pending shadow ray to its next transparent blocker that needs its program run.
 
     Parameters
     ----------
-    points, closures : ShadePoints, Closures
+    spectrum : SpectralTables
+    points, closures : ShadePoints, Closures (as shaders see them)
         By row of `shadows`: where to evaluate, and on the next call what came of it (`is_evaluated`).
 
     Returns
@@ -101,10 +103,11 @@ def pass_transparent(
         lane = shadows.lane[row]
         direction = load(shadows.direction, row)
         if is_evaluated:
-            largest = 0.0
-            for c in range(len(shadows.channels)):
-                shadows.radiance[row, c] *= closures.transparency[row, c] + closures.holdout[row]
-                largest = max(largest, abs(shadows.radiance[row, c]))
+            holdout = closures.holdout[row]
+            largest = filter_by(
+                spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0] + holdout,
+                closures.transparency[row, 1] + holdout, closures.transparency[row, 2] + holdout,
+            )
             if largest < _NEGLIGIBLE:
                 continue
         while True:
@@ -138,10 +141,10 @@ def pass_transparent(
             shadows.distance[row] -= distance
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:
-                largest = 0.0
-                for c in range(len(shadows.channels)):
-                    shadows.radiance[row, c] *= program_values[program, VALUE_TRANSPARENCY + c]
-                    largest = max(largest, abs(shadows.radiance[row, c]))
+                largest = filter_by(
+                    spectrum, paths, lane, shadows.radiance, row, program_values[program, VALUE_TRANSPARENCY],
+                    program_values[program, VALUE_TRANSPARENCY + 1], program_values[program, VALUE_TRANSPARENCY + 2],
+                )
                 if largest < _NEGLIGIBLE:
                     break
                 continue

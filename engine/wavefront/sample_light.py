@@ -51,6 +51,7 @@ from engine.state import (
     RAY_EMISSION,
     RAY_GLOSSY,
     RAY_TRANSMIT,
+    RGB,
 )
 
 #: Bound on the relative rounding error of a point on a light.
@@ -104,7 +105,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         samples.pdf[lane] = pdf
         samples.terminate[lane] = u3
         samples.visibility[lane] = visibility
-        for c in range(len(paths.channels)):
+        for c in range(RGB):
             samples.radiance[lane, c] = radiance[c]
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance

@@ -4,6 +4,8 @@
 from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
 from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, mean_roughness, sample_among
+from engine.kernels.bsdf.dispersion import share_densities
+from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.constants import NAN
 from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.prefetch import (
@@ -16,7 +18,7 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
-from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT
+from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
 
 
 @kernel
@@ -30,7 +32,7 @@ def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes
     guided : GuidedLanes
     samples : LightSamples
     log : VertexLog
-    f_cos : float32 (L, C)
+    f_cos : float32 (L, `state.value_width`)
         Scratch for the BSDF's value.
     single, several : int32 (L,)
         Filled with the lanes left: those with one candidate, for which nothing needs to be predicted, and the others.
@@ -85,6 +87,8 @@ def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes
         if not largest > 0.0:
             paths.alive[lane] = 0
             continue
+        if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
+            share_densities(paths, closures, lane, 0.0, 1.0, pdf, f_cos, lane)
         paths.dimension[lane] += SETS_PER_VERTEX
         if label & RAY_TRANSPARENT:
             pass_through(options, paths, points, lane)

@@ -10,6 +10,7 @@ from engine.film import FEATURE_ENVIRONMENT, NO_DEPTH, POINT_DEPTH
 from engine.jit import kernel
 from engine.kernels.lights import background_pdf
 from engine.kernels.radiance import add_radiance, power_heuristic
+from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import load
 from engine.shaders.arrays import VALUE_EMISSION
 from engine.state import POINT_DEPTH as POINT_PATH_DEPTH
@@ -40,6 +41,7 @@ from engine.state import (
     RAY_PASSES_DONE,
     RAY_TRANSPARENT_BACKGROUND,
     RAY_VISIBILITY,
+    RGB,
 )
 
 
@@ -87,11 +89,14 @@ def prepare_background(world_program, paths, points, missed, missed_count):
 
 
 @kernel
-def shade_background(lights, options, visibility, paths, closures, missed, missed_count, film, write_features):
+def shade_background(
+    lights, spectrum, options, visibility, paths, closures, missed, missed_count, film, write_features
+):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
     Parameters
     ----------
+    spectrum : SpectralTables
     visibility : int
         VISIBLE_* bits of the world.
     closures : Closures
@@ -128,7 +133,8 @@ def shade_background(lights, options, visibility, paths, closures, missed, misse
                 options.clamp_indirect,
             )
             if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
-                for c in range(3):
-                    film.features[paths.pixel[lane], FEATURE_ENVIRONMENT + c] += closures.emission[lane, c]
+                color = to_rgb(spectrum, paths, lane, closures.emission, lane)
+                for c in range(RGB):
+                    film.features[paths.pixel[lane], FEATURE_ENVIRONMENT + c] += color[c]
         if write_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
             film.points[paths.pixel[lane], POINT_DEPTH] = NO_DEPTH

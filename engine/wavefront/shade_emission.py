@@ -12,6 +12,7 @@ from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance, power_heuristic
+from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import load
 from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
 from engine.state import (
@@ -21,6 +22,7 @@ from engine.state import (
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT_BACKGROUND,
+    RGB,
 )
 
 
@@ -38,7 +40,9 @@ def keep_transparent(closures, lane):
 
 
 @kernel
-def shade_emission(lights, geometry, options, paths, points, closures, lanes, lane_count, film, write_features):
+def shade_emission(
+    lights, geometry, spectrum, options, paths, points, closures, lanes, lane_count, film, write_features
+):
     """Add emission with the MIS weight of having found it by scattering; then divide by the survival probability.
 
     Lanes flagged RAY_TERMINATE_ON_NEXT_SURFACE, and those whose holdout is complete, end here; those flagged
@@ -91,8 +95,9 @@ def shade_emission(lights, geometry, options, paths, points, closures, lanes, la
                 options.clamp_indirect,
             )
             if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
-                for c in range(3):
-                    film.features[paths.pixel[lane], FEATURE_EMISSION + c] += closures.emission[lane, c]
+                color = to_rgb(spectrum, paths, lane, closures.emission, lane)
+                for c in range(RGB):
+                    film.features[paths.pixel[lane], FEATURE_EMISSION + c] += color[c]
         if flags & RAY_TERMINATE_ON_NEXT_SURFACE:
             paths.alive[lane] = 0
             continue

@@ -8,7 +8,8 @@ camera, other rays only those with multiple importance sampling; suns without it
 from engine.jit import kernel
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import power_heuristic
+from engine.kernels.radiance import add_radiance, power_heuristic
+from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
 from engine.scene.light_arrays import (
@@ -29,6 +30,7 @@ from engine.state import (
     RAY_MIS_SKIP,
     RAY_REFLECT,
     RAY_TRANSMIT,
+    RGB,
 )
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
@@ -47,23 +49,19 @@ def _sees(flags, visibility):
 
 
 @kernel
-def _add_emission(lights, row, factor, options, paths, lane):
+def _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch):
     """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering."""
-    limit = options.clamp_indirect if paths.depth[lane] > 1 else options.clamp_direct
-    if limit > 0.0:
-        total = 0.0 * factor
-        for c in range(len(paths.channels)):
-            emitted = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
-            total += abs(emitted * factor * paths.throughput[lane, c])
-        if total > 3.0 * limit:
-            factor *= 3.0 * limit / total
+    for c in range(RGB):
+        scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
+    if len(paths.channels) > RGB:
+        upsample_light(spectrum, paths, lane, scratch[lane, 0], scratch[lane, 1], scratch[lane, 2], scratch, lane)
     for c in range(len(paths.channels)):
-        emitted = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
-        paths.radiance[lane, c] += emitted * factor * paths.throughput[lane, c]
+        scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
+    add_radiance(paths, lane, scratch, lane, paths.depth[lane] - 1, options.clamp_direct, options.clamp_indirect)
 
 
 @kernel
-def shade_lights(lights, options, paths, lanes, lane_count):
+def shade_lights(lights, spectrum, options, paths, lanes, lane_count, scratch):
     """Add the light of lamps and suns to rays that `intersect_closest` has traced, MIS-weighted.
 
     The hit and its density are found from `mis_origin`, where the light sample they are weighed against was drawn;
@@ -72,11 +70,13 @@ def shade_lights(lights, options, paths, lanes, lane_count):
     Parameters
     ----------
     lights : LightArrays
+    spectrum : SpectralTables
     options : IntegratorOptions
         `use_nee` 0: every lamp counts whole, those without multiple importance sampling included.
     paths : PathState
         `hit_instance` is -1 and `hit_distance` the ray's length where nothing was hit.
     lanes : int32 (>= lane_count,)
+    scratch : float32 (L, >= C)
     """
     hittable_count = lights.header[HEADER_HITTABLE]
     first_sun = lights.header[HEADER_FIRST_SUN]
@@ -112,7 +112,7 @@ def shade_lights(lights, options, paths, lanes, lane_count):
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
                 factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            _add_emission(lights, row, factor, options, paths, lane)
+            _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -125,4 +125,4 @@ def shade_lights(lights, options, paths, lanes, lane_count):
                 factor = power_heuristic(
                     paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
                 )
-            _add_emission(lights, row, factor, options, paths, lane)
+            _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch)

@@ -26,6 +26,7 @@ from engine.work import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
@@ -48,6 +49,7 @@ _SHADE_LIGHTS = CLOCK_ENTRIES.index("shade_lights")
 _PREPARE_SURFACE = CLOCK_ENTRIES.index("prepare_surface")
 _SHADE_BACKGROUND = CLOCK_ENTRIES.index("shade_background")
 _EVALUATE_SHADERS = CLOCK_ENTRIES.index("evaluate_shaders")
+_UPSAMPLE = CLOCK_ENTRIES.index("upsample")
 _SHADE_EMISSION = CLOCK_ENTRIES.index("shade_emission")
 _WRITE_FEATURES = CLOCK_ENTRIES.index("write_features")
 _PREPARE_GUIDES = CLOCK_ENTRIES.index("prepare_guides")
@@ -75,16 +77,18 @@ def _shade_background(stages, scene, options, unit, b, missed_count):
     header, shaders = scene.header, scene.shaders
     world = header[SCENE_WORLD_PROGRAM]
     if header[SCENE_WORLD_IS_CONSTANT] != 0:
-        stages.fill_background(shaders.program_values, world, b.closures, b.missed, missed_count)
+        stages.fill_background(shaders.program_values, world, b.shaded, b.missed, missed_count)
     else:
         stages.prepare_background(world, b.paths, b.points, b.missed, missed_count)
         stages.evaluate_shaders(
-            shaders, scene.geometry, scene.tables, b.points, b.closures, b.missed, missed_count, b.registers,
+            shaders, scene.geometry, scene.tables, b.points, b.shaded, b.missed, missed_count, b.registers,
             MODE_EMISSION,
         )
+    if header[SCENE_IS_SPECTRAL] != 0:
+        stages.upsample_emission(scene.spectrum, b.paths, b.closures, b.missed, missed_count)
     stages.shade_background(
-        scene.lights, options, header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed, missed_count, unit.film,
-        unit.header[UNIT_USE_FEATURES] != 0,
+        scene.lights, scene.spectrum, options, header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed,
+        missed_count, unit.film, unit.header[UNIT_USE_FEATURES] != 0,
     )
 
 
@@ -101,12 +105,13 @@ def _trace_shadows(stages, scene, options, b, shadow_count):
     while pending_count > 0:
         b.counts[TRANSPARENT_SHADOW_RAYS] += pending_count
         pending_count = stages.pass_transparent(
-            handle, b.ray, b.ray_bits, address, options, scene.geometry, shaders.programs, shaders.program_values,
-            b.paths, b.shadows, b.light_points, b.light_closures, b.pending, pending_count, is_evaluated,
+            handle, b.ray, b.ray_bits, address, options, scene.spectrum, scene.geometry, shaders.programs,
+            shaders.program_values, b.paths, b.shadows, b.light_points, b.light_shaded, b.pending, pending_count,
+            is_evaluated,
         )
         if pending_count > 0:
             stages.evaluate_shaders(
-                shaders, scene.geometry, scene.tables, b.light_points, b.light_closures, b.pending, pending_count,
+                shaders, scene.geometry, scene.tables, b.light_points, b.light_shaded, b.pending, pending_count,
                 b.registers, MODE_TRANSPARENCY,
             )
         is_evaluated = True
@@ -122,10 +127,14 @@ def _sample_lights(stages, scene, options, unit, b, surface_count):
     mark(b.clock, _CHOOSE_LIGHTS)
     if program_count > 0:
         stages.evaluate_shaders(
-            scene.shaders, scene.geometry, scene.tables, b.light_points, b.light_closures, b.programs, program_count,
+            scene.shaders, scene.geometry, scene.tables, b.light_points, b.light_shaded, b.programs, program_count,
             b.registers, MODE_EMISSION,
         )
         mark(b.clock, _EVALUATE_LIGHT_SHADERS)
+    if scene.header[SCENE_IS_SPECTRAL] != 0:
+        stages.upsample_lights(scene.spectrum, b.paths, b.samples, b.lit, lit_count)
+        stages.upsample_emission(scene.spectrum, b.paths, b.light_closures, b.programs, program_count)
+        mark(b.clock, _UPSAMPLE)
     if unit.header[UNIT_IS_GUIDED] != 0:
         stages.guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
         mark(b.clock, _GUIDE_LIGHTS)
@@ -185,11 +194,13 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
     header, counts = unit.header, b.counts
     handle, address = scene.header[SCENE_HANDLE], b.ray_address[0]
     is_guided, records_paths = header[UNIT_IS_GUIDED] != 0, header[UNIT_RECORD_THRESHOLD] != 0
+    is_spectral = scene.header[SCENE_IS_SPECTRAL] != 0
     while stop[0] == 0:
         counts[NEXT_PATH], active_count, counts[FREE] = stages.init_from_camera(
-            scene.camera, scene.camera_motion, scene.shutter, scene.pixel_filter, header[UNIT_SEED], unit.pixels,
-            scene.header[SCENE_WIDTH], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH], b.paths,
-            b.log, header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
+            scene.camera, scene.camera_motion, scene.shutter, scene.spectrum, scene.pixel_filter, header[UNIT_SEED],
+            unit.pixels, scene.header[SCENE_WIDTH], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT],
+            counts[NEXT_PATH], b.paths, b.log, header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free,
+            counts[FREE],
         )
         mark(b.clock, _INIT_FROM_CAMERA)
         if active_count == 0:
@@ -205,7 +216,7 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         mark(b.clock, _INTERSECT_CLOSEST)
 
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
-            stages.shade_lights(scene.lights, options, b.paths, b.traced, traced_count)
+            stages.shade_lights(scene.lights, scene.spectrum, options, b.paths, b.traced, traced_count, b.f_cos)
             mark(b.clock, _SHADE_LIGHTS)
 
         surface_count, missed_count = stages.prepare_surface(
@@ -217,21 +228,30 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
             mark(b.clock, _SHADE_BACKGROUND)
 
         stages.evaluate_shaders(
-            scene.shaders, scene.geometry, scene.tables, b.points, b.closures, b.surface, surface_count, b.registers,
+            scene.shaders, scene.geometry, scene.tables, b.points, b.shaded, b.surface, surface_count, b.registers,
             header[UNIT_SHADER_MODE],
         )
         mark(b.clock, _EVALUATE_SHADERS)
+        if is_spectral:
+            stages.upsample_emission(scene.spectrum, b.paths, b.closures, b.surface, surface_count)
+            mark(b.clock, _UPSAMPLE)
         stages.shade_emission(
-            scene.lights, scene.geometry, options, b.paths, b.points, b.closures, b.surface, surface_count, unit.film,
-            header[UNIT_USE_FEATURES] != 0,
+            scene.lights, scene.geometry, scene.spectrum, options, b.paths, b.points, b.closures, b.surface,
+            surface_count, unit.film, header[UNIT_USE_FEATURES] != 0,
         )
         mark(b.clock, _SHADE_EMISSION)
         if header[UNIT_USE_FEATURES] != 0:
             stages.write_features(
                 scene.camera, scene.geometry, scene.tables, scene.shaders.program_pass_index, b.paths, b.points,
-                b.closures, b.f_cos, b.surface, surface_count, unit.film,
+                b.shaded, b.f_cos, b.surface, surface_count, unit.film,
             )
             mark(b.clock, _WRITE_FEATURES)
+        if is_spectral:
+            stages.upsample_closures(
+                scene.spectrum, scene.shaders.program_dispersion, b.paths, b.points, b.closures, b.surface,
+                surface_count,
+            )
+            mark(b.clock, _UPSAMPLE)
 
         if is_guided:
             stages.prepare_guides(
@@ -268,7 +288,7 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
             )
             mark(b.clock, _COLLECT_RECORDS)
         counts[ACTIVE], counts[FREE], reject_count = stages.accumulate(
-            b.paths, b.active, active_count, b.free, counts[FREE], unit.film
+            scene.spectrum, b.paths, b.active, active_count, b.free, counts[FREE], unit.film
         )
         counts[REJECTS] += reject_count
         mark(b.clock, _ACCUMULATE)

@@ -10,11 +10,13 @@ import math
 from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.diffuse import oren_nayar_f_cos
+from engine.kernels.bsdf.dispersion import delta_channels, set_channel
 from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
     BUMP,
+    CLOSURE_DISPERSES,
     DELTA_ALPHA_SQUARED,
     DIFFUSE,
     ENERGY_SCALE,
@@ -46,6 +48,7 @@ from engine.state import (
     RAY_SINGULAR,
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
+    RGB,
 )
 
 #: Mask that hides no lobe.
@@ -132,6 +135,39 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
 
 
 @kernel
+def eval_channels(closures, lane, wo, wi, visibility, sampled, u, out, row):
+    """`eval_lobes`, where the lane disperses every channel with its own refractive index.
+
+    The density is then the mean over the channels' shares in the path's, and columns C to 2 C of out[row] hold that of
+    each.
+    """
+    count = len(closures.channels)
+    last = 0
+    if count > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
+        last = count - 1
+    mean = 0.0
+    pdf = 0.0
+    picked = -1
+    # The hero comes last, and leaves the lobes as they were.
+    for c in range(last, -1, -1):
+        if count > RGB and last > 0:
+            set_channel(closures, lane, c)
+        pdf, picked = eval_lobes(
+            closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, wi, visibility, sampled,
+            u, out, row,
+        )
+        if count > RGB and last > 0:
+            mean += closures.share[lane, c] * pdf
+            out[row, count + c] = pdf
+            out[row, 2 * count + c] = out[row, c]
+    if count > RGB and last > 0:
+        pdf = mean
+        for c in range(count):
+            out[row, c] = out[row, 2 * count + c]
+    return pdf, picked
+
+
+@kernel
 def is_delta_lobe(kinds, param, lane, i):
     """Whether lobe `i` is sampled only: transparent, or a microfacet lobe of next to no roughness."""
     kind = kinds[lane, i]
@@ -141,10 +177,14 @@ def is_delta_lobe(kinds, param, lane, i):
 
 
 @kernel
-def sample_lobes(kinds, param, count, channels, lane, wo, ng, choice, u0, u1, u2, out, row):
-    """`sample_bsdf` from the arrays of `Closures` it needs, among the lobes of `choice` (EVERY_LOBE, ROUGH_LOBES,
-    DELTA_LOBES); the returned probabilities are those of a choice among all.
+def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
+    """`sample_bsdf` among the lobes of `choice` (EVERY_LOBE, ROUGH_LOBES, DELTA_LOBES); the returned probabilities are
+    those of a choice among all.
     """
+    kinds = closures.kind
+    param = closures.param
+    count = closures.count[lane]
+    channels = closures.channels
     weight_sum = 0.0
     chosen_sum = 0.0
     for i in range(count):
@@ -200,6 +240,8 @@ def sample_lobes(kinds, param, count, channels, lane, wo, ng, choice, u0, u1, u2
     else:
         for c in range(len(channels)):
             out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
+            if len(channels) > RGB:
+                out[row, len(channels) + c] = pmf
         return pmf, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, eta
     label |= RAY_TRANSMIT if is_refracted else RAY_REFLECT
     # Only samples are checked against the geometric normal: evaluation would show the facets of smooth meshes (Cycles).
@@ -209,8 +251,10 @@ def sample_lobes(kinds, param, count, channels, lane, wo, ng, choice, u0, u1, u2
         for c in range(len(channels)):
             color = lobe_color(param, lane, chosen, kind, blend, is_refracted, c)
             out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c] * param[lane, chosen, ENERGY_SCALE] * color
+        if len(channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
+            pmf = delta_channels(closures, lane, chosen, wo, sample_weight / weight_sum, pmf, is_refracted, out, row)
         return pmf, wi, label | RAY_SINGULAR, roughness, eta
-    pdf, _ = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
+    pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
     return pdf, wi, label, roughness, eta
 
 
@@ -241,7 +285,7 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
         for c in range(len(closures.channels)):
             out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * value
         return pdf
-    pdf, _ = eval_lobes(kinds, param, count, closures.channels, lane, wo, wi, visibility, -1, -1.0, out, row)
+    pdf, _ = eval_channels(closures, lane, wo, wi, visibility, -1, -1.0, out, row)
     return pdf
 
 
@@ -260,7 +304,7 @@ def sample_among(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
         for c in range(len(closures.channels)):
             out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * pdf
         return pdf, wi, RAY_DIFFUSE | RAY_REFLECT, 1.0, 1.0
-    return sample_lobes(kinds, param, count, closures.channels, lane, wo, ng, choice, u0, u1, u2, out, row)
+    return sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row)
 
 
 @kernel(forceinline=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
-from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_lobes, is_delta_lobe
+from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, is_delta_lobe
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, LAST_DIFFUSE, REFRACTION, TRANSLUCENT
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
@@ -103,9 +103,8 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
     """
     kinds = closures.kind
     param = closures.param
-    count = closures.count[lane]
     channels = closures.channels
-    pdf, picked = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, -1, u, out, row)
+    pdf, picked = eval_channels(closures, lane, wo, wi, EVERY_KIND, -1, u, out, row)
     if picked < 0:
         for c in range(len(channels)):
             out[row, c] = 0.0
@@ -121,6 +120,6 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
         return pdf, label | RAY_DIFFUSE, 1.0, 1.0
     if param[lane, picked, BUMP] != 0.0:
         # A specular lobe's own sample passes where other directions are rejected (`bump_shadowing`).
-        pdf, _ = eval_lobes(kinds, param, count, channels, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
+        pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
     roughness = math.sqrt(param[lane, picked, ALPHA_X] * param[lane, picked, ALPHA_Y])
     return pdf, label | RAY_GLOSSY, roughness, param[lane, picked, ETA] if is_refracted else 1.0

@@ -12,12 +12,13 @@ GLOSSY              ALPHA_X, ALPHA_Y, ENERGY_SCALE, TANGENT (3, of anisotropic l
 GLOSSY_DIELECTRIC   as GLOSSY, and ETA
 GLOSSY_SCHLICK      as GLOSSY_DIELECTRIC, and F0 (4), F0_REAL
 GLOSSY_F82          as GLOSSY, and F0 (4), F82_B (4)
-REFRACTION          ALPHA_X = ALPHA_Y, ETA, ENERGY_SCALE
+REFRACTION          ALPHA_X = ALPHA_Y, ETA, ENERGY_SCALE, ETA_D (where the lane disperses)
 GLASS               as REFRACTION, and F0 (4), F0_REAL, REFLECTION_TINT (4), TRANSMISSION_TINT (4)
 TRANSPARENT         none
 ==================  ==================================================================================================
 
-The microfacet kinds say their Fresnel term. Colours take four columns, the fourth is 0 while the spectrum is RGB.
+The microfacet kinds say their Fresnel term. Colours take four columns: RGB and 0 as shaders leave them, values at the
+path's wavelengths once `engine.wavefront.upsample` has been there.
 A lobe with alpha_x * alpha_y <= DELTA_ALPHA_SQUARED is a delta lobe.
 """
 
@@ -56,6 +57,10 @@ ASHIKHMIN_SHIRLEY = 3
 CLOSURE_NO_BUMP_CORRECTION = 1
 CLOSURE_NO_REFLECTIVE_CAUSTICS = 2
 CLOSURE_NO_REFRACTIVE_CAUSTICS = 4
+#: Set behind the shader, in renders with wavelengths: the lane has lobes whose refractive index depends on them
+#: (`bsdf.dispersion`); it is seen from the back, where refractive indices are inverted.
+CLOSURE_DISPERSES = 8
+CLOSURE_IS_BACK = 16
 
 # Bits that `summarize` returns.
 HAS_EVAL = 1
@@ -74,6 +79,7 @@ ALPHA_Y = CLOSURE_KIND_PARAMS + 2
 ETA = CLOSURE_KIND_PARAMS + 3  # refractive index of the far side over the viewer's side
 ENERGY_SCALE = CLOSURE_KIND_PARAMS + 4
 F0_REAL = CLOSURE_KIND_PARAMS + 5
+ETA_D = CLOSURE_KIND_PARAMS + 6  # ETA at the d line, where ETA goes through the wavelengths
 F0 = CLOSURE_KIND_PARAMS + 7
 REFLECTION_TINT = F0 + 4
 F82_B = REFLECTION_TINT

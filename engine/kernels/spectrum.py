@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Colours at a path's wavelengths, and what a path has gathered as a colour again.
+
+Everything that shaders and lights say is RGB. It becomes values at the wavelengths where it meets a path
+(`engine.spectral.upsampling`), and RGB once more on the film (`engine.spectral.wavelengths`).
+"""
+
+from engine.jit import kernel
+from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
+from engine.spectral.wavelengths import rgb_weight
+from engine.state import RGB, WAVELENGTHS
+
+
+@kernel
+def color_coefficients(spectrum, r, g, b):
+    """`spectrum_coefficients` of a colour in the scene's working space."""
+    matrix = spectrum.to_rec709
+    # Greys are left alone, so that they stay greys to the last bit.
+    if matrix.shape[0] > 0 and not (r == g and g == b):
+        r, g, b = (
+            matrix[0, 0] * r + matrix[0, 1] * g + matrix[0, 2] * b,
+            matrix[1, 0] * r + matrix[1, 1] * g + matrix[1, 2] * b,
+            matrix[2, 0] * r + matrix[2, 1] * g + matrix[2, 2] * b,
+        )
+    return spectrum_coefficients(spectrum, r, g, b)
+
+
+@kernel
+def upsample_light(spectrum, paths, lane, r, g, b, out, row):
+    """Write emission, a colour, at the path's wavelengths.
+
+    Twice as much light has the same spectrum twice: that of the colour with the largest channel 1/2.
+
+    Parameters
+    ----------
+    spectrum : SpectralTables
+    out : float32 (R, >= C)
+        Row `row` is written.
+    """
+    largest = max(r, max(g, b))
+    if not largest > 0.0:
+        for c in range(len(paths.channels)):
+            out[row, c] = 0.0
+        return
+    twice = 2.0 * largest
+    scale, c0, c1, c2 = color_coefficients(spectrum, r / twice, g / twice, b / twice)
+    for c in range(len(paths.channels)):
+        out[row, c] = evaluate_spectrum(scale * twice, c0, c1, c2, paths.wavelength[lane, c])
+
+
+@kernel
+def upsample_parameter(spectrum, paths, lane, param, i, column):
+    """A closure's colour at the path's wavelengths, in place."""
+    scale, c0, c1, c2 = color_coefficients(
+        spectrum, param[lane, i, column], param[lane, i, column + 1], param[lane, i, column + 2]
+    )
+    for c in range(len(paths.channels)):
+        param[lane, i, column + c] = evaluate_spectrum(scale, c0, c1, c2, paths.wavelength[lane, c])
+
+
+@kernel
+def filter_by(spectrum, paths, lane, radiance, row, r, g, b):
+    """Multiply row `row` of `radiance` by a colour; return the largest channel left."""
+    largest = 0.0
+    if len(paths.channels) == RGB:
+        radiance[row, 0] *= r
+        radiance[row, 1] *= g
+        radiance[row, 2] *= b
+        for c in range(RGB):
+            largest = max(largest, abs(radiance[row, c]))
+    else:
+        scale, c0, c1, c2 = color_coefficients(spectrum, r, g, b)
+        for c in range(len(paths.channels)):
+            radiance[row, c] *= evaluate_spectrum(scale, c0, c1, c2, paths.wavelength[lane, c])
+            largest = max(largest, abs(radiance[row, c]))
+    return largest
+
+
+@kernel
+def to_rgb(spectrum, paths, lane, values, row):
+    """What row `row` of `values`, gathered by a path, adds to its pixel: a colour.
+
+    Expected over the wavelengths it is the colour; of one path components may be negative.
+    """
+    if len(paths.channels) == RGB:
+        return values[row, 0], values[row, 1], values[row, 2]
+    red = 0.0
+    green = 0.0
+    blue = 0.0
+    step = 1.0 / WAVELENGTHS
+    u = paths.hero[lane]
+    for c in range(len(paths.channels)):
+        r, g, b = rgb_weight(spectrum, u)
+        red += r * values[row, c]
+        green += g * values[row, c]
+        blue += b * values[row, c]
+        u += step
+        if u >= 1.0:
+            u -= 1.0
+    return red * step, green * step, blue * step
