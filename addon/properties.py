@@ -218,7 +218,9 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         description="How a neural mixture sees when a path is traced, where something moves while the shutter is open",
         items=(
             ("NONE", "Not", "One mixture for all times"),
-            ("FREQUENCY", "Frequencies", "By sines and cosines of the time"),
+            ("FREQUENCY", "Frequencies", "By sines and cosines of the time: cheap, and enough where little changes"),
+            ("PLANES", "Planes", "By learned planes over each coordinate and the time"),
+            ("HASH4D", "4D Grids", "By learned grids over position and time, hashed"),
         ),
         default=_DEFAULTS.mixture_time,
     )

@@ -22,7 +22,11 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
     "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},
     "NPM-TIME": {"guiding_method": "NPM", "mixture_time": "FREQUENCY"},
+    "NPM-PLANES": {"guiding_method": "NPM", "mixture_time": "PLANES"},
+    "NPM-HASH4D": {"guiding_method": "NPM", "mixture_time": "HASH4D"},
     "NASG-TIME": {"guiding_method": "NASG", "mixture_time": "FREQUENCY"},
+    "NASG-PLANES": {"guiding_method": "NASG", "mixture_time": "PLANES"},
+    "NASG-HASH4D": {"guiding_method": "NASG", "mixture_time": "HASH4D"},
 }
 
 

@@ -18,8 +18,9 @@ MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
 MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
 #: Sizes of neural mixtures: the paper's, those of its authors' program, or without grids, for renders of few records.
 MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
-#: How a neural mixture sees the time of a path, where something moves.
-MIXTURE_TIMES = ("NONE", "FREQUENCY")
+#: How a neural mixture sees the time of a path, where something moves: as frequencies, by learned planes over a
+#: coordinate and the time, or by learned grids over position and time.
+MIXTURE_TIMES = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")

@@ -200,6 +200,25 @@ def test_a_worker_that_is_gone_is_named(monkeypatch):
     assert any(notice.subject == "Guiding / NPM" and "no process" in notice.problem for notice in report.notices)
 
 
+def test_the_time_is_seen_as_it_is_asked_for():
+    """The paper's sizes (Dong et al. 2025, section 5), and smaller ones."""
+    from engine.settings import RenderSettings
+
+    paper = RenderSettings(guiding_method="NPM", mixture_preset="PAPER")
+    plain = source_shape(paper)
+    planes = source_shape(replace(paper, mixture_time="PLANES"))
+    assert planes.resolutions == plain.resolutions and planes.used_width == plain.used_width + 3 * 8 * 2
+    assert planes.plane_resolutions == (8, 16, 32, 64, 128, 256, 512, 1024)
+    hashes = source_shape(replace(paper, mixture_time="HASH4D"))
+    assert hashes.hash_resolutions == plain.resolutions and hashes.resolutions == ()
+    assert hashes.used_width == plain.used_width and hashes.hash_size == 1 << 22
+    for source in ("NPM", "NPM_PRODUCT", "NASG"):
+        compact = RenderSettings(guiding_method=source)
+        for mixture_time, width in (("NONE", 0), ("FREQUENCY", 8), ("PLANES", 24), ("HASH4D", 16)):
+            shape = source_shape(replace(compact, mixture_time=mixture_time))
+            assert shape.used_width == source_shape(compact).used_width + width
+
+
 def test_sources_that_are_no_networks_have_no_shape():
     from engine.settings import RenderSettings
 

@@ -12,7 +12,9 @@ import pytest
 from engine.guiding.encoding import contract
 from engine.guiding.mixture import shape as shapes
 from engine.guiding.mixture.features import (
-    backpropagate_features,
+    backpropagate_grids,
+    backpropagate_hashes,
+    backpropagate_planes,
     catch_up,
     encode_features,
     make_mixture_encoding,
@@ -54,7 +56,17 @@ SHAPES = {
         wo_encoding="HARMONICS", wo_size=4, roughness_bins=4, target="PRODUCT", has_selection=True,
     ),
     "one-blob": shapes.NASG_PRODUCT,
-    "time": MixtureShape(position_encoding="BLOB", normal_encoding="RAW", time_frequencies=3),
+    "frequencies": MixtureShape(position_encoding="BLOB", normal_encoding="RAW", u_frequencies=3),
+    "planes": MixtureShape(**SMALL_GRIDS, normal_encoding="RAW", plane_levels=3, u_frequencies=2),
+    "smooth planes": MixtureShape(
+        position_encoding="BLOB", interpolation="SMOOTH", plane_levels=2, plane_features=4, plane_resolution=5,
+        plane_growth=1.7,
+    ),
+    "four dimensions": MixtureShape(position_encoding="NONE", hash_levels=3, hash_resolution=4, hash_size=1 << 11),
+    "smooth four dimensions": MixtureShape(
+        **SMALL_GRIDS, interpolation="SMOOTH", plane_levels=1, hash_levels=2, hash_features=8, hash_resolution=3,
+        hash_size=1 << 9,
+    ),
 }
 
 
@@ -66,9 +78,10 @@ def shape(request):
 def random_parameters(shape, seed=0):
     """Parameters whose grids matter, unlike at the start of training."""
     parameters = initial_parameters(shape, seed)
-    table = shape.split(parameters).get("table")
-    if table is not None:
-        table[...] = np.random.default_rng(seed).normal(size=table.shape)
+    rng = np.random.default_rng(seed)
+    for name, array in shape.split(parameters).items():
+        if name in shapes.TABLES:
+            array[...] = rng.normal(size=array.shape)
     return parameters
 
 
@@ -82,7 +95,7 @@ def random_directions(rng, count):
 
 
 def random_points(count, seed=0, spread=1.3):
-    """Position (some outside the bounds), normal, wo, roughness, time."""
+    """Position (some outside the bounds), normal, wo, roughness, u."""
     rng = np.random.default_rng(seed)
     middle, half = BOUNDS.mean(axis=0), 0.5 * (BOUNDS[1] - BOUNDS[0])
     position = (middle + spread * half * rng.uniform(-1.0, 1.0, (count, 3))).astype(np.float32)
@@ -92,8 +105,7 @@ def random_points(count, seed=0, spread=1.3):
 
 
 def encoding_of(shape, parameters):
-    table = shape.split(parameters).get("table", np.zeros((1, shape.level_features), np.float32))
-    return make_mixture_encoding(shape, BOUNDS, table)
+    return make_mixture_encoding(shape, BOUNDS, shape.split(parameters))
 
 
 def features_of(shape, parameters, points):
@@ -122,7 +134,8 @@ def test_presets_are_the_papers():
     [
         {"lobe_model": "KENT"}, {"lobe_count": 0}, {"level_features": 6}, {"width": 12}, {"hidden_layers": 0},
         {"wo_encoding": "RAW"}, {"normal_size": 2, "normal_encoding": "BLOB"}, {"roughness_bins": 2}, {"growth": 3.0},
-        {"target": "LIGHT"}, {"wo_size": 3},
+        {"target": "LIGHT"}, {"wo_size": 3}, {"plane_features": 3}, {"hash_size": 1000}, {"hash_features": 6},
+        {"position_encoding": "NONE"}, {"plane_growth": 3.0, "plane_levels": 10}, {"u_frequencies": 17},
     ],
 )
 def test_wrong_shapes_are_named(wrong):
@@ -195,34 +208,80 @@ def test_rows_of_arrays():
 # Features
 
 
-def reference_grids(shape, table, position):
-    """Interpolated grids in plain numpy, float64."""
+def in_unit_cube(position):
+    """Contracted positions, float64."""
     middle, half = BOUNDS.mean(axis=0, dtype=np.float64), 0.5 * (BOUNDS[1] - BOUNDS[0]).astype(np.float64)
-    result = np.zeros((position.shape[0], shape.position_width))
-    for row, p in enumerate(position.astype(np.float64)):
-        u = (p - middle) / half
-        u = 0.5 + 0.5 * np.where(abs(u) > 1.0, np.sign(u) * (1.0 - 0.1 / np.maximum(abs(u), 1.0)), 0.9 * u)
-        for level, resolution in enumerate(shape.resolutions):
-            cell = np.minimum(np.floor(u * resolution), resolution - 1).astype(int)
-            t = u * resolution - cell
-            if shape.interpolation == "SMOOTH":
-                t = t * t * (3.0 - 2.0 * t)
-            grid = table[shape.level_offsets[level] : shape.level_offsets[level + 1]]
-            grid = grid.reshape(*(resolution + 1,) * 3, shape.level_features)
-            columns = slice(level * shape.level_features, (level + 1) * shape.level_features)
-            for x, y, z in np.ndindex(2, 2, 2):
-                share = np.prod(np.where((x, y, z), t, 1.0 - t))
-                result[row, columns] += share * grid[cell[2] + z, cell[1] + y, cell[0] + x]
-    return result
+    u = (position.astype(np.float64) - middle) / half
+    return 0.5 + 0.5 * np.where(abs(u) > 1.0, np.sign(u) * (1.0 - 0.1 / np.maximum(abs(u), 1.0)), 0.9 * u)
 
 
-@pytest.mark.parametrize("name", ["linear grids", "smooth grids"])
-def test_grids_are_interpolated(name):
+def interpolated(shape, entries, resolution, coordinates):
+    """Features between the points of one grid of any dimension, in plain numpy; entries(points (N, D)) -> (N, F)."""
+    cell = np.minimum(np.floor(coordinates * resolution), resolution - 1).astype(int)
+    t = coordinates * resolution - cell
+    if shape.interpolation == "SMOOTH":
+        t = t * t * (3.0 - 2.0 * t)
+    return sum(
+        np.prod(np.where(corner, t, 1.0 - t), axis=1)[:, None] * entries(cell + corner)
+        for corner in np.array([*np.ndindex(*(2,) * coordinates.shape[1])])
+    )
+
+
+def dense(table, resolution):
+    """Entries of a grid that has one for every point, the first coordinate fastest."""
+    return lambda points: table[(points * (resolution + 1) ** np.arange(points.shape[1])).sum(axis=1)]
+
+
+def hashed(table):
+    def entries(points):
+        products = points * np.array((1, 2654435761, 805459861, 3674653429), np.uint64).astype(np.int64)
+        return table[np.bitwise_xor.reduce(products, axis=1) % len(table)]
+
+    return entries
+
+
+def reference_learned(shape, parameters, points):
+    """Features read from tables, of grids, planes and four-dimensional grids."""
+    arrays = {name: array.astype(np.float64) for name, array in shape.split(parameters).items()}
+    place = np.column_stack((in_unit_cube(points[0]), points[4].astype(np.float64)))
+    columns = []
+    for level, resolution in enumerate(shape.resolutions):
+        grid = arrays["table"][slice(*shape.level_offsets[level : level + 2])]
+        columns.append(interpolated(shape, dense(grid, resolution), resolution, place[:, :3]))
+    for level, resolution in enumerate(shape.plane_resolutions):
+        planes = arrays["planes"][slice(*shape.plane_offsets[level : level + 2])]
+        for axis, plane in enumerate(np.split(planes, 3)):
+            columns.append(interpolated(shape, dense(plane, resolution), resolution, place[:, (axis, 3)]))
+    for level, resolution in enumerate(shape.hash_resolutions):
+        grid = arrays["hashes"][slice(*shape.hash_offsets[level : level + 2])]
+        is_hashed = len(grid) < (resolution + 1) ** 4
+        entries = hashed(grid) if is_hashed else dense(grid, resolution)
+        columns.append(interpolated(shape, entries, resolution, place))
+    return np.concatenate(columns, axis=1)
+
+
+def learned_columns(shape):
+    first = 0 if shape.position_encoding == "GRID" else shape.position_width
+    return slice(first, shape.position_width + shape.plane_width + shape.hash_width)
+
+
+LEARNED = [name for name, shape in SHAPES.items() if set(shapes.TABLES) & shape.layout.keys()]
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_tables_are_interpolated(name):
     shape = SHAPES[name]
     parameters, points = random_parameters(shape), random_points(200)
-    expected = reference_grids(shape, shape.split(parameters)["table"].astype(np.float64), points[0])
-    found = features_of(shape, parameters, points)[:, : shape.position_width]
-    np.testing.assert_allclose(found, expected, atol=2e-5)
+    points[4][:2] = 0.0, 1.0
+    expected = reference_learned(shape, parameters, points)
+    found = features_of(shape, parameters, points)[:, learned_columns(shape)]
+    np.testing.assert_allclose(found, expected, atol=4e-5)
+
+
+def test_four_dimensions_are_hashed_where_they_are_many():
+    shape = SHAPES["four dimensions"]
+    assert shape.hash_resolutions == (4, 5, 7)
+    assert shape.hash_offsets == (0, 625, 625 + 1296, 625 + 1296 + 2048)
 
 
 def test_features_have_their_places(shape):
@@ -230,7 +289,7 @@ def test_features_have_their_places(shape):
     features = features_of(shape, random_parameters(shape), points)
     assert np.isfinite(features).all()
     assert (features[:, shape.used_width :] == 1.0).all()
-    _, normal, wo, _, time = points
+    _, normal, wo, _, u = points
     column = shape.position_width
     if shape.position_encoding == "BLOB":
         bins = features[:, :column].reshape(-1, 3, shape.position_bins)
@@ -242,14 +301,15 @@ def test_features_have_their_places(shape):
             [[contract(p, c, i) for p, c, i in zip(row, BOUNDS.mean(axis=0), inverse)] for row in points[0]]
         )
         np.testing.assert_allclose(bins @ centers, inside, atol=1e-5)
+    column += shape.plane_width + shape.hash_width
     if shape.normal_encoding == "RAW":
         np.testing.assert_array_equal(features[:, column : column + 3], normal)
     if shape.wo_encoding == "RAW":
         np.testing.assert_array_equal(features[:, column + 3 : column + 6], wo)
-    if shape.time_frequencies:
-        angle = math.pi * time[:, None].astype(np.float64) * 2.0 ** np.arange(shape.time_frequencies)
-        waves = np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(time), -1)
-        found = features[:, shape.used_width - 2 * shape.time_frequencies : shape.used_width]
+    if shape.u_frequencies:
+        angle = math.pi * u[:, None].astype(np.float64) * 2.0 ** np.arange(shape.u_frequencies)
+        waves = np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(u), -1)
+        found = features[:, shape.used_width - 2 * shape.u_frequencies : shape.used_width]
         np.testing.assert_allclose(found, waves, atol=1e-5)
     if shape.normal_encoding == "BLOB":
         np.testing.assert_allclose(features[:, column : column + 12].reshape(-1, 3, 4).sum(axis=2), 1.0, atol=1e-6)
@@ -265,8 +325,8 @@ def test_harmonics_are_orthonormal():
     wo = np.stack(np.broadcast_arrays(r[:, None] * np.cos(phi), r[:, None] * np.sin(phi), z[:, None]), -1)
     wo = wo.reshape(-1, 3).astype(np.float32)
     weight = np.repeat(z_weight, 16) * math.pi / 8
-    position, normal, _, roughness, time = random_points(wo.shape[0])
-    features = features_of(shape, random_parameters(shape), (position, normal, wo, roughness, time))
+    position, normal, _, roughness, u = random_points(wo.shape[0])
+    features = features_of(shape, random_parameters(shape), (position, normal, wo, roughness, u))
     first = shape.position_width + 12
     harmonics = features[:, first : first + 16].astype(np.float64)
     np.testing.assert_allclose(harmonics.T @ (harmonics * weight[:, None]), np.eye(16), atol=1e-5)
@@ -283,26 +343,34 @@ def test_features_of_nonsense_are_finite(shape):
     assert np.isfinite(features).all() and np.abs(features).max() < 10.0
 
 
-@pytest.mark.parametrize("name", ["linear grids", "smooth grids"])
-def test_gradient_of_the_grids(name):
-    """Features are linear in the table: the gradient along a random change is the change of the features."""
+@pytest.mark.parametrize("name", LEARNED)
+def test_gradients_of_tables(name):
+    """Features are linear in a table: the gradient along a random change is the change of the features."""
     shape = SHAPES[name]
     parameters, points = random_parameters(shape), random_points(500)
     rng = np.random.default_rng(2)
     gradient = rng.normal(size=(500, shape.feature_width)).astype(np.float32)
     encoding = encoding_of(shape, parameters)
-    parts = [np.zeros_like(encoding.table) for _ in range(2)]
-    for edges, part in (((0, 3),), parts[0]), (((0, 1), (1, 3)), parts[1]):
-        for first, last in edges:
-            backpropagate_features(encoding, points[0], 500, gradient, first, last, part)
-    assert np.array_equal(*parts)
-    change = rng.normal(size=encoding.table.shape).astype(np.float32)
-    changed = make_mixture_encoding(shape, BOUNDS, change)
-    out = np.zeros((500, shape.feature_width), np.float32)
-    encode_features(changed, *points, 0, 500, out)
-    columns = slice(0, shape.position_width)
-    expected = float((out[:, columns].astype(np.float64) * gradient[:, columns]).sum())
-    assert float((change.astype(np.float64) * parts[0]).sum()) == pytest.approx(expected, rel=1e-4)
+    planes, hashes = shape.position_width, shape.position_width + shape.plane_width
+    for table, backpropagate, first, width, level_count in (
+        ("table", backpropagate_grids, 0, shape.position_width, shape.level_count),
+        ("planes", backpropagate_planes, planes, shape.plane_width, shape.plane_levels),
+        ("hashes", backpropagate_hashes, hashes, shape.hash_width, shape.hash_levels),
+    ):
+        if table not in shape.layout:
+            continue
+        parts = [np.zeros(shape.layout[table], np.float32) for _ in range(2)]
+        for edges, part in (((0, level_count),), parts[0]), (((0, 1), (1, level_count)), parts[1]):
+            for edge in edges:
+                backpropagate(encoding, points[0], points[4], 500, gradient, first, *edge, part)
+        assert np.array_equal(*parts)
+        change = rng.normal(size=shape.layout[table]).astype(np.float32)
+        changed = make_mixture_encoding(shape, BOUNDS, {table: change})
+        out = np.zeros((500, shape.feature_width), np.float32)
+        encode_features(changed, *points, 0, 500, out)
+        columns = slice(first, first + width)
+        expected = float((out[:, columns].astype(np.float64) * gradient[:, columns]).sum())
+        assert float((change.astype(np.float64) * parts[0]).sum()) == pytest.approx(expected, rel=1e-4)
 
 
 def test_steps_of_the_grids_and_their_average():

@@ -34,6 +34,7 @@ from engine.guiding.rows import (
     ROW_REFLECTANCE,
     ROW_ROUGHNESS,
     ROW_TIME,
+    ROW_WI,
     ROW_WIDTH,
     ROW_WO,
     make_rows,
@@ -55,7 +56,15 @@ NPM_PRODUCT = MixtureShape(
     target="PRODUCT",
 )
 NASG = dataclasses.replace(shapes.NASG, width=64, hidden_layers=2)
-SHAPES = {"NPM": NPM, "NPM_PRODUCT": NPM_PRODUCT, "NASG": NASG}
+#: By what they see a further dimension.
+BINS = dataclasses.replace(NPM, position_encoding="BLOB", position_bins=16)
+U_SHAPES = {
+    "FREQUENCY": dataclasses.replace(BINS, u_frequencies=4),
+    "PLANES": dataclasses.replace(NPM, plane_levels=4),
+    "HASH4D": dataclasses.replace(NPM, position_encoding="NONE", hash_levels=4, hash_growth=1.6, hash_size=1 << 14),
+    "BINS AND HASH4D": dataclasses.replace(BINS, hash_levels=3, hash_size=1 << 13),
+}
+SHAPES = {"NPM": NPM, "NPM_PRODUCT": NPM_PRODUCT, "NASG": NASG, **U_SHAPES}
 
 _LIGHTS = np.array(((0.5, 0.3, 0.6), (-0.6, -0.4, 0.4)))
 _POWERS = np.array((3.0, 1.5))
@@ -124,7 +133,7 @@ def mixture_densities(raw, wi, lobe_count, is_anisotropic, vmf, nasg, out):
             out[point, k] = eval_nasg(nasg, 0, w) if is_anisotropic else eval_vmm(vmf, 0, w)
 
 
-def infer(shape, snapshot, position, wo, roughness=0.2):
+def infer(shape, snapshot, position, wo, roughness=0.2, u=0.0):
     """Network and raw outputs at points of the plane."""
     count = position.shape[0]
     network = make_mixture_network(shape, snapshot)
@@ -132,12 +141,12 @@ def infer(shape, snapshot, position, wo, roughness=0.2):
     normal = np.tile(np.float32((0.0, 0.0, 1.0)), (count, 1))
     evaluate_mixtures(
         network, position.astype(np.float32), normal, wo.astype(np.float32), np.full(count, roughness, np.float32),
-        np.zeros(count, np.float32), count, allocate_mixture_scratch(shape), raw,
+        np.full(count, u, np.float32), count, allocate_mixture_scratch(shape), raw,
     )
     return network, raw
 
 
-def divergence(shape, snapshot, target, seed=99, point_count=64, direction_count=2048):
+def divergence(shape, snapshot, target, seed=99, point_count=64, direction_count=2048, u=0.0):
     """Mean Kullback-Leibler divergence [nats] from `target(position, wo, wi)` to the mixtures, over the hemisphere."""
     rng = np.random.default_rng(seed)
     position, wo = plane(rng, point_count), hemisphere(rng, point_count)
@@ -146,7 +155,7 @@ def divergence(shape, snapshot, target, seed=99, point_count=64, direction_count
     truth = values.reshape(point_count, direction_count)
     truth = truth / (2.0 * np.pi * truth.mean(axis=1, keepdims=True))
     found = np.zeros((point_count, direction_count), np.float32)
-    _, raw = infer(shape, snapshot, position, wo)
+    _, raw = infer(shape, snapshot, position, wo, u=u)
     mixture_densities(
         raw, wi.astype(np.float32), shape.lobe_count, shape.lobe_model == "NASG", allocate_guide(1), allocate_nasg(1),
         found,
@@ -181,6 +190,7 @@ def test_training_and_inference_agree(name):
     shape = SHAPES[name]
     training = train(shape, rows_of_two_lights()[:20_000], 20, averaging=0.0)
     rows = rows_of(300, 5)
+    rows[:, ROW_TIME] = np.linspace(0.0, 1.0, rows.shape[0])
     count = rows.shape[0]
     raw = np.zeros((count, shape.output_width), np.float32)
     position, normal, wo = (rows[:, column : column + 3].copy() for column in (ROW_POSITION, ROW_NORMAL, ROW_WO))
@@ -229,6 +239,44 @@ def test_two_lights_are_learned(name):
     assert math.isinf(first) and gain > 0.5 and training.loss < before - 0.5
     found = divergence(shape, training.snapshot(), lambda position, _wo, wi: radiance(position, wi))
     assert found < limit
+
+
+def flying_radiance(position, wi, u):
+    """A glow that flies over the plane from one side to the other, in front of a faint background."""
+    to_light = np.stack((1.6 * u - 0.8, 0.3 + 0.0 * u, 0.5 + 0.0 * u), axis=-1) - position
+    distance = np.linalg.norm(to_light, axis=1)
+    cosine = (to_light * wi).sum(axis=1) / distance
+    return 3.0 * np.exp((distance / 0.2) ** 2 * (cosine - 1.0)) + 0.02
+
+
+@cache
+def rows_of_a_flight():
+    rows = rows_of(150_000, 11)
+    u = np.random.default_rng(12).uniform(size=rows.shape[0])
+    rows[:, ROW_TIME] = u
+    position, wi = (rows[:, column : column + 3].astype(np.float64) for column in (ROW_POSITION, ROW_WI))
+    rows[:, ROW_RADIANCE] = flying_radiance(position, wi, u)
+    return rows
+
+
+@cache
+def divergence_of_a_flight(name):
+    shape = {**SHAPES, "BINS": BINS}[name]
+    snapshot = train(shape, rows_of_a_flight(), 200).snapshot()
+    return np.mean([
+        divergence(
+            shape, snapshot, lambda position, _wo, wi, u=u: flying_radiance(position, wi, np.full(len(wi), u)),
+            point_count=24, u=u,
+        )
+        for u in (0.0, 0.3, 0.65, 1.0)
+    ])
+
+
+@pytest.mark.parametrize("name", list(U_SHAPES))
+def test_what_changes_is_learned(name):
+    """A field that does not see u is that of all places of the light."""
+    marginal = divergence_of_a_flight("BINS" if "BINS" in name else "NPM")
+    assert divergence_of_a_flight(name) < 0.6 * marginal
 
 
 def test_cosine_target():

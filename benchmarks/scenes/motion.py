@@ -259,6 +259,41 @@ def tower() -> None:
     _shutter()
 
 
+@scene("blur-lamp", samples=256)
+def lamp_room() -> None:
+    """A furnished room lit by what two shaded lamps throw at its ceiling; one of them is carried along a wall."""
+    resolution()
+    world((0.0, 0.0, 0.0))
+    _room("Room", diffuse((0.7, 0.68, 0.62), "room"), 2.5, 2.6)
+    shade = diffuse((0.6, 0.55, 0.5), "shade")
+    sides = 16
+    ring = [(math.cos(2 * math.pi * i / sides), math.sin(2 * math.pi * i / sides)) for i in range(sides)]
+    corners = [(r * x, r * y, z) for r, z in ((0.12, -0.25), (0.2, 0.25)) for x, y in ring]
+    faces: list[tuple[int, ...]] = [
+        (i, (i + 1) % sides, sides + (i + 1) % sides, sides + i) for i in range(sides)
+    ]
+    faces.append(tuple(range(sides)))
+    for name, power, places in (
+        ("Carried", 120.0, ((-1.9, 1.3, 1.3), (1.7, 1.7, 1.6))), ("Standing", 40.0, ((2.0, -0.6, 1.1),)),
+    ):
+        holder = add_object(name, mesh(f"{name} Shade", corners, faces, shade), places[0])
+        bulb = add_object(f"{name} Bulb", sphere(f"{name} Bulb", emitter((1.0, 0.8, 0.55), power), 0.06, 16, 8))
+        bulb.parent = holder
+        if len(places) > 1:
+            _animate(holder, "location", *places)
+    table, glossy = diffuse((0.45, 0.3, 0.2), "table"), material(
+        "vase", lambda nodes: nodes("BsdfAnisotropic", Color=(0.5, 0.6, 0.7), Roughness=0.25)
+    )
+    add_object("Table", box("Table", table, (1.6, 0.8, 0.06)), (-0.2, 0.2, 0.7))
+    for x, y in ((-0.9, -0.1), (0.5, -0.1), (-0.9, 0.5), (0.5, 0.5)):
+        add_object("Leg", box("Leg", table, (0.06, 0.06, 0.68)), (x, y, 0.34))
+    add_object("Vase", sphere("Vase", glossy, 0.22), (-0.5, 0.2, 0.95))
+    add_object("Box", box("Box", diffuse((0.25, 0.4, 0.3), "box"), (0.3, 0.3, 0.4)), (0.25, 0.15, 0.93), (0, 0, 25))
+    add_object("Shelf", box("Shelf", table, (0.5, 1.6, 1.2)), (-2.2, 0.4, 0.6))
+    camera((0.3, -5.0, 1.7), (-0.1, 0.2, 1.15), 42.0)
+    _shutter()
+
+
 @scene("blur-turning-room", samples=256)
 def turning_room() -> None:
     """A lamp hidden in a drum with slits that turns: beams sweep over the room."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from engine.guiding.flow.shape import FlowSettings, FlowShape
 from engine.guiding.mixture.shape import (
@@ -24,8 +25,20 @@ from engine.settings import RenderSettings
 
 #: One-blob bins for each coordinate, in place of grids whose cells see too few records (docs/experiments.md).
 _COMPACT_BINS = 32
-#: Octaves of the time: Dong et al. 2025, section 6.2; and fewer, that a render on a processor can train.
-_TIME_FREQUENCIES, _COMPACT_TIME_FREQUENCIES = 16, 4
+#: How u is seen, by setting: the sizes of Dong et al. 2025, sections 5 and 6.2...
+_U_ENCODINGS: dict[str, dict[str, Any]] = {
+    "NONE": {},
+    "FREQUENCY": {"u_frequencies": 16},
+    "PLANES": {"plane_levels": 8},
+    "HASH4D": {"hash_levels": 8},
+}
+#: ... and fewer and coarser ones, beside bins, that a render on a processor can train.
+_COMPACT_U_ENCODINGS: dict[str, dict[str, Any]] = {
+    "NONE": {},
+    "FREQUENCY": {"u_frequencies": 4},
+    "PLANES": {"plane_levels": 4},
+    "HASH4D": {"hash_levels": 4, "hash_size": 1 << 15},
+}
 _NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
 #: Spherical Gaussians in NASG's place have as many parameters with more lobes.
 _LOBE_COUNTS = {"VMF": 8, "NASG": 8, "SG": SG.lobe_count}
@@ -51,9 +64,12 @@ def source_shape(settings: RenderSettings) -> MixtureShape | FlowShape:
     if settings.mixture_preset == "COMPACT":
         shape = replace(shape, position_encoding="BLOB", position_bins=_COMPACT_BINS)
     shape = replace(shape, has_selection=settings.network_selection)
-    if settings.mixture_time == "FREQUENCY":
-        is_compact = settings.mixture_preset == "COMPACT"
-        shape = replace(shape, time_frequencies=_COMPACT_TIME_FREQUENCIES if is_compact else _TIME_FREQUENCIES)
+    is_compact = settings.mixture_preset == "COMPACT"
+    u_encoding = (_COMPACT_U_ENCODINGS if is_compact else _U_ENCODINGS)[settings.mixture_time]
+    if settings.mixture_time == "HASH4D" and shape.position_encoding == "GRID":
+        # An axis more, and otherwise the same grids.
+        u_encoding = u_encoding | {"position_encoding": "NONE", "hash_growth": shape.growth}
+    shape = replace(shape, **u_encoding)
     if settings.mixture_lobes != "OWN":
         shape = replace(
             shape, lobe_model="NASG" if settings.mixture_lobes == "NASG" else "VMF",

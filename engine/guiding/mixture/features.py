@@ -2,9 +2,10 @@
 """What a mixture network sees of a point: one definition, which training and inference both run.
 
 Positions are contracted into the unit cube (`encoding.contract`: the bounds take the middle 90% of each axis, the rest
-of space the ends) and either read from dense grids of learned features or spread over bins. Features are, in order:
-those of the position, the normal, the direction to the viewer, the roughness and the time, and ones up to a multiple of
-eight.
+of space the ends) and either read from dense grids of learned features or spread over bins. A further dimension u in
+[0, 1], the time of the shutter, is read with the position from three planes (x, u), (y, u), (z, u) or from grids over
+(x, y, z, u), or spread over frequencies. Features are, in order: those of the position, the planes, the grids over
+(x, y, z, u), the normal, the direction to the viewer, the roughness and u, and ones up to a multiple of eight.
 
 References
 ----------
@@ -12,33 +13,44 @@ Dong et al. 2023, Eq. 13 (grids). Huang et al. 2024, Table 1 (one-blob, raw dire
 Müller et al. 2022, "Instant Neural Graphics Primitives", appendix A (smoothstep between grid points).
 Müller et al. 2019, "Neural Importance Sampling", section 4.3 (one-blob); its kernel here is `encoding.blob`.
 Sloan 2013, "Efficient Spherical Harmonic Evaluation" (bands 0 to 3).
-Mildenhall et al. 2020, "NeRF", Eq. 4 (frequencies of the time).
+Mildenhall et al. 2020, "NeRF", Eq. 4 (frequencies of u).
+Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", Eqs. 7 and 8 (planes), section 6.2 (4D grids).
+Müller et al. 2022, Eq. 4 (hash); its primes, and for the fourth dimension that of their program.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from engine.bundle import Bundle
 from engine.guiding.encoding import blob, cell_of, contract
-from engine.guiding.mixture.shape import MixtureShape
+from engine.guiding.mixture.shape import TABLES, MixtureShape
 from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int64Array
 
-# Columns of MixtureEncoding.level
+# Columns of MixtureEncoding.level, plane_level and hash_level
 LEVEL_RESOLUTION = 0
 LEVEL_FIRST = 1
-LEVEL_FIELDS = 2
+LEVEL_HASH_MASK = 2  # 0 = every point has an entry of its own
+LEVEL_FIELDS = 3
+
+#: Planes of a level: (x, u), (y, u), (z, u).
+PLANES = 3
+_HASH_Y = np.int64(2654435761)
+_HASH_Z = np.int64(805459861)
+_HASH_U = np.int64(3674653429)
 
 # Entries of MixtureEncoding.options
 OPTION_IS_SMOOTH = 0
-OPTION_POSITION_BINS = 1  # 0 = grids
+OPTION_POSITION_BINS = 1  # 0 = grids, or none
 OPTION_NORMAL = 2  # ENCODING_*
 OPTION_NORMAL_SIZE = 3
 OPTION_WO = 4
 OPTION_WO_SIZE = 5
 OPTION_ROUGHNESS_BINS = 6
-OPTION_TIME_FREQUENCIES = 7
+OPTION_U_FREQUENCIES = 7
 OPTION_FEATURE_WIDTH = 8
 OPTION_COUNT = 9
 
@@ -52,29 +64,48 @@ _ENCODINGS = {"NONE": ENCODING_NONE, "RAW": ENCODING_RAW, "BLOB": ENCODING_BLOB,
 class MixtureEncoding(Bundle):
     """What the kernels below read.
 
-    level : int64 (levels, LEVEL_FIELDS), of each grid the cells along an axis and the first entry in the table
+    level, plane_level, hash_level : int64 (levels, LEVEL_FIELDS), of each grid the cells along an axis, the first
+        entry in its table, and what a hash is cut with
     options : int64 (OPTION_COUNT,), OPTION_*
     center, inverse_extent : float32 (3,), of the bounds: middle [m] and 2 / extent [m^-1]
-    table : float32 (entries, features), all grids
+    table, planes, hashes : float32 (entries, features), all grids of the position, all planes, all grids over (x, u)
     """
 
     level: Int64Array
+    plane_level: Int64Array
+    hash_level: Int64Array
     options: Int64Array
     center: Float32Array
     inverse_extent: Float32Array
     table: Float32Array
+    planes: Float32Array
+    hashes: Float32Array
 
 
-def make_mixture_encoding(shape: MixtureShape, bounds: Float32Array, table: Float32Array) -> MixtureEncoding:
-    """`MixtureEncoding` over a view of `table`: what training writes there, the kernels see.
+def _levels(resolutions: tuple[int, ...], offsets: tuple[int, ...], most: int = 0) -> Int64Array:
+    """LEVEL_* of grids that have `most` entries at most, a power of two; 0 = as many as there are points."""
+    level = np.zeros((len(resolutions), LEVEL_FIELDS), np.int64)
+    for index, resolution in enumerate(resolutions):
+        is_hashed = 0 < most < (resolution + 1) ** 4
+        level[index] = resolution, offsets[index], most - 1 if is_hashed else 0
+    return level
+
+
+def make_mixture_encoding(
+    shape: MixtureShape, bounds: Float32Array, arrays: Mapping[str, Float32Array]
+) -> MixtureEncoding:
+    """`MixtureEncoding` over views of tables: what training writes there, the kernels see.
 
     Parameters
     ----------
     bounds : float32 (2, 3) [m]
-    table : float32 (entries, level_features); of any length where the position is not read from grids
+    arrays : mapping
+        Those of `shape.layout`, as far as they are `TABLES`.
     """
-    offsets = shape.level_offsets
-    level = np.array([*zip(shape.resolutions, offsets, strict=False)], np.int64).reshape(-1, LEVEL_FIELDS)
+    features = shape.level_features, shape.plane_features, shape.hash_features
+    tables = [
+        arrays.get(name, np.zeros((1, count), np.float32)) for name, count in zip(TABLES, features, strict=True)
+    ]
     options = np.zeros(OPTION_COUNT, np.int64)
     options[OPTION_IS_SMOOTH] = shape.interpolation == "SMOOTH"
     options[OPTION_POSITION_BINS] = shape.position_bins if shape.position_encoding == "BLOB" else 0
@@ -83,11 +114,16 @@ def make_mixture_encoding(shape: MixtureShape, bounds: Float32Array, table: Floa
     options[OPTION_WO] = _ENCODINGS[shape.wo_encoding]
     options[OPTION_WO_SIZE] = shape.wo_size
     options[OPTION_ROUGHNESS_BINS] = shape.roughness_bins
-    options[OPTION_TIME_FREQUENCIES] = shape.time_frequencies
+    options[OPTION_U_FREQUENCIES] = shape.u_frequencies
     options[OPTION_FEATURE_WIDTH] = shape.feature_width
     lower, upper = bounds.astype(np.float64)
     center = (0.5 * (lower + upper)).astype(np.float32)
-    return MixtureEncoding(level, options, center, (2.0 / (upper - lower)).astype(np.float32), table)
+    return MixtureEncoding(
+        _levels(shape.resolutions, shape.level_offsets),
+        _levels(shape.plane_resolutions, shape.plane_offsets),
+        _levels(shape.hash_resolutions, shape.hash_offsets, shape.hash_size),
+        options, center, (2.0 / (upper - lower)).astype(np.float32), *tables,
+    )
 
 
 @kernel
@@ -148,6 +184,114 @@ def _write_grids(encoding, ux, uy, uz, out, row):
             out[row, column + 2] = c
             out[row, column + 3] = d
     return encoding.level.shape[0] * feature_count
+
+
+@kernel
+def _plane_corners(encoding, index, plane, c, u):
+    """Rows of the planes' table for the four corners of a cell, the coordinate fastest, and their shares (Eq. 7)."""
+    resolution = encoding.plane_level[index, LEVEL_RESOLUTION]
+    is_smooth = encoding.options[OPTION_IS_SMOOTH]
+    x, fx = cell_of(c, resolution)
+    y, fy = cell_of(u, resolution)
+    fx = _fraction(fx, is_smooth)
+    fy = _fraction(fy, is_smooth)
+    gx = 1.0 - fx
+    gy = 1.0 - fy
+    row = resolution + 1
+    e = encoding.plane_level[index, LEVEL_FIRST] + plane * row * row + y * row + x
+    return (e, e + 1, e + row, e + row + 1), (gx * gy, fx * gy, gx * fy, fx * fy)
+
+
+@kernel
+def _between_four(table, entries, shares, f):
+    """Feature `f` between the four corners."""
+    return (shares[0] * table[entries[0], f] + shares[1] * table[entries[1], f]) + (
+        shares[2] * table[entries[2], f] + shares[3] * table[entries[3], f]
+    )
+
+
+@kernel
+def _write_planes(encoding, ux, uy, uz, u, out, row, column):
+    """Interpolated features of the planes, of each level (x, u), (y, u), (z, u); returns the next column."""
+    planes = encoding.planes
+    feature_count = planes.shape[1]
+    for index in range(encoding.plane_level.shape[0]):
+        for plane in range(PLANES):
+            c = ux if plane == 0 else (uy if plane == 1 else uz)
+            entries, shares = _plane_corners(encoding, index, plane, c, u)
+            for f in range(0, feature_count, 2):
+                a = _between_four(planes, entries, shares, f)
+                b = _between_four(planes, entries, shares, f + 1)
+                out[row, column + f] = a
+                out[row, column + f + 1] = b
+            column += feature_count
+    return column
+
+
+@kernel
+def _hash_entry(encoding, index, x, y, z, w):
+    """Row of the table for a point of a four-dimensional grid."""
+    mask = encoding.hash_level[index, LEVEL_HASH_MASK]
+    if mask != 0:
+        # Only the low bits of the products count, so that 64-bit ones hash as 32-bit ones do.
+        entry = (x ^ (y * _HASH_Y) ^ (z * _HASH_Z) ^ (w * _HASH_U)) & mask
+    else:
+        row = encoding.hash_level[index, LEVEL_RESOLUTION] + 1
+        entry = ((w * row + z) * row + y) * row + x
+    return encoding.hash_level[index, LEVEL_FIRST] + entry
+
+
+@kernel
+def _hash_corners(encoding, index, ux, uy, uz, u):
+    """Rows of the table for the eight corners of a cell at the lower u and at the upper u, x fastest, their shares
+    among the eight, and the share of the upper u.
+    """
+    resolution = encoding.hash_level[index, LEVEL_RESOLUTION]
+    is_smooth = encoding.options[OPTION_IS_SMOOTH]
+    x, fx = cell_of(ux, resolution)
+    y, fy = cell_of(uy, resolution)
+    z, fz = cell_of(uz, resolution)
+    w, fw = cell_of(u, resolution)
+    fx = _fraction(fx, is_smooth)
+    fy = _fraction(fy, is_smooth)
+    fz = _fraction(fz, is_smooth)
+    gx = 1.0 - fx
+    gy = 1.0 - fy
+    gz = 1.0 - fz
+    return (
+        (
+            _hash_entry(encoding, index, x, y, z, w), _hash_entry(encoding, index, x + 1, y, z, w),
+            _hash_entry(encoding, index, x, y + 1, z, w), _hash_entry(encoding, index, x + 1, y + 1, z, w),
+            _hash_entry(encoding, index, x, y, z + 1, w), _hash_entry(encoding, index, x + 1, y, z + 1, w),
+            _hash_entry(encoding, index, x, y + 1, z + 1, w), _hash_entry(encoding, index, x + 1, y + 1, z + 1, w),
+        ),
+        (
+            _hash_entry(encoding, index, x, y, z, w + 1), _hash_entry(encoding, index, x + 1, y, z, w + 1),
+            _hash_entry(encoding, index, x, y + 1, z, w + 1), _hash_entry(encoding, index, x + 1, y + 1, z, w + 1),
+            _hash_entry(encoding, index, x, y, z + 1, w + 1), _hash_entry(encoding, index, x + 1, y, z + 1, w + 1),
+            _hash_entry(encoding, index, x, y + 1, z + 1, w + 1),
+            _hash_entry(encoding, index, x + 1, y + 1, z + 1, w + 1),
+        ),
+        (
+            gx * gy * gz, fx * gy * gz, gx * fy * gz, fx * fy * gz, gx * gy * fz, fx * gy * fz, gx * fy * fz,
+            fx * fy * fz,
+        ),
+        _fraction(fw, is_smooth),
+    )  # fmt: skip
+
+
+@kernel
+def _write_hashes(encoding, ux, uy, uz, u, out, row, column):
+    """Interpolated features of the four-dimensional grids; returns the next column."""
+    hashes = encoding.hashes
+    feature_count = hashes.shape[1]
+    for index in range(encoding.hash_level.shape[0]):
+        lower, upper, shares, late = _hash_corners(encoding, index, ux, uy, uz, u)
+        for f in range(feature_count):
+            before = _between(hashes, lower, shares, f)
+            out[row, column + f] = before + late * (_between(hashes, upper, shares, f) - before)
+        column += feature_count
+    return column
 
 
 @kernel
@@ -214,9 +358,15 @@ def _write_direction(x, y, z, encoding_kind, size, out, row, column):
 
 
 @kernel
-def _write_frequencies(time, count, out, row, column):
-    """Sine and cosine of so many octaves of a time in [0, 1], from half a period on; returns the next column."""
-    angle = np.float32(np.pi) * min(max(_component(time), np.float32(0.0)), np.float32(1.0))
+def _unit(x):
+    """A number within [0, 1]; 0 for NaN."""
+    return min(max(_component(x), np.float32(0.0)), np.float32(1.0))
+
+
+@kernel
+def _write_frequencies(u, count, out, row, column):
+    """Sine and cosine of so many octaves of u in [0, 1], from half a period on; returns the next column."""
+    angle = np.float32(np.pi) * u
     for j in range(count):
         out[row, column + 2 * j] = np.sin(angle)
         out[row, column + 2 * j + 1] = np.cos(angle)
@@ -225,7 +375,17 @@ def _write_frequencies(time, count, out, row, column):
 
 
 @kernel
-def encode_features(encoding, position, normal, wo, roughness, time, start, stop, out):
+def _place(encoding, position, k):
+    """A point's position in the unit cube."""
+    return (
+        contract(position[k, 0], encoding.center[0], encoding.inverse_extent[0]),
+        contract(position[k, 1], encoding.center[1], encoding.inverse_extent[1]),
+        contract(position[k, 2], encoding.center[2], encoding.inverse_extent[2]),
+    )
+
+
+@kernel
+def encode_features(encoding, position, normal, wo, roughness, u, start, stop, out):
     """Features of points `start` to `stop`, into the first rows of `out`. Whatever goes in, they are finite.
 
     Parameters
@@ -235,7 +395,7 @@ def encode_features(encoding, position, normal, wo, roughness, time, start, stop
     normal : float32 (N, 3), unit shading normal on the viewer's side
     wo : float32 (N, 3), unit, towards the viewer
     roughness : float32 (N,), in [0, 1]
-    time : float32 (N,), of the shutter, in [0, 1]
+    u : float32 (N,), the further dimension, in [0, 1]
     start, stop : int, points to do
     out : float32 (at least stop - start, at least feature_width), written
     """
@@ -244,15 +404,16 @@ def encode_features(encoding, position, normal, wo, roughness, time, start, stop
     roughness_bins = options[OPTION_ROUGHNESS_BINS]
     for k in range(start, stop):
         row = k - start
-        ux = contract(position[k, 0], encoding.center[0], encoding.inverse_extent[0])
-        uy = contract(position[k, 1], encoding.center[1], encoding.inverse_extent[1])
-        uz = contract(position[k, 2], encoding.center[2], encoding.inverse_extent[2])
+        ux, uy, uz = _place(encoding, position, k)
+        uw = _unit(u[k])
         if position_bins == 0:
             column = _write_grids(encoding, ux, uy, uz, out, row)
         else:
             column = _write_blob(2.0 * ux - 1.0, position_bins, out, row, np.int64(0))
             column = _write_blob(2.0 * uy - 1.0, position_bins, out, row, column)
             column = _write_blob(2.0 * uz - 1.0, position_bins, out, row, column)
+        column = _write_planes(encoding, ux, uy, uz, uw, out, row, column)
+        column = _write_hashes(encoding, ux, uy, uz, uw, out, row, column)
         column = _write_direction(
             normal[k, 0], normal[k, 1], normal[k, 2], options[OPTION_NORMAL], options[OPTION_NORMAL_SIZE], out, row,
             column,
@@ -262,36 +423,73 @@ def encode_features(encoding, position, normal, wo, roughness, time, start, stop
         )
         if roughness_bins != 0:
             # Rough surfaces differ less than smooth ones do.
-            seen = 1.0 - np.exp(-min(max(_component(roughness[k]), np.float32(0.0)), np.float32(1.0)))
+            seen = 1.0 - np.exp(-_unit(roughness[k]))
             column = _write_blob(2.0 * seen - 1.0, roughness_bins, out, row, column)
-        column = _write_frequencies(time[k], options[OPTION_TIME_FREQUENCIES], out, row, column)
+        column = _write_frequencies(uw, options[OPTION_U_FREQUENCIES], out, row, column)
         for j in range(column, options[OPTION_FEATURE_WIDTH]):
             out[row, j] = 1.0
 
 
 @kernel
-def backpropagate_features(encoding, position, row_count, feature_gradient, first_level, last_level, table_gradient):
-    """Add the gradient of `encode_features` to that of the grids.
+def backpropagate_grids(encoding, position, u, row_count, feature_gradient, first_column, first_level, last_level, out):
+    """Add the gradient of `encode_features` to that of the grids of the position.
 
     Rows are taken in order, and levels share no entries: the result is the same however levels are dealt to threads.
 
     Parameters
     ----------
-    feature_gradient : float32 (at least row_count, at least levels * features)
+    u : float32 (N,), not read
+    feature_gradient : float32 (at least row_count, features)
+    first_column : int, of the features that come from this table
     first_level, last_level : int, levels to do, the last one excluded
-    table_gradient : float32 (entries, features), added to
+    out : float32 (entries, features), added to
     """
-    feature_count = table_gradient.shape[1]
+    feature_count = out.shape[1]
     for index in range(first_level, last_level):
-        column = index * feature_count
+        column = first_column + index * feature_count
         for k in range(row_count):
-            ux = contract(position[k, 0], encoding.center[0], encoding.inverse_extent[0])
-            uy = contract(position[k, 1], encoding.center[1], encoding.inverse_extent[1])
-            uz = contract(position[k, 2], encoding.center[2], encoding.inverse_extent[2])
+            ux, uy, uz = _place(encoding, position, k)
             entries, shares = _corners(encoding, index, ux, uy, uz)
             for corner in range(8):
                 for f in range(feature_count):
-                    table_gradient[entries[corner], f] += shares[corner] * feature_gradient[k, column + f]
+                    out[entries[corner], f] += shares[corner] * feature_gradient[k, column + f]
+
+
+@kernel
+def backpropagate_planes(
+    encoding, position, u, row_count, feature_gradient, first_column, first_level, last_level, out
+):
+    """As `backpropagate_grids`, of the planes; u : float32 (N,) in [0, 1]."""
+    feature_count = out.shape[1]
+    for index in range(first_level, last_level):
+        for k in range(row_count):
+            ux, uy, uz = _place(encoding, position, k)
+            uw = _unit(u[k])
+            for plane in range(PLANES):
+                column = first_column + (index * PLANES + plane) * feature_count
+                c = ux if plane == 0 else (uy if plane == 1 else uz)
+                entries, shares = _plane_corners(encoding, index, plane, c, uw)
+                for corner in range(4):
+                    for f in range(feature_count):
+                        out[entries[corner], f] += shares[corner] * feature_gradient[k, column + f]
+
+
+@kernel
+def backpropagate_hashes(
+    encoding, position, u, row_count, feature_gradient, first_column, first_level, last_level, out
+):
+    """As `backpropagate_grids`, of the four-dimensional grids; u : float32 (N,) in [0, 1]."""
+    feature_count = out.shape[1]
+    for index in range(first_level, last_level):
+        column = first_column + index * feature_count
+        for k in range(row_count):
+            ux, uy, uz = _place(encoding, position, k)
+            lower, upper, shares, late = _hash_corners(encoding, index, ux, uy, uz, _unit(u[k]))
+            for corner in range(8):
+                for f in range(feature_count):
+                    gradient = shares[corner] * feature_gradient[k, column + f]
+                    out[lower[corner], f] += (1.0 - late) * gradient
+                    out[upper[corner], f] += late * gradient
 
 
 @kernel

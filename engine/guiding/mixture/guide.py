@@ -42,7 +42,7 @@ class MixtureGuide(Bundle):
     roughness : float32 (L,), of the surface, in [0, 1]
     is_diffuse : uint8 (L,), whether every rough lobe of the BSDF is a diffuse reflection
     chunk_lane : int32 (CHUNK_ROWS,); chunk_position, chunk_normal, chunk_wo : float32 (CHUNK_ROWS, 3);
-        chunk_roughness, chunk_time : float32 (CHUNK_ROWS,); scratch, raw : what the network is asked for, one thread's
+        chunk_roughness, chunk_u : float32 (CHUNK_ROWS,); scratch, raw : what the network is asked for, one thread's
     """
 
     network: MixtureNetwork
@@ -55,7 +55,7 @@ class MixtureGuide(Bundle):
     chunk_normal: Float32Array
     chunk_wo: Float32Array
     chunk_roughness: Float32Array
-    chunk_time: Float32Array
+    chunk_u: Float32Array
     scratch: Float32Array
     raw: Float32Array
 
@@ -158,10 +158,10 @@ def query_mixtures(guide, guided, points, lanes, lane_count):
                 store(guide.chunk_normal, count, real_3(points, lane, POINT_NS))
                 store(guide.chunk_wo, count, real_3(points, lane, POINT_WO))
                 guide.chunk_roughness[count] = guide.roughness[lane]
-                guide.chunk_time[count] = points.real[lane, POINT_TIME]
+                guide.chunk_u[count] = points.real[lane, POINT_TIME]
                 count += 1
         evaluate_mixtures(
-            network, guide.chunk_position, guide.chunk_normal, guide.chunk_wo, guide.chunk_roughness, guide.chunk_time,
+            network, guide.chunk_position, guide.chunk_normal, guide.chunk_wo, guide.chunk_roughness, guide.chunk_u,
             count, guide.scratch, guide.raw,
         )
         for row in range(count):

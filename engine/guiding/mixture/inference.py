@@ -36,7 +36,8 @@ HEADER_COUNT = 5
 
 
 class MixtureNetwork(Bundle):
-    """A network ready for use: immutable, and shared by all threads. Its type depends on `level_features` alone.
+    """A network ready for use: immutable, and shared by all threads. Its type depends on the numbers of features that
+    tables have for an entry, alone.
 
     header : int64 (HEADER_COUNT,), HEADER_*
     blend : float32 (1,), factor in [0, 1] of the learned share
@@ -57,15 +58,12 @@ def _make(shape: MixtureShape, bounds: Float32Array, parameters: Float32Array | 
     header[HEADER_OUTPUT_WIDTH] = shape.output_width
     header[HEADER_SELECTION] = shape.selection_column
     header[HEADER_HAS_COSINE] = shape.target != "RADIANCE"
-    table = np.zeros((1, shape.level_features), np.float32)
-    matrices = []
-    if parameters is not None:
-        table = shape.split(parameters).get("table", table)
-        matrices = shape.matrices(parameters)
+    arrays = {} if parameters is None else shape.split(parameters)
+    matrices = [] if parameters is None else shape.matrices(parameters)
     return MixtureNetwork(
         header,
         np.array([min(max(blend, 0.0), 1.0)], np.float32),
-        make_mixture_encoding(shape, bounds, table),
+        make_mixture_encoding(shape, bounds, arrays),
         pack_perceptron(matrices),
     )
 
@@ -98,7 +96,7 @@ def allocate_mixture_scratch(shape: MixtureShape) -> Float32Array:
 
 
 @kernel
-def evaluate_mixtures(network, position, normal, wo, roughness, time, row_count, scratch, raw):
+def evaluate_mixtures(network, position, normal, wo, roughness, u, row_count, scratch, raw):
     """Raw parameters of the mixtures at a batch of points, and the logit of the selection after them.
 
     A row's result depends on that row alone, bit for bit. Whatever goes in, finite numbers come out: NaN becomes 0, all
@@ -111,7 +109,7 @@ def evaluate_mixtures(network, position, normal, wo, roughness, time, row_count,
     normal : float32 (N, 3), unit shading normal on the viewer's side, world space
     wo : float32 (N, 3), unit, towards the viewer, world space
     roughness : float32 (N,), in [0, 1]
-    time : float32 (N,), of the shutter, in [0, 1]
+    u : float32 (N,), the further dimension: the time of the shutter, in [0, 1]
     row_count : int, rows to do, at most N
     scratch : float32 (2 * CHUNK_ROWS, columns), of `allocate_mixture_scratch`
     raw : float32 (at least row_count, output_width), written
@@ -123,7 +121,7 @@ def evaluate_mixtures(network, position, normal, wo, roughness, time, row_count,
         return
     for start in range(0, row_count, CHUNK_ROWS):
         stop = min(row_count, start + np.int64(CHUNK_ROWS))
-        encode_features(network.encoding, position, normal, wo, roughness, time, start, stop, scratch)
+        encode_features(network.encoding, position, normal, wo, roughness, u, start, stop, scratch)
         first = evaluate_chunk(network.perceptron, stop - start, scratch)
         for row in range(stop - start):
             for j in range(raw.shape[1]):

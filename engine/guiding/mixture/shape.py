@@ -6,13 +6,15 @@ References
 Dong et al. 2023, "Neural Parametric Mixtures for Path Guiding" (NPM), sections 4.3 and 5, Eqs. 13 and 14.
 Huang et al. 2024, "Online Neural Path Guiding with Normalized Anisotropic Spherical Gaussians" (NASG), sections 5 and
 6, Tables 1 and 2.
-Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", section 6.2 (time as an auxiliary input).
+Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", sections 4.1, 5 and 6.2 (a further dimension u).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import ClassVar
 
 import numpy as np
@@ -37,13 +39,31 @@ BLEND_STEPS = 64
 _DIRECTION_ENCODINGS = ("NONE", "RAW", "BLOB", "HARMONICS")
 
 
+#: Arrays of `MixtureShape.layout` that features are interpolated from.
+TABLES = ("table", "planes", "hashes")
+
+
+def _resolutions(base: int, growth: float, count: int) -> tuple[int, ...]:
+    """A geometric series of so many whole numbers."""
+    return tuple(math.floor(base * growth**level) for level in range(count))
+
+
+def _offsets(sizes: Iterable[int]) -> tuple[int, ...]:
+    """Where parts of so many entries begin, one after the other, and where the last one ends."""
+    return (0, *accumulate(sizes))
+
+
 @dataclass(frozen=True)
 class MixtureShape:
     """Sizes and meaning of a mixture network; the defaults are those of `NPM`.
 
+    Where light depends on more than the position, on the time, say, that is `u` in [0, 1]. It can be seen by planes, by
+    four-dimensional grids, or by frequencies; all may be there at once.
+
     lobe_model : 'VMF' or 'NASG'
     lobe_count : lobes of a mixture
-    position_encoding : 'GRID', dense grids of learned features, interpolated; 'BLOB', one-blob
+    position_encoding : 'GRID', dense grids of learned features, interpolated; 'BLOB', one-blob; 'NONE', where
+        four-dimensional grids see it
     level_count, level_features : grids, and features of each
     base_resolution, growth : cells along an axis of the coarsest grid, and by how much each next one is finer
     interpolation : 'LINEAR' or 'SMOOTH' (smoothstep) between a grid's points
@@ -52,7 +72,12 @@ class MixtureShape:
         coordinates), 'BLOB' (one-blob), 'HARMONICS' (spherical, all bands below a degree)
     normal_size, wo_size : bins a coordinate of 'BLOB', degree of 'HARMONICS'
     roughness_bins : of the one-blob encoding of 1 - exp(-roughness), 0 = not seen
-    time_frequencies : octaves of the frequency encoding of the path's time, 0 = not seen
+    u_frequencies : octaves of the frequency encoding of u, 0 = none
+    plane_levels, plane_features : levels of the three planes of learned features (x, u), (y, u) and (z, u), 0 = none;
+        and features of each plane and level
+    plane_resolution, plane_growth : cells along an axis of the coarsest planes, and by how much each next one is finer
+    hash_levels, hash_features, hash_resolution, hash_growth : the same of grids over (x, y, z, u)
+    hash_size : entries of such a grid at most, a power of two; points of finer ones share entries, by a hash
     width, hidden_layers : of the perceptron, which has no bias
     target : what the mixture is proportional to: 'RADIANCE' (incident), 'COSINE' (radiance times |cos|) or 'PRODUCT'
         (radiance times BSDF times |cos|)
@@ -78,7 +103,16 @@ class MixtureShape:
     wo_encoding: str = "NONE"
     wo_size: int = 0
     roughness_bins: int = 0
-    time_frequencies: int = 0
+    u_frequencies: int = 0
+    plane_levels: int = 0
+    plane_features: int = 2
+    plane_resolution: int = 8
+    plane_growth: float = 2.0
+    hash_levels: int = 0
+    hash_features: int = 4
+    hash_resolution: int = 8
+    hash_growth: float = 1.405
+    hash_size: int = 1 << 22
     width: int = 64
     hidden_layers: int = 2
     target: str = "RADIANCE"
@@ -89,7 +123,7 @@ class MixtureShape:
     def __post_init__(self) -> None:
         choices = {
             "lobe_model": tuple(LOBE_OUTPUTS),
-            "position_encoding": ("GRID", "BLOB"),
+            "position_encoding": ("GRID", "BLOB", "NONE"),
             "interpolation": ("LINEAR", "SMOOTH"),
             "normal_encoding": _DIRECTION_ENCODINGS,
             "wo_encoding": _DIRECTION_ENCODINGS,
@@ -106,7 +140,16 @@ class MixtureShape:
             "growth": (1.0, 4.0),
             "position_bins": (3, 64),
             "roughness_bins": (0, 64),
-            "time_frequencies": (0, 16),
+            "u_frequencies": (0, 16),
+            "plane_levels": (0, 10),
+            "plane_features": (2, 8),
+            "plane_resolution": (1, 128),
+            "plane_growth": (1.0, 4.0),
+            "hash_levels": (0, 16),
+            "hash_features": (4, 8),
+            "hash_resolution": (1, 128),
+            "hash_growth": (1.0, 4.0),
+            "hash_size": (16, 1 << 22),
             "width": (8, 256),
             "hidden_layers": (1, 8),
         }
@@ -116,38 +159,78 @@ class MixtureShape:
         for name, (least, most) in limits.items():
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
-        if self.level_features % 4:
-            raise ValueError(f"level_features is {self.level_features}: choose 4 or 8")
+        for name in ("level_features", "hash_features"):
+            if getattr(self, name) % 4:
+                raise ValueError(f"{name} is {getattr(self, name)}: choose 4 or 8")
+        if self.plane_features % 2:
+            raise ValueError(f"plane_features is {self.plane_features}: choose an even number")
+        if self.hash_size & (self.hash_size - 1):
+            raise ValueError(f"hash_size is {self.hash_size}: choose a power of two")
+        if self.position_encoding == "NONE" and not self.hash_levels:
+            raise ValueError("position_encoding is 'NONE': choose another, or grids that see it (hash_levels)")
         if self.width % 8:
             raise ValueError(f"width is {self.width}: choose a multiple of 8")
         if 0 < self.roughness_bins < 3:
             raise ValueError(f"roughness_bins is {self.roughness_bins}: choose 0, or 3 and more")
         if self.wo_encoding != "NONE" and self.target != "PRODUCT":
             raise ValueError(f"wo_encoding is {self.wo_encoding!r}: only the target 'PRODUCT' depends on the viewer")
-        if self.position_encoding == "GRID" and max(self.resolutions) > 256:
-            raise ValueError(f"growth is {self.growth}: the finest grid has {max(self.resolutions)} cells, choose 256")
+        for name, resolutions, most in (
+            ("growth", self.resolutions, 256),
+            ("plane_growth", self.plane_resolutions, 2048),
+            ("hash_growth", self.hash_resolutions, 2048),
+        ):
+            if max(resolutions, default=0) > most:
+                raise ValueError(
+                    f"{name} is {getattr(self, name)}: the finest grid has {max(resolutions)} cells, choose {most}"
+                )
 
     @property
     def resolutions(self) -> tuple[int, ...]:
         """Cells along an axis of each grid; none without grids."""
         if self.position_encoding != "GRID":
             return ()
-        return tuple(math.floor(self.base_resolution * self.growth**level) for level in range(self.level_count))
+        return _resolutions(self.base_resolution, self.growth, self.level_count)
+
+    @property
+    def plane_resolutions(self) -> tuple[int, ...]:
+        """Cells along an axis of each level of the planes."""
+        return _resolutions(self.plane_resolution, self.plane_growth, self.plane_levels)
+
+    @property
+    def hash_resolutions(self) -> tuple[int, ...]:
+        """Cells along an axis of each four-dimensional grid."""
+        return _resolutions(self.hash_resolution, self.hash_growth, self.hash_levels)
 
     @property
     def level_offsets(self) -> tuple[int, ...]:
         """First entry of each grid in the table, and the number of all entries at the end."""
-        offsets = [0]
-        for resolution in self.resolutions:
-            offsets.append(offsets[-1] + (resolution + 1) ** 3)
-        return tuple(offsets)
+        return _offsets((resolution + 1) ** 3 for resolution in self.resolutions)
+
+    @property
+    def plane_offsets(self) -> tuple[int, ...]:
+        """First entry of each level's planes in their table, and the number of all entries at the end."""
+        return _offsets(3 * (resolution + 1) ** 2 for resolution in self.plane_resolutions)
+
+    @property
+    def hash_offsets(self) -> tuple[int, ...]:
+        """First entry of each four-dimensional grid in their table, and the number of all entries at the end."""
+        return _offsets(min((resolution + 1) ** 4, self.hash_size) for resolution in self.hash_resolutions)
 
     @property
     def position_width(self) -> int:
-        """Features of the position, which come first."""
-        if self.position_encoding == "GRID":
-            return self.level_count * self.level_features
-        return 3 * self.position_bins
+        """Features of the position alone, which come first."""
+        widths = {"GRID": self.level_count * self.level_features, "BLOB": 3 * self.position_bins, "NONE": 0}
+        return widths[self.position_encoding]
+
+    @property
+    def plane_width(self) -> int:
+        """Features of the planes, which come after those of the position."""
+        return 3 * self.plane_levels * self.plane_features
+
+    @property
+    def hash_width(self) -> int:
+        """Features of the four-dimensional grids, which come after those of the planes."""
+        return self.hash_levels * self.hash_features
 
     @property
     def used_width(self) -> int:
@@ -156,7 +239,8 @@ class MixtureShape:
         direction_width["HARMONICS"] = lambda size: size * size
         normal = direction_width[self.normal_encoding](self.normal_size)
         wo = direction_width[self.wo_encoding](self.wo_size)
-        return self.position_width + normal + wo + self.roughness_bins + 2 * self.time_frequencies
+        learned = self.plane_width + self.hash_width
+        return self.position_width + learned + normal + wo + self.roughness_bins + 2 * self.u_frequencies
 
     @property
     def feature_width(self) -> int:
@@ -181,7 +265,7 @@ class MixtureShape:
     @property
     def training_settings(self) -> TrainingSettings:
         """How it is trained if nothing else is said: as the paper of its position's encoding has it."""
-        return NPM_SETTINGS if self.position_encoding == "GRID" else NASG_SETTINGS
+        return NASG_SETTINGS if self.position_encoding == "BLOB" else NPM_SETTINGS
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
@@ -189,6 +273,10 @@ class MixtureShape:
         layout: dict[str, tuple[int, ...]] = {}
         if self.position_encoding == "GRID":
             layout["table"] = (self.level_offsets[-1], self.level_features)
+        if self.plane_levels:
+            layout["planes"] = (self.plane_offsets[-1], self.plane_features)
+        if self.hash_levels:
+            layout["hashes"] = (self.hash_offsets[-1], self.hash_features)
         layout["input_weights"] = (self.feature_width, self.width)
         layout["hidden_weights"] = (self.hidden_layers - 1, self.width, self.width)
         layout["output_weights"] = (self.width, self.output_width)
@@ -282,7 +370,7 @@ def initial_parameters(shape: MixtureShape, seed: int) -> Float32Array:
     rng = np.random.Generator(np.random.Philox(seed))
     parameters = np.zeros(shape.parameter_count, np.float32)
     for name, array in shape.split(parameters).items():
-        if name == "table":
+        if name in TABLES:
             limit = 1e-4
         elif name == "output_weights":
             # A tenth of He's: the first lobes are broad.

@@ -24,14 +24,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
-from engine.guiding.mixture.features import (
-    backpropagate_features,
-    catch_up,
-    encode_features,
-    make_mixture_encoding,
-    step_grids,
-)
-from engine.guiding.mixture.shape import MixtureSettings, MixtureShape, initial_parameters
+from engine.guiding.mixture.features import encode_features, make_mixture_encoding
+from engine.guiding.mixture.shape import TABLES, MixtureSettings, MixtureShape, initial_parameters
 from engine.guiding.network import Snapshot, robust_bounds
 from engine.guiding.rows import (
     ROW_BSDF_PDF,
@@ -50,10 +44,9 @@ from engine.guiding.rows import (
 )
 from engine.guiding.worker.lobes import decode, log_pdf
 from engine.guiding.worker.samples import VALIDATION_STRIDE, SampleWindow
+from engine.guiding.worker.tables import ADAM_EPSILON, BETAS, LearnedTable
 from engine.scene.arrays import Float32Array
 
-_BETAS = (0.9, 0.99)
-_ADAM_EPSILON = 1e-15
 _VALIDATION_ROWS = 1 << 14
 #: Rows of a batch that must be able to bear all of its weight.
 _LEAST_BEARERS = 8
@@ -61,7 +54,6 @@ _LEAST_BEARERS = 8
 _MOST_SHARE = 1.0 / 128.0
 #: Density of a BSDF that cannot have proposed a direction [sr^-1].
 _NO_DENSITY = 1e-20
-_DECAY_POWERS = 1 << 10
 
 
 def targets(shape: MixtureShape, rows: Float32Array) -> np.ndarray:
@@ -209,19 +201,25 @@ class MixtureTraining:
         # Two vectors of the same layout: the parameters, and their running average, which snapshots carry.
         self._parameters = initial_parameters(shape, seed)
         self._average = self._parameters.copy()
-        arrays = shape.split(self._parameters)
-        self._table = arrays.get("table")
+        self._arrays, averages = shape.split(self._parameters), shape.split(self._average)
         self._matrices = [torch.from_numpy(matrix).requires_grad_() for matrix in shape.matrices(self._parameters)]
         self._average_matrices = shape.matrices(self._average)
         self._optimizer = torch.optim.Adam(
-            self._matrices, settings.learning_rate, _BETAS, _ADAM_EPSILON, settings.weight_decay
+            self._matrices, settings.learning_rate, BETAS, ADAM_EPSILON, settings.weight_decay
         )
-        if self._table is not None:
-            self._average_table = shape.split(self._average)["table"]
-            self._average_step = np.zeros(self._table.shape[0], np.int32)
-            self._decay = (settings.averaging ** np.arange(_DECAY_POWERS)).astype(np.float32)
-            self._gradient = np.zeros_like(self._table)
-            self._moments = np.zeros_like(self._table), np.zeros_like(self._table)
+        columns = {
+            "table": (0, shape.level_count),
+            "planes": (shape.position_width, shape.plane_levels),
+            "hashes": (shape.position_width + shape.plane_width, shape.hash_levels),
+        }
+        self._tables = [
+            LearnedTable(
+                name, self._arrays[name], averages[name], first_column=columns[name][0], level_count=columns[name][1],
+                learning_rate=settings.table_learning_rate, averaging=settings.averaging,
+            )
+            for name in TABLES
+            if name in self._arrays
+        ]
 
     # Rows
 
@@ -258,8 +256,7 @@ class MixtureTraining:
         self._validation.add(rows[is_validation], samples)
         self._window.add(rows[~is_validation], samples)
         self._reference = None
-        table = np.zeros((1, self.shape.level_features), np.float32) if self._table is None else self._table
-        self._encoding = make_mixture_encoding(self.shape, self.bounds, table)
+        self._encoding = make_mixture_encoding(self.shape, self.bounds, self._arrays)
 
     # Network
 
@@ -271,20 +268,20 @@ class MixtureTraining:
         edges = [count * k // self._thread_count for k in range(self._thread_count + 1)]
         list(self._pool.map(work, edges[:-1], edges[1:]))
 
-    def _encode(self, rows: Float32Array) -> tuple[torch.Tensor, Float32Array]:
-        """Features (N, feature_width), and the positions they are of."""
+    def _encode(self, rows: Float32Array) -> tuple[torch.Tensor, Float32Array, Float32Array]:
+        """Features (N, feature_width), and the positions (N, 3) and times (N,) they are of."""
         position, normal, wo = (
             np.ascontiguousarray(rows[:, column : column + 3]) for column in (ROW_POSITION, ROW_NORMAL, ROW_WO)
         )
-        roughness, time = (np.ascontiguousarray(rows[:, column]) for column in (ROW_ROUGHNESS, ROW_TIME))
+        roughness, u = (np.ascontiguousarray(rows[:, column]) for column in (ROW_ROUGHNESS, ROW_TIME))
         features = np.empty((rows.shape[0], self.shape.feature_width), np.float32)
         self._over_rows(
             lambda start, stop: encode_features(
-                self._encoding, position, normal, wo, roughness, time, start, stop, features[start:stop]
+                self._encoding, position, normal, wo, roughness, u, start, stop, features[start:stop]
             ),
             rows.shape[0],
         )
-        return torch.from_numpy(features), position
+        return torch.from_numpy(features), position, u
 
     def _perceptron(self, features: torch.Tensor) -> torch.Tensor:
         """Raw outputs (N, output_width)."""
@@ -333,8 +330,8 @@ class MixtureTraining:
         """One step of training on a random batch."""
         settings = self.settings
         rows, row_weight = self._draw()
-        features, position = self._encode(rows)
-        features.requires_grad_(self._table is not None)
+        features, position, u = self._encode(rows)
+        features.requires_grad_(bool(self._tables))
         weights = torch.from_numpy(row_weight)
         _, learned = self._log_densities(self._perceptron(features), rows)
         loss = -(weights * learned).mean()
@@ -352,23 +349,9 @@ class MixtureTraining:
             for average, matrix in zip(self._average_matrices, self._matrices, strict=True):
                 average += np.float32(1.0 - settings.averaging) * (matrix.numpy() - average)
         if features.grad is not None:
-            self._step_table(position, features.grad.numpy())
-
-    def _step_table(self, position: Float32Array, gradient: Float32Array) -> None:
-        """Carry the gradient of the features on to the grids, and step them."""
-        assert self._table is not None
-        self._over_rows(
-            lambda first, last: backpropagate_features(
-                self._encoding, position, position.shape[0], gradient, first, last, self._gradient
-            ),
-            self.shape.level_count,
-        )
-        correction = math.sqrt(1.0 - _BETAS[1] ** self.step_count) / (1.0 - _BETAS[0] ** self.step_count)
-        step_grids(
-            self._table, self._gradient, *self._moments, self._average_table, self._average_step, self._decay,
-            self.step_count, np.float32(self.settings.table_learning_rate * correction), np.float32(_BETAS[0]),
-            np.float32(_BETAS[1]), np.float32(_ADAM_EPSILON),
-        )
+            feature_gradient = features.grad.numpy()
+            for table in self._tables:
+                table.step(self._encoding, position, u, feature_gradient, self.step_count, self._over_rows)
 
     # Progress
 
@@ -395,6 +378,6 @@ class MixtureTraining:
         if self.bounds is None or not self.can_train:
             raise ValueError("no snapshot before the first rows with light")
         self._version += 1
-        if self._table is not None:
-            catch_up(self._table, self._average_table, self._average_step, self._decay, self.step_count)
+        for table in self._tables:
+            table.catch_up(self.step_count)
         return Snapshot(self._version, self.step_count, self.loss, self.scale, self.bounds, self._average)
