@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, RenderSettings
+from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, MAX_TIME_STRATA, RenderSettings
 
 _DEFAULTS = RenderSettings()
 _INT32_MAX = 2**31 - 1
@@ -223,6 +223,14 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
             ("HASH4D", "4D Grids", "By learned grids over position and time, hashed"),
         ),
         default=_DEFAULTS.mixture_time,
+    )
+    time_strata: IntProperty(  # type: ignore[valid-type]
+        name="Time Strata",
+        description="Render the shutter in so many parts, one after the other, and let a neural mixture learn each from"
+        " the last. For long renders where the light changes fast; 0 or 1 turn it off, others become a power of two",
+        min=0,
+        max=MAX_TIME_STRATA,
+        default=_DEFAULTS.time_strata,
     )
     network_selection: BoolProperty(  # type: ignore[valid-type]
         name="Network's Share",

@@ -120,6 +120,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "mixture_lobes",
             "mixture_preset",
             "mixture_time",
+            "time_strata",
             "network_selection",
             "mis_compensation",
             "sample_weighting",

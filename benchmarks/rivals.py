@@ -24,9 +24,11 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "NPM-TIME": {"guiding_method": "NPM", "mixture_time": "FREQUENCY"},
     "NPM-PLANES": {"guiding_method": "NPM", "mixture_time": "PLANES"},
     "NPM-HASH4D": {"guiding_method": "NPM", "mixture_time": "HASH4D"},
+    "NPM-STRATA": {"guiding_method": "NPM", "mixture_time": "FREQUENCY", "time_strata": 8},
     "NASG-TIME": {"guiding_method": "NASG", "mixture_time": "FREQUENCY"},
     "NASG-PLANES": {"guiding_method": "NASG", "mixture_time": "PLANES"},
     "NASG-HASH4D": {"guiding_method": "NASG", "mixture_time": "HASH4D"},
+    "NASG-STRATA": {"guiding_method": "NASG", "mixture_time": "FREQUENCY", "time_strata": 8},
 }
 
 

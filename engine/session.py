@@ -26,8 +26,9 @@ from engine.precompile import compile_ahead
 from engine.scene.build import Scene, SceneCache, build_scene
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
+from engine.strata import StrataFilm, StrataSchedule, strata_count
 from engine.wavefront.integrator import Batch, Integrator, Statistics
-from engine.work import CURRENT, PLAIN, Unit
+from engine.work import ALL_STRATA, CURRENT, PLAIN, Unit
 
 try:
     import resource
@@ -280,15 +281,19 @@ class Session:
         scene, settings = self.scene, self.settings
         if not scene.description.is_moving:
             # What does not depend on the time is learned sooner without it.
-            settings = replace(settings, mixture_time="NONE")
+            settings = replace(settings, mixture_time="NONE", time_strata=0)
         settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
         names = frozenset(passes)
         frame = scene.description.frame
         x0, y0, x1, y1 = frame.region
         use_features = bool(names & FEATURE_PASSES)
+        film: Film = Film(x1 - x0, y1 - y0, use_features=use_features)
+        strata = strata_count(settings, film.nbytes)
+        settings = replace(settings, time_strata=strata)
+        if strata > 1:
+            film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features)
         integrator = Integrator(scene, settings, use_features=use_features)
         integrator.ray_observer = ray_observer
-        film = Film(x1 - x0, y1 - y0, use_features=use_features)
         job = _Job(scene, integrator, film, settings, self.thread_count)
 
         def images() -> dict[str, np.ndarray]:
@@ -380,6 +385,13 @@ class _Job:
             self._ranges = [(int(end) - length, length) for end, length in zip(ends, lengths, strict=True)]
         else:
             self._ranges = _sample_ranges(settings.samples)
+        #: Part of the shutter that the iteration in work belongs to, of so many.
+        self._stratum, self._strata = 0, max(settings.time_strata, 1)
+        self._schedule: StrataSchedule | None = None
+        if self._strata > 1:
+            self._schedule = StrataSchedule(settings, self._strata)
+            self._stratum, self._ranges = ALL_STRATA, []
+            self._plan_stratum(0.0)
         self._step = 0
         self._units: dict[int, list[VertexRecords]] = {}
         self._before = Statistics()
@@ -483,7 +495,10 @@ class _Job:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         use_features = self.integrator.use_features
         self._batches = [
-            Batch(self.scene, largest, self.settings, use_features=use_features, is_guided=self.learner is not None)
+            Batch(
+                self.scene, largest * self._strata, self.settings, use_features=use_features,
+                is_guided=self.learner is not None,
+            )
             for _ in range(self.thread_count)
         ]
         if self._tiles:
@@ -523,7 +538,7 @@ class _Job:
                 parts = [Part(*self._ranges[step], CURRENT)]
                 if self.learner is not None and self._is_learning:
                     parts = self.learner.parts
-                unit = Unit(pixels, film_index, *parts[part])
+                unit = Unit(pixels, film_index, *parts[part], self._stratum, self._strata)
                 if self.integrator.trace_unit(batch, unit, self._stop_flag):
                     self._keep(batch, tile, step, unit)
                     if part + 1 < len(parts):
@@ -552,20 +567,36 @@ class _Job:
                 rows = [column[: batch.record_count].copy() for column in batch.records]
                 self._units.setdefault(tile, []).append(VertexRecords(*rows))
         with self.film_lock:
-            self.film.merge(unit.film_index, batch.film, weight)
+            sums = batch.film
+            if isinstance(self.film, StrataFilm):
+                sums = self.film.merge_stratum(unit.film_index, sums, weight, unit.stratum)
+            else:
+                self.film.merge(unit.film_index, sums, weight)
             self._finished_paths += len(unit.pixels) * unit.sample_count
             if self.learner is not None:
-                self.learner.compare(unit, batch.film, batch.unit_costs)
+                self.learner.compare(unit, sums, batch.unit_costs)
 
     def _queue_unit(self, tile: int, step: int, part: int) -> None:
         with self._queue_changed:
             self._queue.append((tile, step, part))
+
+    def _plan_stratum(self, seconds: float) -> None:
+        """Append the next iteration, if there is one, and go to the stratum it belongs to."""
+        assert self._schedule is not None
+        sample = sum(self._ranges[-1]) if self._ranges else 0
+        following = self._schedule.next(sample, seconds)
+        if following is not None:
+            self._stratum, count = following
+            self._ranges.append((sample, count))
 
     def _finish_iteration(self) -> None:
         """After the last unit of an iteration: learn, and queue the next. The other threads wait meanwhile."""
         with self._queue_changed:
             self._unfinished_tiles -= 1
             step = self._step + 1
+            if self._schedule is not None and not self._unfinished_tiles:
+                assert self._render_start is not None
+                self._plan_stratum(time.perf_counter() - self._render_start)
             if self._unfinished_tiles or self._stop or step == len(self._ranges) or self._time_is_up():
                 return
             # One thread only: the others see unfinished tiles.
@@ -590,6 +621,7 @@ class _Job:
             # Nobody waits for anybody from here on.
             first = self._ranges[step][0]
             self._ranges[step:] = _sample_ranges(self.settings.samples, first, LARGEST_UNIT_SAMPLES)
+            self._stratum = ALL_STRATA if self._schedule is not None else 0
         with self._queue_changed:
             self._step = step
             self._queue.extend((tile, step, 0) for tile in range(len(self._tiles)))

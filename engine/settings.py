@@ -9,6 +9,8 @@ from dataclasses import dataclass
 SOURCES = ("VMM", "SDTREE", "SDTREE_VARIANCE", "NPM", "NPM_PRODUCT", "NASG", "FLOW")
 #: Sources that are networks of their own.
 NETWORK_SOURCES = ("NPM", "NPM_PRODUCT", "NASG", "FLOW")
+#: Networks that give mixtures.
+MIXTURE_SOURCES = ("NPM", "NPM_PRODUCT", "NASG")
 #: Drawing from a source alone, or resampling what it proposes by something learned.
 #: AUTO compares them while it renders, unguided rendering included.
 GUIDING_METHODS = ("OFF", "AUTO", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
@@ -21,6 +23,8 @@ MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
 #: How a neural mixture sees the time of a path, where something moves: as frequencies, by learned planes over a
 #: coordinate and the time, or by learned grids over position and time.
 MIXTURE_TIMES = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
+#: Most parts of the shutter that a render goes through one by one.
+MAX_TIME_STRATA = 64
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")
@@ -76,6 +80,7 @@ class RenderSettings:
     mixture_lobes: str = "OWN"
     mixture_preset: str = "COMPACT"
     mixture_time: str = "NONE"
+    time_strata: int = 0  # parts of the shutter that a neural mixture learns one by one, where something moves
     network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
     mis_compensation: bool = False  # learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"
@@ -119,6 +124,8 @@ class RenderSettings:
         ):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} {getattr(self, name)!r}: choose one of {', '.join(choices)}")
+        if not 0 <= self.time_strata <= MAX_TIME_STRATA:
+            raise ValueError(f"time_strata is {self.time_strata}: choose 0 (none) to {MAX_TIME_STRATA}")
         if not 1 <= self.candidate_count <= MAX_CANDIDATES:
             raise ValueError(f"candidate_count is {self.candidate_count}: choose 1 to {MAX_CANDIDATES}")
         if not 0.0 <= self.guiding_probability <= 0.95:

@@ -70,6 +70,9 @@ class GuidanceView(Bundle):
     benefit: np.ndarray
 
 
+#: Unit.stratum: samples lie in all of the shutter, and have a row of the film for each stratum.
+ALL_STRATA = -1
+
 # Unit.arm
 PLAIN = -1
 CURRENT = 0
@@ -90,6 +93,9 @@ class Unit:
     sample_count: int
     #: Which of the methods in use renders it: PLAIN, or by what has been learned, with paths recorded to learn more.
     arm: int = 0
+    #: Part of the shutter that its samples lie in, of so many equal ones (`engine.strata`).
+    stratum: int = 0
+    strata: int = 1
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,9 @@ UNIT_RECORD_THRESHOLD = 3
 UNIT_IS_GUIDED = 4
 UNIT_SHADER_MODE = 5
 UNIT_USE_FEATURES = 6
-UNIT_HEADER_WIDTH = 7
+UNIT_STRATUM = 7
+UNIT_STRATA = 8
+UNIT_HEADER_WIDTH = 9
 
 
 class UnitView(Bundle):
@@ -118,8 +126,8 @@ class UnitView(Bundle):
 
     header : int64 (UNIT_HEADER_WIDTH,)
     pixels : int32 (P, 2), column and row
-    pixel_weight : float32 (P,)
-    film : sums, as many rows or more
+    pixel_weight : float32 (P,), of ALL_STRATA (P * strata,), a pixel's strata one after the other
+    film : sums, as many rows as `pixel_weight` or more
     """
 
     header: np.ndarray

@@ -39,6 +39,7 @@ _COMPACT_U_ENCODINGS: dict[str, dict[str, Any]] = {
     "PLANES": {"plane_levels": 4},
     "HASH4D": {"hash_levels": 4, "hash_size": 1 << 15},
 }
+_STRATA_AVERAGING = 0.9
 _NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
 #: Spherical Gaussians in NASG's place have as many parameters with more lobes.
 _LOBE_COUNTS = {"VMF": 8, "NASG": 8, "SG": SG.lobe_count}
@@ -86,6 +87,10 @@ def source_training(settings: RenderSettings) -> MixtureSettings | FlowSettings:
     training = NASG_SETTINGS if settings.source == "NASG" else NPM_SETTINGS
     if settings.mixture_preset == "OFFICIAL" and settings.source != "NASG":
         training = NPM_OFFICIAL_SETTINGS
-    return replace(
+    training = replace(
         training, mis_compensation=settings.mis_compensation, bsdf_share=1.0 - settings.guiding_probability
     )
+    if settings.time_strata > 1:
+        # Dong et al. 2025, section 5: the average forgets sooner.
+        training = replace(training, follows_u=True, averaging=min(training.averaging, _STRATA_AVERAGING))
+    return training

@@ -10,6 +10,7 @@ from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, 
 from engine.kernels.vector import add, scale, store
 from engine.spectral.wavelengths import wavelength_at
 from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
+from engine.work import ALL_STRATA
 
 _LANES_AHEAD = 4
 
@@ -33,8 +34,8 @@ def start_wavelengths(spectrum, paths, lane, u):
 
 @kernel
 def init_from_camera(
-    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, sample_first, path_count, next_path, paths,
-    log, record_threshold, active, active_count, free, free_count,
+    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, stratum, strata, sample_first, path_count,
+    next_path, paths, log, record_threshold, active, active_count, free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 
@@ -46,6 +47,9 @@ def init_from_camera(
     unit : int32 (P, 2)
         Column and row of the unit's pixels in the full image (so that a border does not change the numbers drawn).
     full_width : int
+    stratum, strata : int
+        Part of the shutter that times lie in, of so many; or ALL_STRATA, and a path belongs to its pixel's row
+        of the stratum that its time is in.
     sample_first, path_count, next_path : int
         First sample, number of paths of the unit (pixels x samples) and how many were started.
     log : VertexLog
@@ -74,11 +78,16 @@ def init_from_camera(
         rng = pixel_hash(seed, row * full_width + column)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, hero, _, _ = sample_4d(rng, sample, SET_TIME)
+        row_of_film = pixel
+        if stratum != ALL_STRATA:
+            time_u = (np.float32(stratum) + time_u) / np.float32(strata)
+        else:
+            row_of_film = pixel * strata + np.int64(time_u * np.float32(strata))
         time = sample_table(shutter, time_u)
         x = np.float32(column) + 0.5 + sample_table(filter_table, u0)
         y = np.float32(row) + 0.5 + sample_table(filter_table, u1)
         origin, direction, near, far, radius, spread = generate_ray(camera, motion, x, y, u2, u3, time)
-        paths.pixel[lane] = pixel
+        paths.pixel[lane] = row_of_film
         paths.sample[lane] = sample
         paths.rng[lane] = rng
         paths.dimension[lane] = SETS_BEFORE_VERTICES

@@ -76,6 +76,7 @@ from engine.wavefront.upsample import upsample_closures, upsample_emission, upsa
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
 from engine.work import (
+    ALL_STRATA,
     CANDIDATES,
     CHALLENGER,
     CLOCK_ENTRIES,
@@ -109,6 +110,8 @@ from engine.work import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_STRATA,
+    UNIT_STRATUM,
     UNIT_USE_FEATURES,
     GuidanceView,
     SceneView,
@@ -461,8 +464,8 @@ class Integrator:
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         _, active_count, _ = stages.init_from_camera(
             pinhole, view.camera_motion, view.shutter, view.spectrum, np.zeros_like(view.pixel_filter), self.seed,
-            np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, path_count, 0, b.paths, b.log, 0, b.active, 0,
-            b.free, LANE_COUNT,
+            np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, 1, 0, path_count, 0, b.paths, b.log, 0, b.active,
+            0, b.free, LANE_COUNT,
         )
         traced_count = stages.play_roulette(view.lights, self.options, b.paths, b.log, b.active, active_count, b.traced)
         stages.intersect_closest(
@@ -514,7 +517,11 @@ class Integrator:
     def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
         """What `trace_rounds` takes."""
         guidance, learned, guiding_options = self._arms[unit.arm]
-        weights = guidance.pixel_weight if guidance is not None else None
+        weights = batch.no_weight
+        if guidance is not None and guidance.pixel_weight is not None:
+            weights = guidance.pixel_weight[unit.film_index]
+            if unit.stratum == ALL_STRATA:
+                weights = np.repeat(weights, unit.strata)
         header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
         header[UNIT_SEED] = self.seed
         header[UNIT_SAMPLE_FIRST] = unit.sample_first
@@ -523,9 +530,8 @@ class Integrator:
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.use_features
-        view = UnitView(
-            header, unit.pixels, weights[unit.film_index] if weights is not None else batch.no_weight, batch.film
-        )
+        header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
+        view = UnitView(header, unit.pixels, weights, batch.film)
         return (
             stages, self.view, self.options, guiding_options, learned, view, batch.work, stop
         )  # fmt: skip

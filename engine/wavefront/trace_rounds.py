@@ -39,6 +39,8 @@ from engine.work import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_STRATA,
+    UNIT_STRATUM,
     UNIT_USE_FEATURES,
 )
 
@@ -198,9 +200,9 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
     while stop[0] == 0:
         counts[NEXT_PATH], active_count, counts[FREE] = stages.init_from_camera(
             scene.camera, scene.camera_motion, scene.shutter, scene.spectrum, scene.pixel_filter, header[UNIT_SEED],
-            unit.pixels, scene.header[SCENE_WIDTH], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT],
-            counts[NEXT_PATH], b.paths, b.log, header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free,
-            counts[FREE],
+            unit.pixels, scene.header[SCENE_WIDTH], header[UNIT_STRATUM], header[UNIT_STRATA],
+            header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH], b.paths, b.log,
+            header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
         )
         mark(b.clock, _INIT_FROM_CAMERA)
         if active_count == 0:

@@ -328,6 +328,8 @@ class MixtureSettings(TrainingSettings):
     gradient_limit : length that the perceptron's gradient is cut to
     mis_compensation : learn what the BSDF's own sampling leaves over (Dong et al. 2025, Eq. 12)
     bsdf_share : of the directions, that are drawn from the BSDF; for the compensation
+    follows_u : forget rows whose u is not among those of the newest ones, as a render that goes on from stratum to
+        stratum asks for
     """
 
     learning_rate: float = 5e-3
@@ -342,6 +344,7 @@ class MixtureSettings(TrainingSettings):
     gradient_limit: float = 10.0
     mis_compensation: bool = False
     bsdf_share: float = 0.5
+    follows_u: bool = False
 
 
 #: Learning rates of the papers and of the NPM authors' program.

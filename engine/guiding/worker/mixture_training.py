@@ -52,6 +52,8 @@ _VALIDATION_ROWS = 1 << 14
 _LEAST_BEARERS = 8
 #: Share of the weight that a row has at most where few rows have nearly all of it.
 _MOST_SHARE = 1.0 / 128.0
+#: What lies so much of the range of u beyond it, still counts as within: rows that come do not reach its very ends.
+_U_MARGIN = 0.02
 #: Density of a BSDF that cannot have proposed a direction [sr^-1].
 _NO_DENSITY = 1e-20
 
@@ -244,12 +246,16 @@ class MixtureTraining:
         if self.bounds is None:
             self.bounds = robust_bounds(rows[:, ROW_POSITION : ROW_POSITION + 3])
         self._cumulative = None
+        u = rows[:, ROW_TIME]
         first = self.rows_received
         # Black ones count: how often the others are looked at goes by how much of the scene has been seen.
         self.rows_received += rows.shape[0]
         rows = rows[targets(self.shape, rows) > 0.0]
         if rows.shape[0] == 0:
             return
+        if self.settings.follows_u:
+            # Not for rows without light: there must always be something to train on.
+            self._forget(u)
         is_validation = (first + np.arange(rows.shape[0])) % VALIDATION_STRIDE == 0
         # A first row that only validates would be nothing to train on.
         is_validation &= rows.shape[0] > 1
@@ -257,6 +263,14 @@ class MixtureTraining:
         self._window.add(rows[~is_validation], samples)
         self._reference = None
         self._encoding = make_mixture_encoding(self.shape, self.bounds, self._arrays)
+
+    def _forget(self, u: Float32Array) -> None:
+        """Keep only rows that lie near the range of u."""
+        least, most = float(u.min()), float(u.max())
+        margin = _U_MARGIN * (most - least)
+        for window in (self._window, self._validation):
+            held = window.take(np.arange(window.count))[:, ROW_TIME]
+            window.keep((held >= least - margin) & (held <= most + margin))
 
     # Network
 

@@ -46,6 +46,19 @@ class SampleWindow:
         self.rows[: rows.shape[0] - head] = rows[head:]
         self.count += rows.shape[0]
 
+    def keep(self, is_kept: np.ndarray) -> None:
+        """Keep these rows only: bool (count,), by age. Later rows push the oldest of them out as if all were left."""
+        rows = self.take(np.flatnonzero(is_kept))
+        edges = np.cumsum([0, *(count for count, _ in self._segments)])
+        # Of the first segments the ring may hold a part only, or nothing.
+        edges = np.maximum(edges - (edges[-1] - self.count), 0)
+        counts = np.diff(np.cumsum([0, *is_kept])[edges])
+        self._segments = deque(
+            (int(count), samples) for count, (_, samples) in zip(counts, self._segments, strict=True) if count
+        )
+        self._start, self.count = 0, rows.shape[0]
+        self.rows[: rows.shape[0]] = rows
+
     def _drop(self, row_count: int) -> None:
         row_count = min(row_count, self.count)
         self._start = (self._start + row_count) % self.rows.shape[0]
