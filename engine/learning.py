@@ -350,6 +350,8 @@ class Learner:
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
+        if self._is_over:
+            return
         if self._uses_clock:
             cost = costs.seconds
         else:

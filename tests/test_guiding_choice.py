@@ -55,12 +55,12 @@ def test_guiding_that_loses_is_given_up_soon():
 
 
 def test_one_lucky_comparison_does_not_bind_for_good():
-    """Guiding that looked better by half once, and is worth less than nothing, is left at four times the samples."""
-    for later, is_kept in ((0.8, False), (1.0, True)):
+    """Guiding that looked twice as good once, and is worth less than nothing, is left at four times the samples."""
+    for later, is_kept in ((0.9, False), (1.1, True)):
         choice, first, count = Choice(1, "VMM", tries_plain=True), 1, 0
         for _ in range(120):
             if choice._trial is not None:
-                choice._trial = Measured(1.5 if count == 0 else later)
+                choice._trial = Measured(2.1 if count == 0 else later)
                 count += 1
             choice.judge(WEIGHTS, first, 0.0)
             if choice.has_lost:
@@ -70,6 +70,17 @@ def test_one_lucky_comparison_does_not_bind_for_good():
         assert choice.has_lost != is_kept
         # One at first, and then three at a time.
         assert count in ((1 + 3 * 2, 1 + 3 * 3) if is_kept else (1 + 3,)), count
+
+
+def test_the_first_comparison_is_not_believed_so_easily():
+    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 1.1))
+    while not choice.has_lost:
+        if choice._trial is not None:
+            choice._trial = Measured(next(worth))
+        choice.judge(WEIGHTS, first, 0.0)
+        choice.plan(first, SAMPLES, ())
+        first += SAMPLES
+    assert len(choice.trials) == 3
 
 
 def test_what_is_clearly_better_is_not_doubted():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from engine.guiding import trial
-from engine.guiding.trial import GuidingTrial, parts
+from engine.guiding.trial import GuidingTrial, SampleMoments, parts
 from engine.work import CURRENT
 from tests.test_guided_render import SEEDS, Z_LIMIT, corner_scene, render, z_score
 
@@ -48,6 +48,48 @@ def test_nothing_compared_is_not_a_number():
     assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
 
 
+def test_moments_are_those_of_all_samples_together():
+    rng = np.random.default_rng(5)
+    values = rng.exponential(size=(12, PIXELS, 3)) + 30.0
+    values[:, 1] *= 1e4
+    moments = SampleMoments(PIXELS)
+    assert np.isnan(moments.variance()).all()
+    chosen = np.arange(PIXELS - 1)  # the last is in no unit
+    for first, last in ((0, 1), (1, 5), (5, 12)):
+        some = values[first:last, chosen].astype(np.float32)
+        moments.add(chosen, some.sum(0), (some**2).sum(0), last - first)
+        assert np.isfinite(moments.variance()[chosen]).all() == (last > 1)
+    expected = values.var(axis=0, ddof=1).mean(axis=1)[chosen]
+    assert moments.variance()[chosen] == pytest.approx(expected, rel=1e-2)
+    assert np.isnan(moments.variance()[-1])
+
+
+def test_unguided_samples_from_before_count():
+    """Where one unguided sample in a thousand is bright, four a pixel hide the variance of most pixels."""
+    rng = np.random.default_rng(2)
+    pixels = np.arange(400)
+
+    def take(add, chance, rounds):
+        for _ in range(rounds):
+            values = rng.binomial(1, chance, size=(4, len(pixels), 3)) / chance
+            add(pixels, values.sum(0).astype(np.float32), (values**2).sum(0).astype(np.float32), 4)
+
+    found = {False: [], True: []}
+    for _ in range(40):
+        for is_pooled, efficiencies in found.items():
+            before = SampleMoments(len(pixels))
+            take(before.add, 0.001, 20 * is_pooled)
+            tried = GuidingTrial(len(pixels), before if is_pooled else None)
+            take(lambda *sums, tried=tried: tried.add(*sums, False), 0.001, 1)
+            take(lambda *sums, tried=tried: tried.add(*sums, True), 0.1, 3)
+            for is_guided in (False, True):
+                tried.add_cost(1.0, 1, is_guided)
+            efficiencies.append(tried.efficiency(np.ones(len(pixels), np.float32)))
+    truth = 999.0 / 9.0
+    assert np.median(found[True]) == pytest.approx(truth, rel=0.15)
+    assert np.median(found[False]) < 0.7 * truth
+
+
 @pytest.mark.parametrize("iteration", range(8))
 @pytest.mark.parametrize("count", [1, 3, 5, 16])
 def test_parts_hold_every_sample_once(iteration, count):
@@ -81,7 +123,7 @@ def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
     untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
     assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
-    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", 0.0)
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 0.0))
     won = render("VMM", 1, samples=31).report.guiding
     assert won.stopped_at == 0 and won.efficiency > 0.0
     assert won.record_count > 0

@@ -16,7 +16,7 @@ import numpy as np
 
 from engine.film import FilmTile
 from engine.guiding import trial
-from engine.guiding.trial import GuidingTrial, Part
+from engine.guiding.trial import GuidingTrial, Part, SampleMoments
 from engine.work import CHALLENGER, CURRENT, PLAIN, Unit
 
 #: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
@@ -25,11 +25,12 @@ _DROPPED = (0.8, 0.95, 1.03)
 _TAKEN = (1.5, 1.15, 1.03)
 #: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
 _AGAIN = 4
-#: Then guiding is compared with unguided rendering again too, so many times: one lucky comparison must not bind an easy
-#: scene for good (docs/experiments.md). Not where it is _SURE times as good; below _LEAST_LATER on average it is left.
+#: Then guiding is compared with unguided rendering again too, by so many iterations together: one lucky comparison must
+#: not bind an easy scene for good (docs/experiments.md). Not where it is _SURE times as good; below _LEAST_LATER it is
+#: left.
 _LOOKS = 3
 _SURE = 2.5
-_LEAST_LATER = 0.85
+_LEAST_LATER = 1.0
 
 
 class Choice:
@@ -63,14 +64,17 @@ class Choice:
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
         self._iteration = 0
-        self._least_efficiency = 0.0
+        self._least_efficiency = self._clear_efficiency = 0.0
         self._has_won = False
         self._trial: GuidingTrial | None = None
-        #: Later comparisons with unguided rendering: whether this iteration makes one, from which sample on the next
-        #: are due, and log efficiencies so far.
+        #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
+        self._plain = SampleMoments(pixel_count)
+        self._knows_something = False
+        #: Later comparisons with unguided rendering: whether this iteration takes part in one, from which sample on the
+        #: next is due, and the overheads of its iterations so far.
         self._looks_again = False
         self._look_from = 0
-        self._looks: list[float] = []
+        self._overheads: list[float] = []
         #: Log efficiencies of the challenger so far, and from which sample on methods may be tried again.
         self._evidence: list[float] = []
         self._not_before: dict[str, int] = {}
@@ -98,14 +102,18 @@ class Choice:
         """Compare with unguided rendering again, from a stage of the trial on: something else guides now."""
         self._iteration = iteration
         self._has_won = False
-        self._looks = []
+        self._trial = None
+        self._overheads = []
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
-        if self._trial is not None:
+        sums = unit.film_index, film.radiance, film.square, unit.sample_count
+        if len(self.parts) > 1 and self._trial is not None:
             is_challenger = self._is_challenger(unit.arm)
-            self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
+            self._trial.add(*sums, is_challenger)
             self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+        elif self._tries_plain and not self._knows_something:
+            self._plain.add(*sums)
 
     def _is_challenger(self, arm: int) -> bool:
         return arm == CHALLENGER if self.challenger else arm == CURRENT
@@ -122,10 +130,17 @@ class Choice:
         """
         self._iteration += 1
         self.has_lost = False
-        if self._trial is None:
+        compared, self._trial = self._trial, None
+        if compared is None:
             return
-        efficiency = self._trial.efficiency(weights) / (1.0 + overhead)
-        self._trial = None
+        if self._looks_again:
+            self._overheads.append(overhead)
+            if len(self._overheads) < _LOOKS:
+                self._trial = compared
+                return
+            overhead = sum(self._overheads) / _LOOKS
+            self._overheads = []
+        efficiency = compared.efficiency(weights) / (1.0 + overhead)
         if self.challenger:
             self._judge_challenger(efficiency, next_sample)
             return
@@ -134,23 +149,19 @@ class Choice:
             return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY
+        self._has_won = efficiency >= self._clear_efficiency
         # Written so that NaN, nothing compared, goes on.
         self.has_lost = efficiency < self._least_efficiency
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 
     def _look(self, efficiency: float, next_sample: int) -> None:
-        """Take one of a few later comparisons with unguided rendering."""
+        """Take a later comparison with unguided rendering."""
         if not efficiency > 0.0:
             return
-        self._looks.append(math.log(efficiency))
-        if len(self._looks) < _LOOKS:
-            return
-        self.efficiency = math.exp(sum(self._looks) / len(self._looks))
-        self.trials.append(f"{self.rung} over OFF {self.efficiency:.2f} at sample {next_sample}")
-        self.has_lost = self.efficiency < _LEAST_LATER
-        self._looks = []
+        self.efficiency = efficiency
+        self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
+        self.has_lost = efficiency < _LEAST_LATER
         self._look_from = _AGAIN * next_sample
 
     def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
@@ -180,18 +191,22 @@ class Choice:
         knows_something : bool
             Whether there is anything to guide by.
         """
+        self._knows_something = knows_something
         is_tried = self._tries_plain and not self._has_won and knows_something
         self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
         self._looks_again = False
         if len(self.parts) > 1:
             self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
+            self._clear_efficiency = trial.CLEAR_EFFICIENCY[self._iteration]
         elif self.is_settled and count >= 4:
             self._looks_again = self._is_due(first)
             if self._looks_again:
                 self.parts = trial.compared_parts(first, count)
             else:
                 self._challenge(first, count, offers)
-        self._trial = GuidingTrial(self._pixel_count) if len(self.parts) > 1 else None
+        if len(self.parts) > 1 and self._trial is None:
+            # A finer method's rival is guided too, and changes.
+            self._trial = GuidingTrial(self._pixel_count, None if self.challenger else self._plain)
 
     def _is_due(self, first: int) -> bool:
         """Whether to compare with unguided rendering again."""

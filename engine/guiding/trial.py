@@ -5,6 +5,9 @@ What regions promise (`engine.guiding.selection`) does not add up along paths, a
 costs more than it brings. The same pixels rendered both ways tell: efficiency is 1 / (variance x cost). Where guiding
 loses, the rest of the image is rendered without. Both ways have the same expected image, and what is chosen depends on
 samples already taken only.
+
+Unguided samples do not change from iteration to iteration, so all there are count (`SampleMoments`): a few of them hide
+their variance where it is in few bright ones. What guides does change, and its newest samples count.
 """
 
 from __future__ import annotations
@@ -24,8 +27,8 @@ LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.15, 6: 1.3}
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 2
 LAST_DOUBT = 5
-#: Efficiency that needs no more comparing for now.
-CLEAR_EFFICIENCY = 1.35
+#: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
+CLEAR_EFFICIENCY = {3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
@@ -62,8 +65,8 @@ def compared_parts(first: int, count: int) -> list[Part]:
     return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
 
 
-class GuidingTrial:
-    """Moments of one iteration's samples, by the challenger (guiding, or a finer method) and by what it is to beat.
+class SampleMoments:
+    """Variance of the samples of each pixel so far.
 
     Parameters
     ----------
@@ -71,26 +74,61 @@ class GuidingTrial:
     """
 
     def __init__(self, pixel_count: int) -> None:
-        #: By challenger (1) or not (0): variance of a sample, mean over channels, by pixel; NaN where there is none.
-        self._variance = np.full((2, pixel_count), np.nan, np.float32)
+        self._count = np.zeros(pixel_count, np.int32)
+        #: Sum of squared differences from the mean, averaged over channels.
+        self._spread = np.zeros(pixel_count, np.float32)
+        self._mean: np.ndarray | None = None
+
+    def add(self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int) -> None:
+        """Take a unit's sums (Chan et al. 1983, of two sets of samples). Of a pixel in the order of its samples.
+
+        Parameters
+        ----------
+        pixels : int64 (P,), each once
+        radiance, square : float32 (P or more, C), sums over `sample_count` samples
+        """
+        if self._mean is None:
+            self._mean = np.zeros((len(self._count), radiance.shape[1]), np.float32)
+        total = radiance[: len(pixels)].astype(np.float64)
+        spread = np.maximum(square[: len(pixels)] - total * total / sample_count, 0.0).mean(axis=1)
+        before = self._count[pixels]
+        difference = total / sample_count - self._mean[pixels]
+        share = sample_count / (before + sample_count)
+        self._spread[pixels] += spread + before * share * (difference * difference).mean(axis=1)
+        self._mean[pixels] += difference * share[:, None]
+        self._count[pixels] += sample_count
+
+    def variance(self) -> np.ndarray:
+        """Variance of a sample, mean over channels, by pixel; NaN of fewer than two.
+
+        Returns
+        -------
+        float64 (P,)
+        """
+        count = np.where(self._count > 1, self._count, np.nan)
+        return self._spread / (count - 1.0)
+
+
+class GuidingTrial:
+    """Moments of samples by the challenger (guiding, or a finer method) and by what it is to beat, and their costs.
+
+    Parameters
+    ----------
+    pixel_count : int
+    other : SampleMoments, optional
+        Of what is to be beaten, where more of its samples are known than those of the iterations compared.
+    """
+
+    def __init__(self, pixel_count: int, other: SampleMoments | None = None) -> None:
+        self._moments = (other or SampleMoments(pixel_count), SampleMoments(pixel_count))
         self._costs: tuple[list[float], list[float]] = ([], [])
         self._paths = [0, 0]
 
     def add(
         self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_challenger: bool
     ) -> None:
-        """Take a unit's sums.
-
-        Parameters
-        ----------
-        pixels : int64 (P,), pixels that no other unit of this kind has
-        radiance, square : float32 (P or more, C), sums over `sample_count` samples
-        """
-        if sample_count < 2:
-            return
-        total = radiance[: len(pixels)].astype(np.float64)
-        spread = square[: len(pixels)] - total * total / sample_count
-        self._variance[int(is_challenger), pixels] = np.maximum(spread, 0.0).mean(axis=1) / (sample_count - 1)
+        """Take a unit's sums, as `SampleMoments.add`."""
+        self._moments[int(is_challenger)].add(pixels, radiance, square, sample_count)
 
     def add_cost(self, cost: float, path_count: int, is_challenger: bool) -> None:
         """Take what a unit of so many paths cost, in any unit."""
@@ -104,10 +142,11 @@ class GuidingTrial:
         ----------
         weights : float32 (P,), of the pixels' variances
         """
-        known = np.isfinite(self._variance).all(axis=0)
+        variance = np.stack([moments.variance() for moments in self._moments])
+        known = np.isfinite(variance).all(axis=0)
         if not known.any() or 0 in self._paths:
             return float("nan")
-        variance = self._variance[:, known].astype(np.float64) * weights[known]
+        variance = variance[:, known] * weights[known]
         total = variance.sum(axis=1)
         for _ in range(_ROUNDS):
             total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
