@@ -137,8 +137,10 @@ def test_every_builtin_scene_says_what_it_is() -> None:
     assert len(SCENES) > 100
     for name, scene in SCENES.items():
         assert scene.description != name, f"{name} has no docstring"
-        groups = {"closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures", "motion"}
-        assert scene.group in groups
+        assert scene.group in {
+            "closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures", "motion",
+            "spectral",
+        }  # fmt: skip
 
 
 def test_budget_names_files() -> None:

@@ -42,9 +42,11 @@ FAST = [
     "film-transparent",
 ]
 
-#: Where light is made to be found seldom, unguided samples say nothing in a test's time.
+#: Where light is made to be found seldom, unguided samples say nothing in a test's time; Cycles disperses nothing.
 COMPARABLE = sorted(
-    name for name, scene in SCENES.items() if scene.group != "failures" and name != "torus-in-glass"
+    name
+    for name, scene in SCENES.items()
+    if scene.group not in ("failures", "spectral") and name != "torus-in-glass" or name == "spectral-colors"
 )
 
 

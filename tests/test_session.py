@@ -308,7 +308,8 @@ def test_bad_input_is_named(change, word):
 
 
 @pytest.mark.parametrize(
-    ("setting", "value"), [("samples", 0), ("time_limit", -1.0), ("guiding_method", "X"), ("threads", -2)]
+    ("setting", "value"),
+    [("samples", 0), ("time_limit", -1.0), ("guiding_method", "X"), ("threads", -2), ("spectral", "X")],
 )
 def test_bad_settings_are_named(setting, value):
     with pytest.raises(ValueError, match=setting):

@@ -4,10 +4,21 @@
 Importing this package fills the registry; `bpy` is needed only to build.
 """
 
-from benchmarks.scenes import cameras, closures, failures, geometry, lights, motion, principled, rooms, textures
+from benchmarks.scenes import (
+    cameras,
+    closures,
+    failures,
+    geometry,
+    lights,
+    motion,
+    principled,
+    rooms,
+    spectral,
+    textures,
+)
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "motion", "principled",
-    "rooms", "textures",
+    "rooms", "spectral", "textures",
 ]  # fmt: skip
