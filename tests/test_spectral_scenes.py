@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ NAMES = sorted(name for name in SCENES if name.startswith("spectral-"))
 
 
 def _image(name: str, samples: int, out: Path) -> np.ndarray:
-    unguided = find_rival("OFF")
-    rival = replace(unguided, settings={**unguided.settings, "spectral": "OFF"})
+    rival = find_rival("OFF", {"spectral": "OFF"})
     renders, failures = render_scene(
         SceneSource(f"builtin:{name}"), [rival], Budget(samples), 1, out=out, pixels=120 * 120,
         say=lambda _: None,
