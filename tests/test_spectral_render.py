@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from engine.kernels.shader.color_math import blackbody, luminance
 from engine.scene.description import (
     VISIBLE_ALL,
     Camera,
@@ -28,6 +29,7 @@ from engine.scene.description import (
 )
 from engine.session import Session
 from engine.settings import RenderSettings
+from engine.spectral.blackbody import blackbody_over_d65
 from engine.spectral.dispersion import ior_at
 from engine.spectral.observer import GRID, spectrum_to_rec709
 from engine.spectral.tables import load_spectral_tables
@@ -244,3 +246,45 @@ def test_other_working_spaces_keep_their_colours() -> None:
     description.to_xyz = to_xyz.astype(np.float32)
     image = render(description, samples=4096, spectral="ON")
     np.testing.assert_allclose(image, np.broadcast_to(color, image.shape), rtol=5e-3)
+
+
+@pytest.mark.parametrize("source", ["mesh", "mesh by nodes", "world", "seen"])
+def test_black_bodies_are_plancks(source: str) -> None:
+    """A warm light on a bluish floor, which has other colours by Planck's law than by a smooth spectrum."""
+    temperature, surface = 1800.0, (0.3, 0.4, 0.9)
+    nodes = [
+        Node("ShaderNodeBlackbody", "Blackbody", {"Temperature": temperature}),
+        Node("ShaderNodeEmission", "Emission", {"Color": Link(0, "Color"), "Strength": 4.0}),
+    ]
+    if source == "mesh by nodes":
+        # What is seen from the floor: the strength is not a constant.
+        nodes.append(Node("ShaderNodeLightPath", "Light Path"))
+        nodes.append(
+            Node("ShaderNodeMath", "Math", {"Value": Link(2, "Is Camera Ray"), "Value_001": 4.0}, {"operation": "ADD"})
+        )
+        nodes[1].inputs["Strength"] = Link(3, "Value")
+    glow = NodeGraph(nodes, Link(1, "Emission"))
+    world = None
+    parts = [(square(50.0, 0.0), diffuse(surface))]
+    if source == "seen":
+        parts, surface = [(square(50.0, 0.0), Material("Glow", "Glow", glow))], (1.0, 1.0, 1.0)
+    elif source == "world":
+        nodes[1].kind, glow.surface = "ShaderNodeBackground", Link(1, "Background")
+        world = World("w", "World", glow)
+    else:
+        parts.append((square(4.0, 7.0, 7.0), Material("Glow", "Glow", glow)))
+    description = scene(parts, world=world, size=(6, 1))
+    settings: dict[str, Any] = {"samples": 2048, "max_bounces": 0}
+    plain, plain_error = mean_and_error(description, range(8), spectral="OFF", **settings)
+    image, error = mean_and_error(description, range(8), spectral="ON", **settings)
+    color = blackbody(np.float32(temperature))
+    tables = load_spectral_tables()
+    planck = np.array([blackbody_over_d65(tables, np.float32(temperature), np.float32(w)) for w in GRID])
+    # By how much light there is, which green tells.
+    light = plain[:, 1:2] / (color[1] * surface[1]) * luminance(color)
+    expected = light * spectrum_to_rec709(planck * spectrum(surface))
+    noise = np.abs(expected) * plain_error[:, 1:2] / plain[:, 1:2]
+    allowed = LIMIT * np.hypot(error, noise) + 0.004 * np.abs(expected).max()
+    assert (np.abs(image - expected) < allowed).all(), (image, expected)
+    smooth = light * spectrum_to_rec709(2.0 * spectrum(tuple(0.5 * np.array(color))) * spectrum(surface))
+    assert (np.abs(smooth - expected) > 1.5 * allowed).any(), "that is another colour"

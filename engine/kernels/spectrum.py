@@ -6,27 +6,36 @@ Everything that shaders and lights say is RGB. It becomes values at the waveleng
 """
 
 from engine.jit import kernel
+from engine.kernels.shader.color_math import luminance
+from engine.spectral.blackbody import blackbody_over_d65
 from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
 from engine.spectral.wavelengths import rgb_weight
 from engine.state import RGB, WAVELENGTHS
 
 
 @kernel
-def color_coefficients(spectrum, r, g, b):
-    """`spectrum_coefficients` of a colour in the scene's working space."""
+def to_rec709(spectrum, r, g, b):
+    """A colour of the scene's working space in Rec.709."""
     matrix = spectrum.to_rec709
     # Greys are left alone, so that they stay greys to the last bit.
     if matrix.shape[0] > 0 and not (r == g and g == b):
-        r, g, b = (
+        return (
             matrix[0, 0] * r + matrix[0, 1] * g + matrix[0, 2] * b,
             matrix[1, 0] * r + matrix[1, 1] * g + matrix[1, 2] * b,
             matrix[2, 0] * r + matrix[2, 1] * g + matrix[2, 2] * b,
         )
+    return r, g, b
+
+
+@kernel
+def color_coefficients(spectrum, r, g, b):
+    """`spectrum_coefficients` of a colour in the scene's working space."""
+    r, g, b = to_rec709(spectrum, r, g, b)
     return spectrum_coefficients(spectrum, r, g, b)
 
 
 @kernel
-def upsample_light(spectrum, paths, lane, r, g, b, out, row):
+def upsample_light(spectrum, paths, lane, r, g, b, temperature, out, row):
     """Write emission, a colour, at the path's wavelengths.
 
     Twice as much light has the same spectrum twice: that of the colour with the largest channel 1/2.
@@ -34,6 +43,8 @@ def upsample_light(spectrum, paths, lane, r, g, b, out, row):
     Parameters
     ----------
     spectrum : SpectralTables
+    temperature : float32 [K]
+        Not 0: the spectrum is a black body's, of the colour's luminance.
     out : float32 (R, >= C)
         Row `row` is written.
     """
@@ -41,6 +52,11 @@ def upsample_light(spectrum, paths, lane, r, g, b, out, row):
     if not largest > 0.0:
         for c in range(len(paths.channels)):
             out[row, c] = 0.0
+        return
+    if temperature > 0.0:
+        light = luminance(to_rec709(spectrum, r, g, b))
+        for c in range(len(paths.channels)):
+            out[row, c] = light * blackbody_over_d65(spectrum, temperature, paths.wavelength[lane, c])
         return
     twice = 2.0 * largest
     scale, c0, c1, c2 = color_coefficients(spectrum, r / twice, g / twice, b / twice)

@@ -96,6 +96,7 @@ class ShaderArrays(Bundle):
     program_values : float32 (P, VALUE_WIDTH)
     program_pass_index : float32 (P,), material index pass
     program_dispersion : float32 (P,)  [um^2], of all refracting lobes (`engine.spectral.dispersion.ior_at`)
+    program_temperature : float32 (P,)  [K], of programs that emit as a black body (`engine.shaders.blackbody`), else 0
     images : int64 (I, IMAGE_WIDTH)
     pixels_byte, pixels_float : uint8 and float32 pools, RGBA, row 0 at the bottom
     tables : float32 pool of ramps and curves
@@ -109,6 +110,7 @@ class ShaderArrays(Bundle):
     program_values: Float32Array
     program_pass_index: Float32Array
     program_dispersion: Float32Array
+    program_temperature: Float32Array
     images: Int64Array
     pixels_byte: Uint8Array
     pixels_float: Float32Array

@@ -20,6 +20,7 @@ from engine.scene.description import Camera, Frame, Image, Link, Node, NodeGraph
 from engine.shaders import arrays as layout
 from engine.shaders import nodes_closure, nodes_image, nodes_input, nodes_texture_math
 from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY, ShaderArrays
+from engine.shaders.blackbody import emission_temperature
 from engine.shaders.camera import camera_matrices
 from engine.shaders.folding import estimate_emission, fold
 from engine.shaders.image_pool import build_image_pool, srgb_table
@@ -211,6 +212,8 @@ class _SceneCompiler:
         pass_index[:count] = [source.pass_index for source in sources]
         dispersion = np.zeros(max(count, 1), np.float32)
         dispersion[:count] = [source.dispersion if math.isfinite(source.dispersion) else 0.0 for source in sources]
+        temperature = np.zeros(max(count, 1), np.float32)
+        temperature[:count] = [emission_temperature(source.graph) for source in sources]
         shaders = ShaderArrays(
             code=words,
             constants=np.array(pool.values, np.float32),
@@ -218,6 +221,7 @@ class _SceneCompiler:
             program_values=values,
             program_pass_index=pass_index,
             program_dispersion=dispersion,
+            program_temperature=temperature,
             images=table,
             pixels_byte=pixels_byte,
             pixels_float=pixels_float,

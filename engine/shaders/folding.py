@@ -96,6 +96,7 @@ def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]
         program_values=np.zeros((1, VALUE_WIDTH), np.float32),
         program_pass_index=np.zeros(1, np.float32),
         program_dispersion=np.zeros(1, np.float32),
+        program_temperature=np.zeros(1, np.float32),
         images=np.zeros((1, IMAGE_WIDTH), np.int64),
         pixels_byte=np.zeros(4, np.uint8),
         pixels_float=np.zeros(4, np.float32),

@@ -386,7 +386,9 @@ class Integrator:
         else:
             stages.prepare_background(world, b.paths, b.points, b.missed, 0)
         if view.header[SCENE_IS_SPECTRAL]:
-            stages.upsample_emission(view.spectrum, b.paths, b.closures, b.missed, 0)
+            stages.upsample_emission(
+                view.spectrum, shaders.program_temperature, world, b.paths, b.points, b.closures, b.missed, 0
+            )
             stages.upsample_lights(view.spectrum, b.paths, b.samples, b.lit, 0)
         stages.shade_background(
             view.lights, view.spectrum, options, view.header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed, 0,

@@ -19,8 +19,10 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
+from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
+from engine.scene.light_arrays import HEADER_BACKGROUND_PROGRAM, LIGHT_BACKGROUND
 from engine.state import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
@@ -60,11 +62,16 @@ _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 
 @kernel
-def choose_lights(lights, geometry, paths, points, closures, samples, light_points, lanes, lane_count, lit, programs):
+def choose_lights(
+    lights, geometry, program_temperature, paths, points, closures, samples, light_points, lanes, lane_count, lit,
+    programs,
+):
     """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
 
     Parameters
     ----------
+    program_temperature : float32 (P,) [K]
+        By shader program, see `engine.shaders.blackbody`.
     lit : int32 (L,)
         Filled with lanes that got a sample.
     programs : int32 (L,)
@@ -94,7 +101,7 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         (
-            pdf, _emitter, _kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            pdf, _emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis, back,
         ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, paths.time[lane], u0, u1, u2)
         if not pdf > 0.0 or paths.depth[lane] > max_bounces:
@@ -107,6 +114,14 @@ def choose_lights(lights, geometry, paths, points, closures, samples, light_poin
         samples.visibility[lane] = visibility
         for c in range(RGB):
             samples.radiance[lane, c] = radiance[c]
+        if len(paths.channels) > RGB:
+            # For `upsample_lights`; programs are looked at where they have run.
+            temperature = 0.0
+            if program < 0 and instance >= 0:
+                temperature = program_temperature[program_of(geometry, instance, triangle)]
+            elif program < 0 and kind == LIGHT_BACKGROUND:
+                temperature = program_temperature[lights.header[HEADER_BACKGROUND_PROGRAM]]
+            samples.radiance[lane, RGB] = temperature
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance
         # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.

@@ -87,7 +87,9 @@ def _shade_background(stages, scene, options, unit, b, missed_count):
             MODE_EMISSION,
         )
     if header[SCENE_IS_SPECTRAL] != 0:
-        stages.upsample_emission(scene.spectrum, b.paths, b.closures, b.missed, missed_count)
+        stages.upsample_emission(
+            scene.spectrum, shaders.program_temperature, world, b.paths, b.points, b.closures, b.missed, missed_count
+        )
     stages.shade_background(
         scene.lights, scene.spectrum, options, header[SCENE_WORLD_VISIBILITY], b.paths, b.closures, b.missed,
         missed_count, unit.film, unit.header[UNIT_USE_FEATURES] != 0,
@@ -123,8 +125,8 @@ def _trace_shadows(stages, scene, options, b, shadow_count):
 def _sample_lights(stages, scene, options, unit, b, surface_count):
     """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
     lit_count, program_count = stages.choose_lights(
-        scene.lights, scene.geometry, b.paths, b.points, b.closures, b.samples, b.light_points, b.surface,
-        surface_count, b.lit, b.programs,
+        scene.lights, scene.geometry, scene.shaders.program_temperature, b.paths, b.points, b.closures, b.samples,
+        b.light_points, b.surface, surface_count, b.lit, b.programs,
     )
     mark(b.clock, _CHOOSE_LIGHTS)
     if program_count > 0:
@@ -135,7 +137,10 @@ def _sample_lights(stages, scene, options, unit, b, surface_count):
         mark(b.clock, _EVALUATE_LIGHT_SHADERS)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
         stages.upsample_lights(scene.spectrum, b.paths, b.samples, b.lit, lit_count)
-        stages.upsample_emission(scene.spectrum, b.paths, b.light_closures, b.programs, program_count)
+        stages.upsample_emission(
+            scene.spectrum, scene.shaders.program_temperature, -1, b.paths, b.light_points, b.light_closures,
+            b.programs, program_count,
+        )
         mark(b.clock, _UPSAMPLE)
     if unit.header[UNIT_IS_GUIDED] != 0:
         stages.guide_lights(b.guided, b.guide, b.samples, b.lit, lit_count)
@@ -235,7 +240,10 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         )
         mark(b.clock, _EVALUATE_SHADERS)
         if is_spectral:
-            stages.upsample_emission(scene.spectrum, b.paths, b.closures, b.surface, surface_count)
+            stages.upsample_emission(
+                scene.spectrum, scene.shaders.program_temperature, -1, b.paths, b.points, b.closures, b.surface,
+                surface_count,
+            )
             mark(b.clock, _UPSAMPLE)
         stages.shade_emission(
             scene.lights, scene.geometry, scene.spectrum, options, b.paths, b.points, b.closures, b.surface,

@@ -22,27 +22,40 @@ from engine.state import CLOSURE_WEIGHT, POINT_FLAG_BACKFACING, POINT_FLAGS, POI
 
 
 @kernel
-def upsample_emission(spectrum, paths, closures, lanes, lane_count):
-    """Emission of the lanes' closures."""
+def upsample_emission(spectrum, program_temperature, program, paths, points, closures, lanes, lane_count):
+    """Emission of the lanes' closures.
+
+    Parameters
+    ----------
+    program_temperature : float32 (P,) [K]
+        By shader program, see `engine.shaders.blackbody`.
+    program : int
+        What all lanes show, -1: the points tell.
+    """
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
         ask_for_throughput(paths, ahead)
         ask_for_closures(closures, ahead)
         emission = closures.emission
+        if emission[lane, 0] == 0.0 and emission[lane, 1] == 0.0 and emission[lane, 2] == 0.0:
+            emission[lane, 3] = 0.0
+            continue
+        temperature = program_temperature[program if program >= 0 else points.integer[lane, POINT_PROGRAM]]
         upsample_light(
-            spectrum, paths, lane, emission[lane, 0], emission[lane, 1], emission[lane, 2], emission, lane
+            spectrum, paths, lane, emission[lane, 0], emission[lane, 1], emission[lane, 2], temperature, emission, lane
         )
 
 
 @kernel
 def upsample_lights(spectrum, paths, samples, lit, lit_count):
-    """Radiance of light samples."""
+    """Radiance of light samples; `choose_lights` has left the temperature of black bodies in the fourth channel."""
     for k in range(lit_count):
         lane = lit[k]
         radiance = samples.radiance
         upsample_light(
-            spectrum, paths, lane, radiance[lane, 0], radiance[lane, 1], radiance[lane, 2], radiance, lane
+            spectrum, paths, lane, radiance[lane, 0], radiance[lane, 1], radiance[lane, 2], radiance[lane, 3], radiance,
+            lane,
         )
 
 
