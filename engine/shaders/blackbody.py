@@ -3,11 +3,18 @@
 
 from __future__ import annotations
 
-from engine.scene.description import Link, NodeGraph
+import math
+
+from engine.scene.description import Link, Node, NodeGraph
 
 _EMITTERS = ("ShaderNodeEmission", "ShaderNodeBackground")
 #: Of the node [K].
 _DEFAULT_TEMPERATURE = 6500.0
+
+
+def _linked(graph: NodeGraph, link: object) -> Node | None:
+    """The node that a link comes from; None if there is none."""
+    return graph.nodes[link.node] if isinstance(link, Link) and 0 <= link.node < len(graph.nodes) else None
 
 
 def emission_temperature(graph: NodeGraph | None) -> float:
@@ -18,14 +25,14 @@ def emission_temperature(graph: NodeGraph | None) -> float:
     float [K]
         0 for all other graphs: their emission has the smooth spectrum of its colour.
     """
-    if graph is None or graph.surface is None:
+    if graph is None:
         return 0.0
-    emitter = graph.nodes[graph.surface.node]
-    color = emitter.inputs.get("Color")
-    if emitter.kind not in _EMITTERS or not isinstance(color, Link):
+    emitter = _linked(graph, graph.surface)
+    if emitter is None or emitter.kind not in _EMITTERS:
         return 0.0
-    source = graph.nodes[color.node]
+    source = _linked(graph, emitter.inputs.get("Color"))
+    if source is None or source.kind != "ShaderNodeBlackbody":
+        return 0.0
     temperature = source.inputs.get("Temperature", _DEFAULT_TEMPERATURE)
-    if source.kind != "ShaderNodeBlackbody" or isinstance(temperature, Link):
-        return 0.0
-    return float(temperature)
+    is_number = isinstance(temperature, (int, float)) and math.isfinite(temperature)
+    return max(float(temperature), 0.0) if is_number else 0.0
