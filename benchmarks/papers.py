@@ -88,14 +88,14 @@ PROTOCOLS = {
     ),
     "4d": Protocol(
         "4d",
-        ("OFF", "VMM", "NPM", "NPM-TIME"),
+        ("OFF", "VMM", "NPM", "NPM-TIME", "NPM-PLANES", "NPM-HASH4D", "NPM-STRATA"),
         512,
         "relMSE",
         _PLAIN
         | {"use_nee": False, "use_russian_roulette": False}
         | dict.fromkeys(("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"), _NPM_BOUNCES),
-        {"OFF": 1.0, "NPM": 1.93},
-        "Dong et al. 2025, section 6 and Table 1 (equal time, 5 scenes); of time as an auxiliary input it has no table",
+        {"OFF": 1.0, "NPM": 1.93, "NPM-PLANES": 2.14, "NPM-STRATA": 2.71},
+        "Dong et al. 2025, section 6 and Table 1 (equal time, 5 scenes); of the alternatives of 6.2 it has no table",
     ),
 }
 

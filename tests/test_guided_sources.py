@@ -214,7 +214,7 @@ def test_the_time_is_seen_as_it_is_asked_for():
     assert hashes.used_width == plain.used_width and hashes.hash_size == 1 << 22
     for source in ("NPM", "NPM_PRODUCT", "NASG"):
         compact = RenderSettings(guiding_method=source)
-        for mixture_time, width in (("NONE", 0), ("FREQUENCY", 8), ("PLANES", 24), ("HASH4D", 16)):
+        for mixture_time, width in (("NONE", 0), ("FREQUENCY", 8), ("PLANES", 18), ("HASH4D", 8)):
             shape = source_shape(replace(compact, mixture_time=mixture_time))
             assert shape.used_width == source_shape(compact).used_width + width
 

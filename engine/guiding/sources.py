@@ -32,12 +32,12 @@ _U_ENCODINGS: dict[str, dict[str, Any]] = {
     "PLANES": {"plane_levels": 8},
     "HASH4D": {"hash_levels": 8},
 }
-#: ... and fewer and coarser ones, beside bins, that a render on a processor can train.
+#: ... and fewer and coarser ones, beside bins, that a render on a processor can train (docs/benchmarks.md).
 _COMPACT_U_ENCODINGS: dict[str, dict[str, Any]] = {
     "NONE": {},
     "FREQUENCY": {"u_frequencies": 4},
-    "PLANES": {"plane_levels": 4},
-    "HASH4D": {"hash_levels": 4, "hash_size": 1 << 15},
+    "PLANES": {"plane_levels": 3, "plane_resolution": 4},
+    "HASH4D": {"hash_levels": 2, "hash_resolution": 4, "hash_growth": 2.0, "hash_size": 1 << 15},
 }
 _STRATA_AVERAGING = 0.9
 _NASG_SHAPES = {"RADIANCE": NASG, "COSINE": NASG_COSINE, "PRODUCT": NASG_PRODUCT}
