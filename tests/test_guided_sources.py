@@ -15,7 +15,7 @@ from engine.guiding.flow.shape import FlowShape, initial_flow_parameters
 from engine.guiding.mixture.inference import make_mixture_network
 from engine.guiding.mixture.shape import initial_parameters
 from engine.guiding.network import Snapshot
-from engine.guiding.sources import source_shape
+from engine.guiding.sources import source_shape, source_training
 from engine.guiding.vertices import allocate_vertex_records, compensate
 from engine.settings import NETWORK_SOURCES
 from tests.test_guided_render import Z_LIMIT, corner_scene, pit_scene, render, z_score
@@ -226,3 +226,17 @@ def test_sources_that_are_no_networks_have_no_shape():
     with pytest.raises(ValueError, match="VMM"):
         source_shape(settings)
     assert source_shape(replace(settings, guiding_method="NEURAL_RIS", source_field="NASG")).lobe_model == "NASG"
+
+
+def test_all_mixtures_are_trained_as_asked_for():
+    """To compensate for BSDF sampling (Dong et al. 2025, Eq. 12), and to follow strata, whatever they see u by."""
+    from engine.settings import MIXTURE_SOURCES, MIXTURE_TIMES, RenderSettings
+
+    for source in MIXTURE_SOURCES:
+        for mixture_time in MIXTURE_TIMES:
+            plain = RenderSettings(guiding_method=source, mixture_time=mixture_time)
+            asked = replace(plain, mis_compensation=True, time_strata=8, guiding_probability=0.7)
+            found, usual = source_training(asked), source_training(plain)
+            assert found.mis_compensation and found.follows_u and found.bsdf_share == pytest.approx(0.3)
+            assert found.averaging == min(usual.averaging, 0.9)
+            assert not usual.mis_compensation and not usual.follows_u
