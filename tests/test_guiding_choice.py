@@ -73,7 +73,7 @@ def test_one_lucky_comparison_does_not_bind_for_good():
 
 
 def test_the_first_comparison_is_not_believed_so_easily():
-    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 1.1))
+    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 0.95))
     while not choice.has_lost:
         if choice._trial is not None:
             choice._trial = Measured(next(worth))

@@ -23,7 +23,7 @@ from engine.work import CURRENT, PLAIN
 #: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
 #: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
 #: (docs/experiments.md).
-LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.15, 6: 1.3}
+LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.0, 6: 1.3}
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 2
 LAST_DOUBT = 5
