@@ -16,13 +16,12 @@ import numpy as np
 
 from engine.bundle import Bundle
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array, Uint32Array
+from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
 
 _CACHE_LINE = 64
 
 #: Channels of a render without wavelengths.
 RGB = 3
-#: Wavelengths of a path, where it has any.
-WAVELENGTHS = 4
 
 
 def _aligned(byte_count: int) -> np.ndarray:

@@ -288,3 +288,18 @@ def test_black_bodies_are_plancks(source: str) -> None:
     assert (np.abs(image - expected) < allowed).all(), (image, expected)
     smooth = light * spectrum_to_rec709(2.0 * spectrum(tuple(0.5 * np.array(color))) * spectrum(surface))
     assert (np.abs(smooth - expected) > 1.5 * allowed).any(), "that is another colour"
+
+
+def test_light_that_is_no_number_is_counted() -> None:
+    """As without wavelengths: no colour is made up for it."""
+    lamp = material("Emission", Color=(1.0, 1.0, 1.0, 1.0), Strength=float("nan"))
+    parts = [(square(50.0, 0.0), lamp)]
+    counts = {}
+    for spectral in ("OFF", "ON"):
+        session = Session(RenderSettings(samples=4, threads=1, spectral=spectral))
+        session.load(scene(parts))
+        result = session.render()
+        session.close()
+        counts[spectral] = result.report.reject_count
+        assert np.isfinite(result.passes["Combined"]).all()
+    assert counts["ON"] == counts["OFF"]

@@ -5,12 +5,15 @@ Everything that shaders and lights say is RGB. It becomes values at the waveleng
 (`engine.spectral.upsampling`), and RGB once more on the film (`engine.spectral.wavelengths`).
 """
 
+import numpy as np
+
 from engine.jit import kernel
+from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.shader.color_math import luminance
 from engine.spectral.blackbody import blackbody_over_d65
 from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
-from engine.spectral.wavelengths import rgb_weight
-from engine.state import RGB, WAVELENGTHS
+from engine.spectral.wavelengths import rgb_weight, rotate_hero
+from engine.state import RGB
 
 
 @kernel
@@ -49,6 +52,11 @@ def upsample_light(spectrum, paths, lane, r, g, b, temperature, out, row):
         Row `row` is written.
     """
     largest = max(r, max(g, b))
+    if not abs(r) + abs(g) + abs(b) < FLOAT_MAX:
+        # What is not a number stays so, and is counted where the path ends.
+        for c in range(len(paths.channels)):
+            out[row, c] = r + g + b
+        return
     if not largest > 0.0:
         for c in range(len(paths.channels)):
             out[row, c] = 0.0
@@ -103,14 +111,10 @@ def to_rgb(spectrum, paths, lane, values, row):
     red = 0.0
     green = 0.0
     blue = 0.0
-    step = 1.0 / WAVELENGTHS
-    u = paths.hero[lane]
     for c in range(len(paths.channels)):
-        r, g, b = rgb_weight(spectrum, u)
+        r, g, b = rgb_weight(spectrum, rotate_hero(paths.hero[lane], c))
         red += r * values[row, c]
         green += g * values[row, c]
         blue += b * values[row, c]
-        u += step
-        if u >= 1.0:
-            u -= 1.0
-    return red * step, green * step, blue * step
+    share = 1.0 / np.float32(len(paths.channels))
+    return red * share, green * share, blue * share

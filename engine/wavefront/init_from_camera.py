@@ -8,7 +8,7 @@ from engine.kernels.camera import generate_ray, sample_table
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
-from engine.spectral.wavelengths import wavelength_at
+from engine.spectral.wavelengths import rotate_hero, wavelength_at
 from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
 from engine.work import ALL_STRATA
 
@@ -19,17 +19,12 @@ _LANES_AHEAD = 4
 def start_wavelengths(spectrum, paths, lane, u):
     """Draw a path's wavelengths by one number: the hero, then the others at equal steps round the density's [0, 1).
 
-    References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling", Eq. (8).
+    References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling".
     """
-    count = len(paths.channels)
-    step = 1.0 / np.float32(count)
     paths.hero[lane] = u
-    for c in range(count):
-        paths.wavelength[lane, c] = wavelength_at(spectrum, u)
-        paths.share[lane, c] = step
-        u += step
-        if u >= 1.0:
-            u -= 1.0
+    for c in range(len(paths.channels)):
+        paths.wavelength[lane, c] = wavelength_at(spectrum, rotate_hero(u, c))
+        paths.share[lane, c] = 1.0 / np.float32(len(paths.channels))
 
 
 @kernel

@@ -120,7 +120,7 @@ def delta_channels(closures, lane, i, wo, selection_pmf, pmf, is_refracted, out,
 def share_densities(paths, closures, lane, guide_pdf, bsdf_share, pdf, densities, row):
     """Give each wavelength its new share in the path's density, once the path has gone on where the lane disperses.
 
-    P_j of Wilkie et al., Eq. (9), over the sum of all, vertex by vertex.
+    The balance heuristic over the heroes (Wilkie et al. 2014), vertex by vertex.
 
     Parameters
     ----------
