@@ -18,6 +18,8 @@ UNLIMITED_SAMPLES = 1 << 20
 
 #: Names of ours that stand for a guiding method with settings of its own.
 VARIANTS: dict[str, dict[str, Any]] = {
+    "OFF-SPECTRAL": {"guiding_method": "OFF", "spectral": "ON"},
+    "VMM-SPECTRAL": {"guiding_method": "VMM", "spectral": "ON"},
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
     "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},

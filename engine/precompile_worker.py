@@ -11,10 +11,8 @@ import numpy as np
 
 from engine import kernel_cache, precompile
 from engine.scene.description import (
-    VISIBLE_ALL,
     Camera,
     Frame,
-    Instances,
     Light,
     Link,
     Material,
@@ -24,6 +22,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.geometry import plain_instances
 
 
 def compile_part(part: str) -> None:
@@ -128,28 +127,12 @@ def small_scene() -> SceneDescription:
     glowing.surface = Link(0, "Emission")
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
     mesh = Mesh("square", "Square", corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), None, np.zeros(2, np.int32))
-    count = 3
-    instances = Instances(
-        mesh=np.zeros(count, np.int32),
-        transform=np.stack([np.eye(4), down, 2.0 * down]).astype(np.float32),
-        material_offset=np.arange(count, dtype=np.int32),
-        materials=np.arange(count, dtype=np.int32),
-        visibility=np.full(count, VISIBLE_ALL, np.uint32),
-        pass_index=np.zeros(count, np.int32),
-        random=np.zeros(count, np.float32),
-        color=np.ones((count, 4), np.float32),
-        is_holdout=np.zeros(count, np.bool_),
-        name=["Square"] * count,
-        dupli_generated=np.zeros((count, 3), np.float32),
-        dupli_uv=np.zeros((count, 2), np.float32),
-        is_shadow_catcher=np.zeros(count, np.bool_),
-    )
     white = (1.0, 1.0, 1.0)
     return SceneDescription(
         camera=Camera(transform=up),
         frame=Frame(4, 4, (0, 0, 4, 4)),
         meshes=[mesh],
-        instances=instances,
+        instances=plain_instances(np.stack([np.eye(4), down, 2.0 * down]), materials=range(3), name="Square"),
         materials=[Material(name, name, graph) for name, graph in (("a", None), ("b", see_through), ("c", glowing))],
         images=[],
         lights=[

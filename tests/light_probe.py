@@ -20,8 +20,8 @@ from engine.kernels.lights import (
 )
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter
 from engine.scene.arrays import GeometryArrays
-from engine.scene.description import Camera, Frame, Instances, Light, Mesh, SceneDescription, World
-from engine.scene.geometry import build_geometry, empty_instances
+from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
+from engine.scene.geometry import build_geometry, empty_instances, plain_instances
 from engine.scene.light_arrays import LIGHT_SUN, LightArrays
 from engine.scene.lights import ProgramInfo, build_lights
 
@@ -52,27 +52,11 @@ def emissive_scene(
 ) -> tuple[SceneDescription, ProgramInfo]:
     """One mesh of one emissive material, an instance per transform."""
     description = make_description()
-    transforms = np.asarray(transforms if len(transforms) else [np.eye(4)], np.float32)
-    count = len(transforms)
     description.meshes.append(
         Mesh("mesh", "Mesh", np.asarray(vertices, np.float32), np.asarray(triangles, np.uint32), None,
              np.zeros(len(triangles), np.int32))
     )  # fmt: skip
-    description.instances = Instances(
-        mesh=np.zeros(count, np.int32),
-        transform=transforms,
-        material_offset=np.zeros(count, np.int32),
-        materials=np.zeros(1, np.int32),
-        visibility=np.full(count, 63, np.uint32),
-        pass_index=np.zeros(count, np.int32),
-        random=np.zeros(count, np.float32),
-        color=np.ones((count, 4), np.float32),
-        is_holdout=np.zeros(count, np.bool_),
-        name=["Object"] * count,
-        dupli_generated=np.zeros((count, 3), np.float32),
-        dupli_uv=np.zeros((count, 2), np.float32),
-        is_shadow_catcher=np.zeros(count, np.bool_),
-    )
+    description.instances = plain_instances(transforms if len(transforms) else [np.eye(4)])
     info = ProgramInfo(
         np.ones(1, np.bool_), np.ones(1, np.bool_), np.asarray([emission], np.float32), np.full(1, mode, np.int32)
     )

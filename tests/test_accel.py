@@ -6,8 +6,8 @@ import pytest
 
 from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, build_accelerator, trace_closest, trace_occluded
 from engine.jit import kernel
-from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, Camera, Frame, Instances, Mesh, SceneDescription
-from engine.scene.geometry import build_geometry, empty_instances
+from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, Camera, Frame, Mesh, SceneDescription
+from engine.scene.geometry import build_geometry, empty_instances, plain_instances
 
 _QUAD = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
 _QUAD_TRIANGLES = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)
@@ -26,24 +26,11 @@ def _occluded(scene, ray, bits, address, ox, oy, oz, far, mask):
 
 def quad_scene(transforms, visibility=None, vertices=_QUAD, triangles=_QUAD_TRIANGLES):
     """Description of a quad instanced by each of `transforms`."""
-    count = len(transforms)
-    base = empty_instances()
-    instances = Instances(
-        mesh=np.zeros(count, np.int32),
-        transform=np.asarray(transforms, np.float32),
-        material_offset=np.zeros(count, np.int32),
-        materials=np.full(1, -1, np.int32),
-        visibility=np.full(count, VISIBLE_ALL, np.uint32) if visibility is None else np.asarray(visibility, np.uint32),
-        pass_index=np.zeros(count, np.int32),
-        random=np.zeros(count, np.float32),
-        color=np.ones((count, 4), np.float32),
-        is_holdout=np.zeros(count, np.bool_),
-        name=[f"Quad {i}" for i in range(count)],
-        dupli_generated=np.zeros((count, 3), np.float32),
-        dupli_uv=np.zeros((count, 2), np.float32),
-        is_shadow_catcher=np.zeros(count, np.bool_),
-    )
-    assert base.mesh.size == 0
+    instances = plain_instances(transforms, materials=-1)
+    instances.name = [f"Quad {i}" for i in range(len(transforms))]
+    if visibility is not None:
+        instances.visibility = np.asarray(visibility, np.uint32)
+    assert empty_instances().mesh.size == 0
     mesh = Mesh("quad", "Quad", vertices, triangles, None, np.zeros(len(triangles), np.int32))
     return SceneDescription(Camera(), Frame(4, 4, (0, 0, 4, 4)), [mesh], instances, [], [], [], None)
 

@@ -9,10 +9,8 @@ import pytest
 
 from engine.film import Film, allocate_tile
 from engine.scene.description import (
-    VISIBLE_ALL,
     Camera,
     Frame,
-    Instances,
     Light,
     Link,
     Material,
@@ -22,7 +20,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
-from engine.scene.geometry import empty_instances
+from engine.scene.geometry import empty_instances, plain_instances
 from engine.scene.light_arrays import HEADER_SOURCES
 from engine.session import Session, _sample_ranges, _tiles
 from engine.settings import RenderSettings
@@ -46,22 +44,8 @@ def material(name="Grey", color=(0.5, 0.5, 0.5), kind="ShaderNodeBsdfDiffuse"):
 def floor_scene(*, lights=(), world=None, materials=None, size=(48, 32), transforms=None):
     """A floor of two triangles, once per transform, seen from above."""
     transforms = [np.eye(4)] if transforms is None else transforms
-    count = len(transforms)
-    instances = Instances(
-        mesh=np.zeros(count, np.int32),
-        transform=np.asarray(transforms, np.float32),
-        material_offset=np.zeros(count, np.int32),
-        materials=np.zeros(1, np.int32),
-        visibility=np.full(count, VISIBLE_ALL, np.uint32),
-        pass_index=np.full(count, 7, np.int32),
-        random=np.zeros(count, np.float32),
-        color=np.ones((count, 4), np.float32),
-        is_holdout=np.zeros(count, np.bool_),
-        name=["Floor"] * count,
-        dupli_generated=np.zeros((count, 3), np.float32),
-        dupli_uv=np.zeros((count, 2), np.float32),
-        is_shadow_catcher=np.zeros(count, np.bool_),
-    )
+    instances = plain_instances(transforms, name="Floor")
+    instances.pass_index[:] = 7
     mesh = Mesh("floor", "Floor", _FLOOR, _TRIANGLES, None, np.zeros(2, np.int32))
     return SceneDescription(
         camera=looking_down(),

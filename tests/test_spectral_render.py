@@ -14,10 +14,8 @@ import pytest
 
 from engine.kernels.shader.color_math import blackbody, luminance
 from engine.scene.description import (
-    VISIBLE_ALL,
     Camera,
     Frame,
-    Instances,
     Light,
     Link,
     Material,
@@ -27,14 +25,11 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.geometry import plain_instances
 from engine.session import Session
 from engine.settings import RenderSettings
-from engine.spectral.blackbody import blackbody_over_d65
-from engine.spectral.dispersion import ior_at
 from engine.spectral.observer import GRID, spectrum_to_rec709
-from engine.spectral.tables import load_spectral_tables
-from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
-from engine.spectral.wavelengths import rgb_weight, wavelength_at
+from tests.spectral_harness import blackbodies, iors, spectra, wavelengths_and_weights
 
 LIMIT = 4.5
 #: Strong, so that little light shows it: an Abbe number of about 10.
@@ -77,7 +72,6 @@ def scene(
     lights: tuple[Light, ...] = (), world: World | None = None,
 ) -> SceneDescription:
     """Meshes with a material each, seen from above."""
-    count = len(parts)
     camera = np.eye(4, dtype=np.float32)
     camera[2, 3] = 12.0
     return SceneDescription(
@@ -87,21 +81,7 @@ def scene(
             Mesh(f"m{k}", f"m{k}", vertices, triangles, None, np.zeros(len(triangles), np.int32))
             for k, ((vertices, triangles), _) in enumerate(parts)
         ],
-        instances=Instances(
-            mesh=np.arange(count, dtype=np.int32),
-            transform=np.stack([np.eye(4)] * count).astype(np.float32),
-            material_offset=np.arange(count, dtype=np.int32),
-            materials=np.arange(count, dtype=np.int32),
-            visibility=np.full(count, VISIBLE_ALL, np.uint32),
-            pass_index=np.zeros(count, np.int32),
-            random=np.zeros(count, np.float32),
-            color=np.ones((count, 4), np.float32),
-            is_holdout=np.zeros(count, np.bool_),
-            name=[f"part {k}" for k in range(count)],
-            dupli_generated=np.zeros((count, 3), np.float32),
-            dupli_uv=np.zeros((count, 2), np.float32),
-            is_shadow_catcher=np.zeros(count, np.bool_),
-        ),
+        instances=plain_instances([np.eye(4)] * len(parts), meshes=range(len(parts)), materials=range(len(parts))),
         materials=[material for _, material in parts],
         images=[],
         lights=list(lights),
@@ -132,14 +112,13 @@ def mean_and_error(description: SceneDescription, seeds: range, **settings: Any)
 
 def grey_renders(roughness: float, kind: str, count: int, **settings: Any) -> tuple[np.ndarray, np.ndarray]:
     """What wavelengths should give: renders without, each with the refractive index of one, as the film weighs it."""
-    tables = load_spectral_tables()
     total = np.zeros((12, 3))
     squares = np.zeros((12, 3))
-    for k in range(count):
-        u = np.float32((k + 0.5) / count)
-        ior = float(ior_at(np.float32(IOR), np.float32(DISPERSION), wavelength_at(tables, u)))
-        value, error = mean_and_error(prism(ior, roughness, 0.0, kind), range(100 + 4 * k, 104 + 4 * k), **settings)
-        weight = np.array(rgb_weight(tables, u))
+    wavelengths, *weights = wavelengths_and_weights((np.arange(count) + 0.5) / count).T
+    for k, ior in enumerate(iors(IOR, DISPERSION, wavelengths)):
+        seeds = range(100 + 4 * k, 104 + 4 * k)
+        value, error = mean_and_error(prism(float(ior), roughness, 0.0, kind), seeds, **settings)
+        weight = np.stack(weights)[:, k]
         total += value * weight / count
         squares += (error * weight / count) ** 2
     return total, np.sqrt(squares)
@@ -169,8 +148,7 @@ SURFACE, FILTER, LIGHT = (0.3, 0.6, 0.4), (0.9, 0.6, 0.4), (1.0, 0.6, 0.3)
 
 
 def spectrum(color: tuple[float, float, float]) -> np.ndarray:
-    coefficients = spectrum_coefficients(load_spectral_tables(), *np.float32(color))
-    return np.array([evaluate_spectrum(*coefficients, np.float32(wavelength)) for wavelength in GRID])
+    return spectra([color], GRID)[0].astype(np.float64)
 
 
 def lit_by(kind: str) -> SceneDescription:
@@ -278,8 +256,7 @@ def test_black_bodies_are_plancks(source: str) -> None:
     plain, plain_error = mean_and_error(description, range(8), spectral="OFF", **settings)
     image, error = mean_and_error(description, range(8), spectral="ON", **settings)
     color = blackbody(np.float32(temperature))
-    tables = load_spectral_tables()
-    planck = np.array([blackbody_over_d65(tables, np.float32(temperature), np.float32(w)) for w in GRID])
+    planck = blackbodies([temperature], GRID)[0]
     # By how much light there is, which green tells.
     light = plain[:, 1:2] / (color[1] * surface[1]) * luminance(color)
     expected = light * spectrum_to_rec709(planck * spectrum(surface))

@@ -26,8 +26,7 @@ from benchmarks.scenes.spectral import (
     rainbow_angle,
 )
 from engine.spectral.dispersion import dispersion_from_abbe
-from engine.spectral.tables import load_spectral_tables
-from engine.spectral.wavelengths import rgb_weight, wavelength_at
+from tests.spectral_harness import wavelengths_and_weights
 
 NAMES = sorted(name for name in SCENES if name.startswith("spectral-"))
 
@@ -86,10 +85,8 @@ def test_the_ball_shows_the_ring_where_descartes_has_it(blender: Any, tmp_path: 
 
 def _weights(count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths as paths draw them [nm], and what each adds to Rec.709."""
-    tables = load_spectral_tables()
-    numbers = ((np.arange(count) + 0.5) / count).astype(np.float32)
-    wavelengths = np.array([wavelength_at(tables, u) for u in numbers])
-    return wavelengths, np.array([rgb_weight(tables, u) for u in numbers]) / count
+    drawn = wavelengths_and_weights((np.arange(count) + 0.5) / count)
+    return drawn[:, 0], drawn[:, 1:] / count
 
 
 def _index(glass: tuple[float, float], wavelength: float) -> float:

@@ -21,8 +21,9 @@ from engine.guiding.network import INNER_EXTENT, NetworkShape
 from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int64Array
 
-_HASH_Y = np.int64(2654435761)
-_HASH_Z = np.int64(805459861)
+#: Primes that a grid's coordinates are hashed with.
+HASH_Y = np.int64(2654435761)
+HASH_Z = np.int64(805459861)
 _INNER = np.float32(INNER_EXTENT)
 _OUTER = np.float32(1.0 - INNER_EXTENT)
 
@@ -122,7 +123,7 @@ def corner_entry(level, index, x, y, z):
     """Row of the table for grid point (x, y, z) of a level."""
     if level[index, 2] != 0:
         # Only the low bits of the products count, so that 64-bit ones hash as the paper's 32-bit ones do.
-        entry = (x ^ (y * _HASH_Y) ^ (z * _HASH_Z)) & level[index, 3]
+        entry = (x ^ (y * HASH_Y) ^ (z * HASH_Z)) & level[index, 3]
     else:
         points = level[index, 0] + 1
         entry = (z * points + y) * points + x

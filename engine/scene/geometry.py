@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.scene import arrays as layout
 from engine.scene.arrays import Float32Array, GeometryArrays
-from engine.scene.description import Instances, Mesh, Notice, SceneDescription
+from engine.scene.description import VISIBLE_ALL, Instances, Mesh, Notice, SceneDescription
 from engine.scene.motion import MOST_KEYS, keys_of_motions
 
 _DOMAINS = {
@@ -24,23 +25,41 @@ _VERTEX_PADDING = 1
 _LARGEST_COORDINATE = 1.8e18
 
 
+def plain_instances(
+    transforms: npt.ArrayLike, *, meshes: int | Sequence[int] = 0, materials: int | Sequence[int] = 0,
+    name: str = "Object",
+) -> Instances:
+    """Instances with nothing special about them, seen by every ray.
+
+    Parameters
+    ----------
+    transforms : float (N, 4, 4), object to world
+    meshes, materials : int or sequence of N
+        Of all, or of each.
+    """
+    transforms = np.asarray(transforms, np.float32).reshape(-1, 4, 4)
+    count = len(transforms)
+    of_each = not isinstance(materials, int)
+    return Instances(
+        mesh=np.full(count, meshes, np.int32),
+        transform=transforms,
+        material_offset=np.arange(count, dtype=np.int32) if of_each else np.zeros(count, np.int32),
+        materials=np.atleast_1d(np.asarray(materials, np.int32)),
+        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        pass_index=np.zeros(count, np.int32),
+        random=np.zeros(count, np.float32),
+        color=np.ones((count, 4), np.float32),
+        is_holdout=np.zeros(count, np.bool_),
+        name=[name] * count,
+        dupli_generated=np.zeros((count, 3), np.float32),
+        dupli_uv=np.zeros((count, 2), np.float32),
+        is_shadow_catcher=np.zeros(count, np.bool_),
+    )
+
+
 def empty_instances() -> Instances:
     """`Instances` of nothing."""
-    return Instances(
-        mesh=np.zeros(0, np.int32),
-        transform=np.zeros((0, 4, 4), np.float32),
-        material_offset=np.zeros(0, np.int32),
-        materials=np.zeros(0, np.int32),
-        visibility=np.zeros(0, np.uint32),
-        pass_index=np.zeros(0, np.int32),
-        random=np.zeros(0, np.float32),
-        color=np.zeros((0, 4), np.float32),
-        is_holdout=np.zeros(0, np.bool_),
-        name=[],
-        dupli_generated=np.zeros((0, 3), np.float32),
-        dupli_uv=np.zeros((0, 2), np.float32),
-        is_shadow_catcher=np.zeros(0, np.bool_),
-    )
+    return plain_instances(np.zeros((0, 4, 4)), materials=())
 
 
 def _usable_triangles(mesh: Mesh, vertices: np.ndarray, notices: list[Notice]) -> np.ndarray | None:

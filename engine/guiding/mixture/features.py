@@ -25,7 +25,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from engine.bundle import Bundle
-from engine.guiding.encoding import blob, cell_of, contract
+from engine.guiding.encoding import HASH_Y, HASH_Z, blob, cell_of, contract, interpolate
 from engine.guiding.mixture.shape import TABLES, MixtureShape
 from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int64Array
@@ -38,8 +38,6 @@ LEVEL_FIELDS = 3
 
 #: Planes of a level: (x, u), (y, u), (z, u).
 PLANES = 3
-_HASH_Y = np.int64(2654435761)
-_HASH_Z = np.int64(805459861)
 _HASH_U = np.int64(3674653429)
 
 # Entries of MixtureEncoding.options
@@ -133,36 +131,36 @@ def _fraction(fraction, is_smooth):
 
 
 @kernel
-def _corners(encoding, index, ux, uy, uz):
-    """Rows of the table for the eight corners of a cell, x fastest, and their shares."""
-    resolution = encoding.level[index, LEVEL_RESOLUTION]
-    is_smooth = encoding.options[OPTION_IS_SMOOTH]
-    x, fx = cell_of(ux, resolution)
-    y, fy = cell_of(uy, resolution)
-    z, fz = cell_of(uz, resolution)
-    fx = _fraction(fx, is_smooth)
-    fy = _fraction(fy, is_smooth)
-    fz = _fraction(fz, is_smooth)
-    gx = 1.0 - fx
-    gy = 1.0 - fy
-    gz = 1.0 - fz
-    row = resolution + 1
-    slab = row * row
-    e = encoding.level[index, LEVEL_FIRST] + z * slab + y * row + x
-    return (e, e + 1, e + row, e + row + 1, e + slab, e + slab + 1, e + slab + row, e + slab + row + 1), (
-        gx * gy * gz, fx * gy * gz, gx * fy * gz, fx * fy * gz, gx * gy * fz, fx * gy * fz, gx * fy * fz, fx * fy * fz,
-    )
+def _smooth_cell(encoding, c, resolution):
+    """Cell along an axis of `c` in [0, 1], and how far within it."""
+    cell, fraction = cell_of(c, resolution)
+    return cell, _fraction(fraction, encoding.options[OPTION_IS_SMOOTH])
 
 
 @kernel
-def _between(table, entries, shares, f):
-    """Feature `f` between the eight corners."""
+def _trilinear_shares(fx, fy, fz):
+    """Shares of the eight corners of a cell, x fastest."""
+    gx = 1.0 - fx
+    gy = 1.0 - fy
+    gz = 1.0 - fz
     return (
-        (shares[0] * table[entries[0], f] + shares[1] * table[entries[1], f])
-        + (shares[2] * table[entries[2], f] + shares[3] * table[entries[3], f])
-        + (shares[4] * table[entries[4], f] + shares[5] * table[entries[5], f])
-        + (shares[6] * table[entries[6], f] + shares[7] * table[entries[7], f])
-    )
+        gx * gy * gz, fx * gy * gz, gx * fy * gz, fx * fy * gz, gx * gy * fz, fx * gy * fz, gx * fy * fz, fx * fy * fz,
+    )  # fmt: skip
+
+
+@kernel
+def _corners(encoding, index, ux, uy, uz):
+    """Rows of the table for the eight corners of a cell, x fastest, and their shares."""
+    resolution = encoding.level[index, LEVEL_RESOLUTION]
+    x, fx = _smooth_cell(encoding, ux, resolution)
+    y, fy = _smooth_cell(encoding, uy, resolution)
+    z, fz = _smooth_cell(encoding, uz, resolution)
+    row = resolution + 1
+    slab = row * row
+    e = encoding.level[index, LEVEL_FIRST] + z * slab + y * row + x
+    return (
+        e, e + 1, e + row, e + row + 1, e + slab, e + slab + 1, e + slab + row, e + slab + row + 1,
+    ), _trilinear_shares(fx, fy, fz)  # fmt: skip
 
 
 @kernel
@@ -174,10 +172,10 @@ def _write_grids(encoding, ux, uy, uz, out, row):
         entries, shares = _corners(encoding, index, ux, uy, uz)
         for f in range(0, feature_count, 4):
             # All loads before the first store, which might alias them: LLVM then makes vectors of four.
-            a = _between(table, entries, shares, f)
-            b = _between(table, entries, shares, f + 1)
-            c = _between(table, entries, shares, f + 2)
-            d = _between(table, entries, shares, f + 3)
+            a = interpolate(table, entries, shares, f)
+            b = interpolate(table, entries, shares, f + 1)
+            c = interpolate(table, entries, shares, f + 2)
+            d = interpolate(table, entries, shares, f + 3)
             column = index * feature_count + f
             out[row, column] = a
             out[row, column + 1] = b
@@ -190,11 +188,8 @@ def _write_grids(encoding, ux, uy, uz, out, row):
 def _plane_corners(encoding, index, plane, c, u):
     """Rows of the planes' table for the four corners of a cell, the coordinate fastest, and their shares (Eq. 7)."""
     resolution = encoding.plane_level[index, LEVEL_RESOLUTION]
-    is_smooth = encoding.options[OPTION_IS_SMOOTH]
-    x, fx = cell_of(c, resolution)
-    y, fy = cell_of(u, resolution)
-    fx = _fraction(fx, is_smooth)
-    fy = _fraction(fy, is_smooth)
+    x, fx = _smooth_cell(encoding, c, resolution)
+    y, fy = _smooth_cell(encoding, u, resolution)
     gx = 1.0 - fx
     gy = 1.0 - fy
     row = resolution + 1
@@ -234,7 +229,7 @@ def _hash_entry(encoding, index, x, y, z, w):
     mask = encoding.hash_level[index, LEVEL_HASH_MASK]
     if mask != 0:
         # Only the low bits of the products count, so that 64-bit ones hash as 32-bit ones do.
-        entry = (x ^ (y * _HASH_Y) ^ (z * _HASH_Z) ^ (w * _HASH_U)) & mask
+        entry = (x ^ (y * HASH_Y) ^ (z * HASH_Z) ^ (w * _HASH_U)) & mask
     else:
         row = encoding.hash_level[index, LEVEL_RESOLUTION] + 1
         entry = ((w * row + z) * row + y) * row + x
@@ -247,17 +242,10 @@ def _hash_corners(encoding, index, ux, uy, uz, u):
     among the eight, and the share of the upper u.
     """
     resolution = encoding.hash_level[index, LEVEL_RESOLUTION]
-    is_smooth = encoding.options[OPTION_IS_SMOOTH]
-    x, fx = cell_of(ux, resolution)
-    y, fy = cell_of(uy, resolution)
-    z, fz = cell_of(uz, resolution)
-    w, fw = cell_of(u, resolution)
-    fx = _fraction(fx, is_smooth)
-    fy = _fraction(fy, is_smooth)
-    fz = _fraction(fz, is_smooth)
-    gx = 1.0 - fx
-    gy = 1.0 - fy
-    gz = 1.0 - fz
+    x, fx = _smooth_cell(encoding, ux, resolution)
+    y, fy = _smooth_cell(encoding, uy, resolution)
+    z, fz = _smooth_cell(encoding, uz, resolution)
+    w, fw = _smooth_cell(encoding, u, resolution)
     return (
         (
             _hash_entry(encoding, index, x, y, z, w), _hash_entry(encoding, index, x + 1, y, z, w),
@@ -272,11 +260,8 @@ def _hash_corners(encoding, index, ux, uy, uz, u):
             _hash_entry(encoding, index, x, y + 1, z + 1, w + 1),
             _hash_entry(encoding, index, x + 1, y + 1, z + 1, w + 1),
         ),
-        (
-            gx * gy * gz, fx * gy * gz, gx * fy * gz, fx * fy * gz, gx * gy * fz, fx * gy * fz, gx * fy * fz,
-            fx * fy * fz,
-        ),
-        _fraction(fw, is_smooth),
+        _trilinear_shares(fx, fy, fz),
+        fw,
     )  # fmt: skip
 
 
@@ -288,8 +273,8 @@ def _write_hashes(encoding, ux, uy, uz, u, out, row, column):
     for index in range(encoding.hash_level.shape[0]):
         lower, upper, shares, late = _hash_corners(encoding, index, ux, uy, uz, u)
         for f in range(feature_count):
-            before = _between(hashes, lower, shares, f)
-            out[row, column + f] = before + late * (_between(hashes, upper, shares, f) - before)
+            before = interpolate(hashes, lower, shares, f)
+            out[row, column + f] = before + late * (interpolate(hashes, upper, shares, f) - before)
         column += feature_count
     return column
 

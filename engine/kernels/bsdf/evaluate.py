@@ -142,6 +142,7 @@ def eval_channels(closures, lane, wo, wi, visibility, sampled, u, out, row):
     each.
     """
     count = len(closures.channels)
+    # Of a render without wavelengths this is all.
     last = 0
     if count > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
         last = count - 1
@@ -150,17 +151,17 @@ def eval_channels(closures, lane, wo, wi, visibility, sampled, u, out, row):
     picked = -1
     # The hero comes last, and leaves the lobes as they were.
     for c in range(last, -1, -1):
-        if count > RGB and last > 0:
+        if last > 0:
             set_channel(closures, lane, c)
         pdf, picked = eval_lobes(
             closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, wi, visibility, sampled,
             u, out, row,
         )
-        if count > RGB and last > 0:
+        if last > 0:
             mean += closures.share[lane, c] * pdf
             out[row, count + c] = pdf
             out[row, 2 * count + c] = out[row, c]
-    if count > RGB and last > 0:
+    if last > 0:
         pdf = mean
         for c in range(count):
             out[row, c] = out[row, 2 * count + c]
