@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, MAX_TIME_STRATA, RenderSettings
+from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, MAX_STRATA, RenderSettings
 
 _DEFAULTS = RenderSettings()
 _INT32_MAX = 2**31 - 1
@@ -213,24 +213,36 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         ),
         default=_DEFAULTS.mixture_preset,
     )
-    mixture_time: EnumProperty(  # type: ignore[valid-type]
-        name="Time",
-        description="How a neural mixture sees when a path is traced, where something moves while the shutter is open",
+    u_dimension: EnumProperty(  # type: ignore[valid-type]
+        name="Fourth Dimension",
+        description="What networks may know of a path besides where it is",
         items=(
-            ("NONE", "Not", "One mixture for all times"),
-            ("FREQUENCY", "Frequencies", "By sines and cosines of the time: cheap, and enough where little changes"),
-            ("PLANES", "Planes", "By learned planes over each coordinate and the time"),
-            ("HASH4D", "4D Grids", "By learned grids over position and time, hashed"),
+            ("NONE", "None", "The place alone"),
+            ("AUTO", "Automatic", "The time where something moves, else the wavelength where a material disperses"),
+            ("TIME", "Time", "The time, where something moves while the shutter is open"),
+            ("WAVELENGTH", "Wavelength", "The wavelength, where a material disperses"),
         ),
-        default=_DEFAULTS.mixture_time,
+        default=_DEFAULTS.u_dimension,
     )
-    time_strata: IntProperty(  # type: ignore[valid-type]
-        name="Time Strata",
-        description="Render the shutter in so many parts, one after the other, and let a neural mixture learn each from"
-        " the last. For long renders where the light changes fast; 0 or 1 turn it off, others become a power of two",
+    mixture_u: EnumProperty(  # type: ignore[valid-type]
+        name="Mixture's Encoding",
+        description="How a neural mixture sees the fourth dimension",
+        items=(
+            ("NONE", "None", "Not at all: one mixture for all times and wavelengths"),
+            ("FREQUENCY", "Frequencies", "By sines and cosines: cheap, and enough where little changes"),
+            ("PLANES", "Planes", "By learned planes over each coordinate and the fourth"),
+            ("HASH4D", "4D Grids", "By learned grids over all four, hashed"),
+        ),
+        default=_DEFAULTS.mixture_u,
+    )
+    strata: IntProperty(  # type: ignore[valid-type]
+        name="Strata",
+        description="Render the shutter, or the wavelengths, in so many parts, one after the other, and let a neural"
+        " mixture learn each from the last. For long renders where the light changes fast; 0 or 1 turn it off, others"
+        " become a power of two",
         min=0,
-        max=MAX_TIME_STRATA,
-        default=_DEFAULTS.time_strata,
+        max=MAX_STRATA,
+        default=_DEFAULTS.strata,
     )
     network_selection: BoolProperty(  # type: ignore[valid-type]
         name="Network's Share",

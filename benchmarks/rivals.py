@@ -23,14 +23,14 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
     "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},
-    "NPM-TIME": {"guiding_method": "NPM", "mixture_time": "FREQUENCY"},
-    "NPM-PLANES": {"guiding_method": "NPM", "mixture_time": "PLANES"},
-    "NPM-HASH4D": {"guiding_method": "NPM", "mixture_time": "HASH4D"},
-    "NPM-STRATA": {"guiding_method": "NPM", "mixture_time": "FREQUENCY", "time_strata": 8},
-    "NASG-TIME": {"guiding_method": "NASG", "mixture_time": "FREQUENCY"},
-    "NASG-PLANES": {"guiding_method": "NASG", "mixture_time": "PLANES"},
-    "NASG-HASH4D": {"guiding_method": "NASG", "mixture_time": "HASH4D"},
-    "NASG-STRATA": {"guiding_method": "NASG", "mixture_time": "FREQUENCY", "time_strata": 8},
+    "NPM-TIME": {"guiding_method": "NPM", "mixture_u": "FREQUENCY"},
+    "NPM-PLANES": {"guiding_method": "NPM", "mixture_u": "PLANES"},
+    "NPM-HASH4D": {"guiding_method": "NPM", "mixture_u": "HASH4D"},
+    "NPM-STRATA": {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8},
+    "NASG-TIME": {"guiding_method": "NASG", "mixture_u": "FREQUENCY"},
+    "NASG-PLANES": {"guiding_method": "NASG", "mixture_u": "PLANES"},
+    "NASG-HASH4D": {"guiding_method": "NASG", "mixture_u": "HASH4D"},
+    "NASG-STRATA": {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "strata": 8},
 }
 
 

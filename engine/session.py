@@ -148,6 +148,17 @@ def _is_spectral(settings: RenderSettings, description: SceneDescription) -> boo
     return settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
 
 
+def _with_u(settings: RenderSettings, description: SceneDescription) -> RenderSettings:
+    """Settings in which `u_dimension` is what the scene has of it: without it the rest is learned sooner."""
+    has_time = description.is_moving and settings.u_dimension in ("AUTO", "TIME")
+    has_wavelength = (
+        settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
+    )
+    if has_time or has_wavelength:
+        return replace(settings, u_dimension="TIME" if has_time else "WAVELENGTH")
+    return replace(settings, u_dimension="NONE", mixture_u="NONE", strata=0)
+
+
 class Session:
     """Renders scene descriptions with one set of settings.
 
@@ -279,17 +290,15 @@ class Session:
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
         scene, settings = self.scene, self.settings
-        if not scene.description.is_moving:
-            # What does not depend on the time is learned sooner without it.
-            settings = replace(settings, mixture_time="NONE", time_strata=0)
         settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
+        settings = _with_u(settings, scene.description)
         names = frozenset(passes)
         frame = scene.description.frame
         x0, y0, x1, y1 = frame.region
         use_features = bool(names & FEATURE_PASSES)
         film: Film = Film(x1 - x0, y1 - y0, use_features=use_features)
         strata = strata_count(settings, film.nbytes)
-        settings = replace(settings, time_strata=strata)
+        settings = replace(settings, strata=strata)
         if strata > 1:
             film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features)
         integrator = Integrator(scene, settings, use_features=use_features)
@@ -386,7 +395,7 @@ class _Job:
         else:
             self._ranges = _sample_ranges(settings.samples)
         #: Part of the shutter that the iteration in work belongs to, of so many.
-        self._stratum, self._strata = 0, max(settings.time_strata, 1)
+        self._stratum, self._strata = 0, max(settings.strata, 1)
         self._schedule: StrataSchedule | None = None
         if self._strata > 1:
             self._schedule = StrataSchedule(settings, self._strata)

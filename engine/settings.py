@@ -20,11 +20,13 @@ MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
 MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
 #: Sizes of neural mixtures: the paper's, those of its authors' program, or without grids, for renders of few records.
 MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
-#: How a neural mixture sees the time of a path, where something moves: as frequencies, by learned planes over a
-#: coordinate and the time, or by learned grids over position and time.
-MIXTURE_TIMES = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
-#: Most parts of the shutter that a render goes through one by one.
-MAX_TIME_STRATA = 64
+#: What a network may know of a path besides where it is, u in [0, 1]: AUTO is the time where something moves, else the
+#: wavelength where a material disperses. Asked for where there is nothing of the kind, it is NONE.
+U_DIMENSIONS = ("NONE", "AUTO", "TIME", "WAVELENGTH")
+#: How it sees that: as frequencies, by learned planes over a coordinate and u, or by learned grids over position and u.
+U_ENCODINGS = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
+#: Most parts of u that a render goes through one by one.
+MAX_STRATA = 64
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
 #: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
 RIS_TARGETS = ("COLOR", "SCALAR")
@@ -79,8 +81,9 @@ class RenderSettings:
     mixture_target: str = "PRODUCT"
     mixture_lobes: str = "OWN"
     mixture_preset: str = "COMPACT"
-    mixture_time: str = "NONE"
-    time_strata: int = 0  # parts of the shutter that a neural mixture learns one by one, where something moves
+    u_dimension: str = "AUTO"
+    mixture_u: str = "NONE"
+    strata: int = 0  # parts of u that a neural mixture learns one by one
     network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
     mis_compensation: bool = False  # learn what BSDF sampling leaves over
     sample_weighting: str = "ITERATION"
@@ -117,15 +120,16 @@ class RenderSettings:
             ("mixture_target", MIXTURE_TARGETS),
             ("mixture_lobes", MIXTURE_LOBES),
             ("mixture_preset", MIXTURE_PRESETS),
-            ("mixture_time", MIXTURE_TIMES),
+            ("u_dimension", U_DIMENSIONS),
+            ("mixture_u", U_ENCODINGS),
             ("orca_error", ORCA_ERRORS),
             ("sample_weighting", SAMPLE_WEIGHTINGS),
             ("spectral", SPECTRAL_MODES),
         ):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} {getattr(self, name)!r}: choose one of {', '.join(choices)}")
-        if not 0 <= self.time_strata <= MAX_TIME_STRATA:
-            raise ValueError(f"time_strata is {self.time_strata}: choose 0 (none) to {MAX_TIME_STRATA}")
+        if not 0 <= self.strata <= MAX_STRATA:
+            raise ValueError(f"strata is {self.strata}: choose 0 (none) to {MAX_STRATA}")
         if not 1 <= self.candidate_count <= MAX_CANDIDATES:
             raise ValueError(f"candidate_count is {self.candidate_count}: choose 1 to {MAX_CANDIDATES}")
         if not 0.0 <= self.guiding_probability <= 0.95:

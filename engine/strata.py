@@ -47,7 +47,7 @@ def strata_count(settings: RenderSettings, film_bytes: int) -> int:
     """
     if not settings.is_guided or settings.source not in MIXTURE_SOURCES:
         return 1
-    most = min(settings.time_strata, settings.samples // _LEAST_SAMPLES, _MOST_BYTES // max(film_bytes, 1))
+    most = min(settings.strata, settings.samples // _LEAST_SAMPLES, _MOST_BYTES // max(film_bytes, 1))
     return 1 << max(most.bit_length() - 1, 0)
 
 

@@ -206,16 +206,16 @@ def test_the_time_is_seen_as_it_is_asked_for():
 
     paper = RenderSettings(guiding_method="NPM", mixture_preset="PAPER")
     plain = source_shape(paper)
-    planes = source_shape(replace(paper, mixture_time="PLANES"))
+    planes = source_shape(replace(paper, mixture_u="PLANES"))
     assert planes.resolutions == plain.resolutions and planes.used_width == plain.used_width + 3 * 8 * 2
     assert planes.plane_resolutions == (8, 16, 32, 64, 128, 256, 512, 1024)
-    hashes = source_shape(replace(paper, mixture_time="HASH4D"))
+    hashes = source_shape(replace(paper, mixture_u="HASH4D"))
     assert hashes.hash_resolutions == plain.resolutions and hashes.resolutions == ()
     assert hashes.used_width == plain.used_width and hashes.hash_size == 1 << 22
     for source in ("NPM", "NPM_PRODUCT", "NASG"):
         compact = RenderSettings(guiding_method=source)
-        for mixture_time, width in (("NONE", 0), ("FREQUENCY", 8), ("PLANES", 18), ("HASH4D", 8)):
-            shape = source_shape(replace(compact, mixture_time=mixture_time))
+        for mixture_u, width in (("NONE", 0), ("FREQUENCY", 8), ("PLANES", 18), ("HASH4D", 8)):
+            shape = source_shape(replace(compact, mixture_u=mixture_u))
             assert shape.used_width == source_shape(compact).used_width + width
 
 
@@ -230,12 +230,12 @@ def test_sources_that_are_no_networks_have_no_shape():
 
 def test_all_mixtures_are_trained_as_asked_for():
     """To compensate for BSDF sampling (Dong et al. 2025, Eq. 12), and to follow strata, whatever they see u by."""
-    from engine.settings import MIXTURE_SOURCES, MIXTURE_TIMES, RenderSettings
+    from engine.settings import MIXTURE_SOURCES, U_ENCODINGS, RenderSettings
 
     for source in MIXTURE_SOURCES:
-        for mixture_time in MIXTURE_TIMES:
-            plain = RenderSettings(guiding_method=source, mixture_time=mixture_time)
-            asked = replace(plain, mis_compensation=True, time_strata=8, guiding_probability=0.7)
+        for mixture_u in U_ENCODINGS:
+            plain = RenderSettings(guiding_method=source, mixture_u=mixture_u)
+            asked = replace(plain, mis_compensation=True, strata=8, guiding_probability=0.7)
             found, usual = source_training(asked), source_training(plain)
             assert found.mis_compensation and found.follows_u and found.bsdf_share == pytest.approx(0.3)
             assert found.averaging == min(usual.averaging, 0.9)

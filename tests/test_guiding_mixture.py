@@ -40,7 +40,7 @@ from engine.guiding.rows import (
     ROW_GUIDE_PDF,
     ROW_PDF,
     ROW_RADIANCE,
-    ROW_TIME,
+    ROW_U,
     ROW_WIDTH,
     is_fit,
     make_rows,
@@ -191,11 +191,11 @@ def test_bad_rows_are_found():
 
 def test_rows_are_thinned_evenly():
     rows = np.ones((10_000, ROW_WIDTH), np.float32)
-    rows[:, ROW_TIME] = np.arange(10_000)
+    rows[:, ROW_U] = np.arange(10_000)
     out = np.zeros((100, ROW_WIDTH), np.float32)
     assert pack_training_rows(rows, 10_000, 100, np.uint32(5), out) == 100
-    assert np.array_equal(out[:, ROW_TIME] // 100, np.arange(100))
-    assert len(np.unique(out[:, ROW_TIME] % 100)) > 40
+    assert np.array_equal(out[:, ROW_U] // 100, np.arange(100))
+    assert len(np.unique(out[:, ROW_U] % 100)) > 40
 
 
 def test_rows_of_arrays():

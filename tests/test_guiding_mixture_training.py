@@ -33,7 +33,7 @@ from engine.guiding.rows import (
     ROW_RADIANCE,
     ROW_REFLECTANCE,
     ROW_ROUGHNESS,
-    ROW_TIME,
+    ROW_U,
     ROW_WI,
     ROW_WIDTH,
     ROW_WO,
@@ -190,13 +190,13 @@ def test_training_and_inference_agree(name):
     shape = SHAPES[name]
     training = train(shape, rows_of_two_lights()[:20_000], 20, averaging=0.0)
     rows = rows_of(300, 5)
-    rows[:, ROW_TIME] = np.linspace(0.0, 1.0, rows.shape[0])
+    rows[:, ROW_U] = np.linspace(0.0, 1.0, rows.shape[0])
     count = rows.shape[0]
     raw = np.zeros((count, shape.output_width), np.float32)
     position, normal, wo = (rows[:, column : column + 3].copy() for column in (ROW_POSITION, ROW_NORMAL, ROW_WO))
     network = make_mixture_network(shape, training.snapshot())
     evaluate_mixtures(
-        network, position, normal, wo, rows[:, ROW_ROUGHNESS].copy(), rows[:, ROW_TIME].copy(), count,
+        network, position, normal, wo, rows[:, ROW_ROUGHNESS].copy(), rows[:, ROW_U].copy(), count,
         allocate_mixture_scratch(shape), raw,
     )
     expected = training.predict(rows)
@@ -253,7 +253,7 @@ def flying_radiance(position, wi, u):
 def rows_of_a_flight():
     rows = rows_of(150_000, 11)
     u = np.random.default_rng(12).uniform(size=rows.shape[0])
-    rows[:, ROW_TIME] = u
+    rows[:, ROW_U] = u
     position, wi = (rows[:, column : column + 3].astype(np.float64) for column in (ROW_POSITION, ROW_WI))
     rows[:, ROW_RADIANCE] = flying_radiance(position, wi, u)
     return rows

@@ -349,16 +349,16 @@ def test_light_sampling_and_scattering_agree_about_a_moving_emitter():
 
 
 @pytest.mark.parametrize(
-    "mixture_time, is_moving", [("FREQUENCY", True), ("FREQUENCY", False), ("PLANES", True), ("HASH4D", True)]
+    "mixture_u, is_moving", [("FREQUENCY", True), ("FREQUENCY", False), ("PLANES", True), ("HASH4D", True)]
 )
 def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves(
-    mixture_time, is_moving, monkeypatch
+    mixture_u, is_moving, monkeypatch
 ):
     """Of a network with parameters drawn at random: no other is as wrong."""
     seen = []
 
     def make(settings):
-        seen.append(settings.mixture_time)
+        seen.append(settings.mixture_u)
         return Untrained(settings, 4.0)
 
     monkeypatch.setattr(learning, "make_source_model", make)
@@ -367,11 +367,11 @@ def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves
         description.instances.motion.clear()
         description.meshes[1].motion_vertices = None
     guided = rendered(
-        description, range(2), guiding_method="NPM", mixture_time=mixture_time, guiding_trial=False, samples=511
+        description, range(2), guiding_method="NPM", mixture_u=mixture_u, guiding_trial=False, samples=511
     )
     bias = find_bias(guided, rendered(description, range(10, 14), samples=512))
     assert not bias.is_biased and bias.detectable < 0.03, bias
-    assert seen == [mixture_time if is_moving else "NONE"] * 2
+    assert seen == [mixture_u if is_moving else "NONE"] * 2
 
 
 def test_a_still_picture_is_the_mean_of_pictures_at_all_times():

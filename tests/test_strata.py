@@ -13,7 +13,7 @@ from benchmarks.bias import find_bias
 from engine import learning, session
 from engine.film import FilmTile, allocate_tile
 from engine.guiding import trial
-from engine.guiding.rows import ROW_TIME, ROW_WIDTH
+from engine.guiding.rows import ROW_U, ROW_WIDTH
 from engine.guiding.worker.samples import SampleWindow
 from engine.jit import kernel
 from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
@@ -24,7 +24,7 @@ from engine.work import ALL_STRATA
 from tests.test_guided_sources import Untrained
 from tests.test_motion import emitter_scene, rendered
 
-PROGRESSIVE = {"guiding_method": "NPM", "mixture_time": "FREQUENCY", "guiding_trial": False}
+PROGRESSIVE = {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "guiding_trial": False}
 
 
 # Plans
@@ -71,13 +71,13 @@ def test_time_is_divided_among_the_strata(seconds_per_sample):
 
 
 def test_no_more_strata_than_samples_and_memory_are_worth():
-    settings = RenderSettings(samples=512, time_strata=64, **PROGRESSIVE)
+    settings = RenderSettings(samples=512, strata=64, **PROGRESSIVE)
     assert strata_count(settings, 40 * 1000) == 64
     assert strata_count(replace(settings, samples=100), 40 * 1000) == 8
     assert strata_count(replace(settings, samples=1), 40 * 1000) == 1
-    assert strata_count(replace(settings, time_strata=7), 40 * 1000) == 4
+    assert strata_count(replace(settings, strata=7), 40 * 1000) == 4
     assert strata_count(settings, 40 * 8_300_000) == 2
-    for off in ({"time_strata": 0}, {"time_strata": 1}, {"guiding_method": "OFF"}, {"guiding_method": "VMM"}):
+    for off in ({"strata": 0}, {"strata": 1}, {"guiding_method": "OFF"}, {"guiding_method": "VMM"}):
         assert strata_count(replace(settings, **off), 40 * 1000) == 1
 
 
@@ -165,7 +165,7 @@ def untrained(monkeypatch):
 
 @pytest.mark.parametrize("count", [1, 8, 64])
 def test_strata_leave_the_mean_unchanged(count, untrained):
-    images = rendered(emitter_scene(), range(2), **PROGRESSIVE, time_strata=count, samples=512)
+    images = rendered(emitter_scene(), range(2), **PROGRESSIVE, strata=count, samples=512)
     bias = find_bias(images, reference())
     assert not bias.is_biased and bias.detectable < 0.03, bias
 
@@ -178,7 +178,7 @@ def test_the_image_is_whole_however_it_ends(end, untrained, monkeypatch):
         StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < end else None
     )
     seeds = range(max(2, 256 // end))
-    images = rendered(emitter_scene(), seeds, **PROGRESSIVE, time_strata=8, samples=512)
+    images = rendered(emitter_scene(), seeds, **PROGRESSIVE, strata=8, samples=512)
     if end < 8:
         images = [np.mean(images[k::2], axis=0) for k in range(2)]
     bias = find_bias(images, reference())
@@ -198,7 +198,7 @@ def test_what_is_not_whole_would_be_seen(untrained, monkeypatch):
         return summed
 
     monkeypatch.setattr(StrataFilm, "merge_stratum", plain)
-    images = rendered(emitter_scene(), range(2), **PROGRESSIVE, time_strata=8, samples=512)
+    images = rendered(emitter_scene(), range(2), **PROGRESSIVE, strata=8, samples=512)
     assert find_bias(images, reference()).is_biased
 
 
@@ -207,7 +207,7 @@ def test_strata_of_no_length(untrained):
     curve = np.zeros(65, np.float32)
     curve[40] = 1.0
     description = replace(emitter_scene(), shutter_curve=curve)
-    images = rendered(description, range(2), **PROGRESSIVE, time_strata=16, samples=512)
+    images = rendered(description, range(2), **PROGRESSIVE, strata=16, samples=512)
     bias = find_bias(images, rendered(description, range(10, 14), samples=512))
     assert not bias.is_biased and bias.detectable < 0.03, bias
 
@@ -215,7 +215,7 @@ def test_strata_of_no_length(untrained):
 def test_guiding_given_up_goes_on_in_all_strata(untrained, monkeypatch):
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 1e9))
     settings = PROGRESSIVE | {"guiding_trial": True}
-    images = rendered(emitter_scene(), range(2), **settings, time_strata=8, samples=512)
+    images = rendered(emitter_scene(), range(2), **settings, strata=8, samples=512)
     bias = find_bias(images, reference())
     assert not bias.is_biased and bias.detectable < 0.03, bias
 
@@ -225,7 +225,7 @@ def test_a_time_limit_is_kept_and_the_image_is_whole(untrained):
     images = []
     for seed in range(2):
         settings = RenderSettings(
-            samples=1 << 20, time_limit=1.0, threads=1, seed=seed, time_strata=8, **PROGRESSIVE
+            samples=1 << 20, time_limit=1.0, threads=1, seed=seed, strata=8, **PROGRESSIVE
         )
         job = Session(settings)
         job.load(scene)
@@ -246,7 +246,7 @@ def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
         description.instances.motion.clear()
         description.meshes[1].motion_vertices = None
     settings = PROGRESSIVE | {"samples": 32}
-    plain, asked = (rendered(description, [1], **settings, time_strata=count)[0] for count in (0, 4))
+    plain, asked = (rendered(description, [1], **settings, strata=count)[0] for count in (0, 4))
     assert found == [1, 4 if is_moving else 1] and np.array_equal(plain, asked) != is_moving
 
 
@@ -261,10 +261,10 @@ def test_rows_of_other_strata_are_forgotten():
     training = MixtureTraining(NPM, settings_of(NPM, follows_u=True), 1, BOUNDS)
     for low, high in ((0.0, 1.0), (0.0, 1.0), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)):
         rows = rows_of(2000, 3)
-        rows[:, ROW_TIME] = np.random.default_rng(4).uniform(low, high, 2000)
+        rows[:, ROW_U] = np.random.default_rng(4).uniform(low, high, 2000)
         training.add(rows, 1.0)
         for window in (training._window, training._validation):
-            held = window.take(np.arange(window.count))[:, ROW_TIME]
+            held = window.take(np.arange(window.count))[:, ROW_U]
             assert held.min() >= low - 0.03 and held.max() <= high + 0.03
         training.step()
     assert training.row_count > 1900

@@ -20,7 +20,7 @@ ROW_REFLECTANCE = 14  #: mean over channels of BSDF * |cos| at wi [sr^-1]
 ROW_PDF = 15  #: density that wi was drawn with [sr^-1]
 ROW_BSDF_PDF = 16  #: density of the BSDF's own sampling at wi [sr^-1]
 ROW_GUIDE_PDF = 17  #: density of the guide at wi [sr^-1]; 0 where nothing was guided
-ROW_TIME = 18  #: of the shutter, in [0, 1]
+ROW_U = 18  #: in [0, 1], of the shutter or of the wavelengths, see `settings.U_DIMENSIONS`
 ROW_WIDTH = 19
 
 _SCALARS = {
@@ -30,7 +30,7 @@ _SCALARS = {
     "pdf": ROW_PDF,
     "bsdf_pdf": ROW_BSDF_PDF,
     "guide_pdf": ROW_GUIDE_PDF,
-    "time": ROW_TIME,
+    "u": ROW_U,
 }
 
 
@@ -47,7 +47,7 @@ def is_fit(rows: Float32Array) -> np.ndarray:
     """
     # A sum of finite float32 in float64 cannot overflow, and NaN and infinity survive it.
     is_finite = np.isfinite(rows.sum(axis=1, dtype=np.float64))
-    return is_finite & (rows[:, ROW_PDF] > 0.0) & (rows[:, ROW_RADIANCE:ROW_TIME] >= 0.0).all(axis=1)
+    return is_finite & (rows[:, ROW_PDF] > 0.0) & (rows[:, ROW_RADIANCE:ROW_U] >= 0.0).all(axis=1)
 
 
 def make_rows(
@@ -59,7 +59,7 @@ def make_rows(
     ----------
     position, wi, wo, normal : float32 (N, 3)
     **scalars : float32 (N,) or float
-        roughness, radiance, reflectance, pdf, bsdf_pdf, guide_pdf, time, as ROW_*; 0 where left out.
+        roughness, radiance, reflectance, pdf, bsdf_pdf, guide_pdf, u, as ROW_*; 0 where left out.
 
     Returns
     -------

@@ -181,7 +181,7 @@ def training_rows(records: VertexRecords, row_count: int) -> Float32Array:
         pdf=pdf,
         bsdf_pdf=np.where(np.isnan(bsdf_pdf), pdf, bsdf_pdf),
         guide_pdf=np.where(np.isnan(guide_pdf), np.float32(0.0), guide_pdf),
-        time=records.time[:row_count],
+        u=records.time[:row_count],
     )
 
 

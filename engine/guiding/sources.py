@@ -66,8 +66,8 @@ def source_shape(settings: RenderSettings) -> MixtureShape | FlowShape:
         shape = replace(shape, position_encoding="BLOB", position_bins=_COMPACT_BINS)
     shape = replace(shape, has_selection=settings.network_selection)
     is_compact = settings.mixture_preset == "COMPACT"
-    u_encoding = (_COMPACT_U_ENCODINGS if is_compact else _U_ENCODINGS)[settings.mixture_time]
-    if settings.mixture_time == "HASH4D" and shape.position_encoding == "GRID":
+    u_encoding = (_COMPACT_U_ENCODINGS if is_compact else _U_ENCODINGS)[settings.mixture_u]
+    if settings.mixture_u == "HASH4D" and shape.position_encoding == "GRID":
         # An axis more, and otherwise the same grids.
         u_encoding = u_encoding | {"position_encoding": "NONE", "hash_growth": shape.growth}
     shape = replace(shape, **u_encoding)
@@ -90,7 +90,7 @@ def source_training(settings: RenderSettings) -> MixtureSettings | FlowSettings:
     training = replace(
         training, mis_compensation=settings.mis_compensation, bsdf_share=1.0 - settings.guiding_probability
     )
-    if settings.time_strata > 1:
+    if settings.strata > 1:
         # Dong et al. 2025, section 5: the average forgets sooner.
         training = replace(training, follows_u=True, averaging=min(training.averaging, _STRATA_AVERAGING))
     return training

@@ -13,6 +13,7 @@ import numpy as np
 from engine.bundle import Bundle
 from engine.guiding.records import Records
 from engine.jit import kernel
+from engine.kernels.constants import NAN
 from engine.kernels.vector import dot
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
 from engine.state import RGB
@@ -69,6 +70,9 @@ class VertexRecords(Bundle):
     wo : float32 (R, 3), unit, from the vertex to where the path came from
     surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
     reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
+    hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
+    spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
+        Without wavelengths (R, 0)
     """
 
     position: Float32Array
@@ -87,6 +91,8 @@ class VertexRecords(Bundle):
     wo: Float32Array
     surface_roughness: Float32Array
     reflectance: Float32Array
+    hero: Float32Array
+    spectrum: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -193,6 +199,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                 contribution = 0.0
                 reflectance = 0.0
                 light = 0.0
+                for c in range(records.spectrum.shape[1]):
+                    records.spectrum[record_count, c] = NAN
                 for c in range(channel_count):
                     # Rounding of the long sum may leave a little less than before.
                     gain = max(paths.radiance[lane, c] - real[row, VERTEX_RADIANCE + c], 0.0)
@@ -212,6 +220,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                         known_count += 1
                         reflected = gain / before
                         squared += reflected * reflected
+                        if channel_count > RGB:
+                            records.spectrum[record_count, c] = value
                     records.radiance[record_count, c] = value
                 if known_count > 0 and total < 1e30:
                     for c in range(channel_count):
@@ -230,6 +240,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     # Throughput grew by the BSDF over the density.
                     records.reflectance[record_count] = reflectance * real[row, VERTEX_PDF] / channel_count
                     records.time[record_count] = paths.time[lane]
+                    if channel_count > RGB:
+                        records.hero[record_count] = paths.hero[lane]
                     squared /= channel_count
                     records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared
                     records.bsdf_pdf[record_count] = real[row, VERTEX_BSDF_PDF]
@@ -260,6 +272,7 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
         scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
+        scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
     )
 
 

@@ -36,7 +36,7 @@ from engine.guiding.rows import (
     ROW_RADIANCE,
     ROW_REFLECTANCE,
     ROW_ROUGHNESS,
-    ROW_TIME,
+    ROW_U,
     ROW_WI,
     ROW_WIDTH,
     ROW_WO,
@@ -246,7 +246,7 @@ class MixtureTraining:
         if self.bounds is None:
             self.bounds = robust_bounds(rows[:, ROW_POSITION : ROW_POSITION + 3])
         self._cumulative = None
-        u = rows[:, ROW_TIME]
+        u = rows[:, ROW_U]
         first = self.rows_received
         # Black ones count: how often the others are looked at goes by how much of the scene has been seen.
         self.rows_received += rows.shape[0]
@@ -269,7 +269,7 @@ class MixtureTraining:
         least, most = float(u.min()), float(u.max())
         margin = _U_MARGIN * (most - least)
         for window in (self._window, self._validation):
-            held = window.take(np.arange(window.count))[:, ROW_TIME]
+            held = window.take(np.arange(window.count))[:, ROW_U]
             window.keep((held >= least - margin) & (held <= most + margin))
 
     # Network
@@ -287,7 +287,7 @@ class MixtureTraining:
         position, normal, wo = (
             np.ascontiguousarray(rows[:, column : column + 3]) for column in (ROW_POSITION, ROW_NORMAL, ROW_WO)
         )
-        roughness, u = (np.ascontiguousarray(rows[:, column]) for column in (ROW_ROUGHNESS, ROW_TIME))
+        roughness, u = (np.ascontiguousarray(rows[:, column]) for column in (ROW_ROUGHNESS, ROW_U))
         features = np.empty((rows.shape[0], self.shape.feature_width), np.float32)
         self._over_rows(
             lambda start, stop: encode_features(
