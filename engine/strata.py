@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strata of time: a render that goes through the shutter part by part, so that what it learns has one part to know.
+"""Strata of u: a render that goes through the shutter, or the wavelengths, part by part, so that what it learns has
+one part to know.
 
 After a pass over all strata, iterations belong to one stratum after the other, and what guides them is trained further
 by what is found there. The image is the mean of the strata's means at every moment, so it is whole however the render
@@ -7,7 +8,8 @@ ends: a stratum not yet come to has its samples from the first pass.
 
 Strata are equal parts of the uniform number that a path's time is made from, hence of the light that the shutter lets
 in, and a power of two: of the sampler's first 2^k points one lies in each of 2^k parts. While some have no sample, the
-mean of the others is unbiased for that reason: which ones those are is a matter of chance alone.
+mean of the others is unbiased for that reason: which ones those are is a matter of chance alone. In wavelength they are
+parts of the offset that a path's four wavelengths have in common: each stratum has a piece of every quarter of [0, 1).
 
 References
 ----------

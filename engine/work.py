@@ -93,7 +93,7 @@ class Unit:
     sample_count: int
     #: Which of the methods in use renders it: PLAIN, or by what has been learned, with paths recorded to learn more.
     arm: int = 0
-    #: Part of the shutter that its samples lie in, of so many equal ones (`engine.strata`).
+    #: Part of u that its samples lie in, of so many equal ones (`engine.strata`).
     stratum: int = 0
     strata: int = 1
 
@@ -118,7 +118,8 @@ UNIT_SHADER_MODE = 5
 UNIT_USE_FEATURES = 6
 UNIT_STRATUM = 7
 UNIT_STRATA = 8
-UNIT_HEADER_WIDTH = 9
+UNIT_DIVIDES_WAVELENGTHS = 9
+UNIT_HEADER_WIDTH = 10
 
 
 class UnitView(Bundle):

@@ -22,6 +22,7 @@ from engine.guiding.mixture.guide import (
     allocate_mixture_guide,
     ask_for_mixture,
     eval_mixture,
+    eval_mixture_wavelengths,
     predict_mixture,
     query_mixtures,
     sample_mixture,
@@ -44,7 +45,7 @@ from engine.kernels.path import real_3
 from engine.kernels.prefetch import prefetch_lines
 from engine.scene.arrays import Uint8Array
 from engine.settings import RenderSettings
-from engine.state import POINT_NS, POINT_P, POINT_WO
+from engine.state import POINT_NS, POINT_P, POINT_WO, WAVELENGTHS
 
 #: What an iteration may have learned to sample by, besides the statistical mixtures.
 SourceField = SdTreeField | MixtureNetwork | FlowField
@@ -75,7 +76,8 @@ def allocate_guide_of(settings: RenderSettings, lane_count: int) -> Any:
     if isinstance(shape, FlowShape):
         lanes = allocate_flow_guide(no_flow_field(shape), lane_count)
     else:
-        lanes = allocate_mixture_guide(shape, lane_count)
+        sees_wavelength = settings.u_dimension == "WAVELENGTH" and shape.sees_u
+        lanes = allocate_mixture_guide(shape, lane_count, WAVELENGTHS if sees_wavelength else 1)
     return NetworkGuide(lanes, early, np.zeros(1, np.uint8))
 
 
@@ -129,8 +131,14 @@ def _ready_flow(guide, lane, field, region, points, closures, is_diffuse, bits):
 
 
 @kernel
-def _query_nothing(guide, guided, points, lanes, lane_count):
+def _query_nothing(guide, guided, paths, points, lanes, lane_count):
     """Lanes that were made ready one by one."""
+
+
+@kernel
+def _is_same_at_all(guide, lane, wi, out, row, column):
+    """A distribution that knows no wavelengths."""
+    return False
 
 
 @kernel
@@ -148,6 +156,7 @@ _ready_lanes = by_bundle({MixtureGuide: _ready_mixture, FlowGuide: _ready_flow})
 _query_lanes = by_bundle({MixtureGuide: query_mixtures, FlowGuide: _query_nothing})
 _ask_for_lanes = by_bundle({MixtureGuide: ask_for_mixture, FlowGuide: _ask_for_nothing})
 _eval_lanes = by_bundle({MixtureGuide: eval_mixture, FlowGuide: eval_flow})
+_eval_lane_wavelengths = by_bundle({MixtureGuide: eval_mixture_wavelengths, FlowGuide: _is_same_at_all})
 _sample_lanes = by_bundle({MixtureGuide: sample_mixture, FlowGuide: sample_flow})
 _predict_lanes = by_bundle({MixtureGuide: predict_mixture, FlowGuide: predict_flow})
 
@@ -161,10 +170,10 @@ def _ready_network(guide, lane, field, region, points, closures, is_diffuse, bit
 
 
 @kernel
-def _query_network(guide, guided, points, lanes, lane_count):
+def _query_network(guide, guided, paths, points, lanes, lane_count):
     """Ask the network, if there is one."""
     if guide.has_network[0] != 0:
-        _query_lanes(guide.lanes, guided, points, lanes, lane_count)
+        _query_lanes(guide.lanes, guided, paths, points, lanes, lane_count)
 
 
 @kernel
@@ -182,6 +191,14 @@ def _eval_network(guide, lane, wi):
     if guide.has_network[0] == 0:
         return eval_vmm(guide.early, lane, wi)
     return _eval_lanes(guide.lanes, lane, wi)
+
+
+@kernel
+def _eval_network_wavelengths(guide, lane, wi, out, row, column):
+    """Densities of the network's distribution by wavelength, if it knows them."""
+    if guide.has_network[0] == 0:
+        return False
+    return _eval_lane_wavelengths(guide.lanes, lane, wi, out, row, column)
 
 
 @kernel
@@ -203,12 +220,17 @@ def _predict_network(guide, lane, wi, guide_pdf):
 #: (guide, lane, field, region, points, closures, is_diffuse, bits) -> bool: make a lane ready to be sampled, if it can.
 #: `field` and `region` are of the mixture field (-1: it knows nothing here), `bits` random.
 ready_guide = by_bundle({GuideLobes: _ready_vmm, SdTreeGuide: _ready_sdtree, NetworkGuide: _ready_network})
-#: (guide, guided, points, lanes, lane_count): make all lanes ready that `ready_guide` has agreed to.
+#: (guide, guided, paths, points, lanes, lane_count): make all lanes ready that `ready_guide` has agreed to.
 query_guides = by_bundle({GuideLobes: _query_nothing, SdTreeGuide: _query_nothing, NetworkGuide: _query_network})
 #: (guide, lane): have a lane's data brought to the cache.
 ask_for_guide = by_bundle({GuideLobes: _ask_for_lobes, SdTreeGuide: _ask_for_nothing, NetworkGuide: _ask_for_network})
 #: (guide, lane, wi) -> float32 [sr^-1]: density of `sample_guide`.
 eval_guide = by_bundle({GuideLobes: eval_vmm, SdTreeGuide: eval_sdtree, NetworkGuide: _eval_network})
+#: (guide, lane, wi, out, row, column) -> bool: whether the density depends on the wavelength. If so, those of all the
+#: path's wavelengths, had each been the hero, are written to `out`; `eval_guide` is their mean by their shares.
+eval_wavelengths = by_bundle(
+    {GuideLobes: _is_same_at_all, SdTreeGuide: _is_same_at_all, NetworkGuide: _eval_network_wavelengths}
+)
 #: (guide, lane, u0, u1, u2) -> unit direction.
 sample_guide = by_bundle({GuideLobes: sample_vmm, SdTreeGuide: sample_sdtree, NetworkGuide: _sample_network})
 #: (guide, lane, wi, guide_pdf) -> float32: incident radiance along wi, mean over channels.

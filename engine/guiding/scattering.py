@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from engine.guiding.guide import eval_guide, predict_guide, sample_guide
+from engine.guiding.guide import eval_guide, eval_wavelengths, predict_guide, sample_guide
 from engine.guiding.vertices import distance_scale, log_vertex
 from engine.jit import kernel
 from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, mean_roughness, sample_among
@@ -116,10 +116,20 @@ def send_on(
     if not largest > 0.0:
         paths.alive[lane] = 0
         return
-    if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
-        probability = guided.probability[lane]
-        proposed = probability * guided.rough_share[lane] * guide_pdf
-        share_densities(paths, closures, lane, proposed, 1.0 - probability, source_pdf, f_cos, row)
+    if len(paths.channels) > RGB:
+        # The two parts by wavelength, as far as they differ: the BSDF's in the second third of the row, the guide's in
+        # the last.
+        count = len(paths.channels)
+        disperses = closures.flags[lane] & CLOSURE_DISPERSES != 0
+        is_guided_apart = eval_wavelengths(guide, lane, wi, f_cos, row, 2 * count)
+        if disperses or is_guided_apart:
+            probability = guided.probability[lane]
+            for c in range(count):
+                guide_density = f_cos[row, 2 * count + c] if is_guided_apart else guide_pdf
+                bsdf_density = f_cos[row, count + c] if disperses else bsdf_pdf
+                density = probability * guided.rough_share[lane] * guide_density + (1.0 - probability) * bsdf_density
+                f_cos[row, count + c] = density
+            share_densities(paths, lane, source_pdf, f_cos, row)
     if bsdf_pdf > 0.0:
         unguided = paths.unguided[lane] / (weight * bsdf_pdf)
         paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)

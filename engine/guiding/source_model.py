@@ -109,6 +109,10 @@ class NetworkSource:
         # Mixtures are trained to compensate (`source_training`).
         self._compensates = settings.mis_compensation and isinstance(self._shape, FlowShape)
         self._guiding_probability = settings.guiding_probability
+        #: By which a wavelength is picked for each row, where the network sees one.
+        self._wavelengths = (
+            np.random.Generator(np.random.Philox(settings.seed)) if settings.u_dimension == "WAVELENGTH" else None
+        )
         self._samples = 0.0
         self._step_limit = 0
         self._snapshot_count = 0
@@ -129,7 +133,7 @@ class NetworkSource:
             return
         if self._compensates:
             records = compensate(records, row_count, self._guiding_probability)
-        rows = training_rows(records, row_count)
+        rows = training_rows(records, row_count, self._wavelengths)
         if len(rows):
             trainer.submit(rows, len(rows), samples)
         if self._is_deterministic:
@@ -167,8 +171,20 @@ class NetworkSource:
             self._trainer = None
 
 
-def training_rows(records: VertexRecords, row_count: int) -> Float32Array:
-    """Rows to train a network with: float32 (at most row_count, ROW_WIDTH)."""
+def training_rows(
+    records: VertexRecords, row_count: int, wavelengths: np.random.Generator | None = None
+) -> Float32Array:
+    """Rows to train a network with: float32 (at most row_count, ROW_WIDTH).
+
+    Parameters
+    ----------
+    wavelengths : numpy.random.Generator or None
+        Give u: that of a wavelength, picked from each record's by what light it has there, which stands for a row for
+        each of them; else the time.
+    """
+    u = records.time[:row_count]
+    if wavelengths is not None:
+        u = _picked_wavelengths(records.hero[:row_count], records.spectrum[:row_count], wavelengths)
     bsdf_pdf, guide_pdf = records.bsdf_pdf[:row_count], records.guide_pdf[:row_count]
     pdf = records.pdf[:row_count]
     # A vertex that was not guided drew from its BSDF.
@@ -181,8 +197,24 @@ def training_rows(records: VertexRecords, row_count: int) -> Float32Array:
         pdf=pdf,
         bsdf_pdf=np.where(np.isnan(bsdf_pdf), pdf, bsdf_pdf),
         guide_pdf=np.where(np.isnan(guide_pdf), np.float32(0.0), guide_pdf),
-        u=records.time[:row_count],
+        u=u,
     )
+
+
+def _picked_wavelengths(
+    hero: Float32Array, spectrum: Float32Array, rng: np.random.Generator
+) -> Float32Array:
+    """Number in [0, 1) of one wavelength of each record, as often as it has light there; the hero's where all is dark.
+
+    Parameters
+    ----------
+    hero : float32 (N,); spectrum : float32 (N, C)
+        See `VertexRecords`.
+    """
+    upto = np.cumsum(np.nan_to_num(spectrum, nan=0.0, posinf=0.0), axis=1, dtype=np.float64)
+    place = rng.random(len(hero)) * upto[:, -1]
+    picked = (place[:, None] >= upto).sum(axis=1) % spectrum.shape[1]
+    return np.mod(hero + picked / np.float32(spectrum.shape[1]), 1.0).astype(np.float32)
 
 
 def make_source_model(settings: RenderSettings) -> SourceModel | None:

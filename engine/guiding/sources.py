@@ -22,6 +22,7 @@ from engine.guiding.mixture.shape import (
     MixtureShape,
 )
 from engine.settings import RenderSettings
+from engine.spectral.wavelengths import WAVELENGTH_COUNT
 
 #: One-blob bins for each coordinate, in place of grids whose cells see too few records (docs/experiments.md).
 _COMPACT_BINS = 32
@@ -92,5 +93,8 @@ def source_training(settings: RenderSettings) -> MixtureSettings | FlowSettings:
     )
     if settings.strata > 1:
         # Dong et al. 2025, section 5: the average forgets sooner.
-        training = replace(training, follows_u=True, averaging=min(training.averaging, _STRATA_AVERAGING))
+        pieces = WAVELENGTH_COUNT if settings.u_dimension == "WAVELENGTH" else 1
+        training = replace(
+            training, follows_u=True, u_pieces=pieces, averaging=min(training.averaging, _STRATA_AVERAGING)
+        )
     return training

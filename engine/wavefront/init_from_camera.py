@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: start new paths at the camera, in lanes that are free."""
 
+import math
+
 import numpy as np
 
 from engine.jit import kernel
 from engine.kernels.camera import generate_ray, sample_table
+from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
-from engine.spectral.wavelengths import rotate_hero, wavelength_at
+from engine.spectral.wavelengths import WAVELENGTH_COUNT, rotate_hero, wavelength_at
 from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
 from engine.work import ALL_STRATA
 
@@ -28,9 +31,33 @@ def start_wavelengths(spectrum, paths, lane, u):
 
 
 @kernel
+def place_in_stratum(u, piece_count, stratum, strata):
+    """Move a number into a stratum, or tell which one it is in.
+
+    Parameters
+    ----------
+    u : float32 in [0, 1)
+    piece_count : int
+        Equal parts of [0, 1), each of which has a piece of every stratum. Numbers stay in their part.
+    stratum, strata : int
+        As `init_from_camera` takes them.
+
+    Returns
+    -------
+    u : float32 in [0, 1); stratum : int
+    """
+    part = np.float32(math.floor(u * np.float32(piece_count)))
+    within = u * np.float32(piece_count) - part
+    if stratum == ALL_STRATA:
+        return u, np.int64(within * np.float32(strata))
+    moved = (part + (np.float32(stratum) + within) / np.float32(strata)) / np.float32(piece_count)
+    return min(moved, ONE_MINUS_EPSILON), stratum
+
+
+@kernel
 def init_from_camera(
-    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, stratum, strata, sample_first, path_count,
-    next_path, paths, log, record_threshold, active, active_count, free, free_count,
+    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, stratum, strata, divides_wavelengths,
+    sample_first, path_count, next_path, paths, log, record_threshold, active, active_count, free, free_count,
 ):
     """Fill free lanes with the unit's next paths.
 
@@ -45,6 +72,8 @@ def init_from_camera(
     stratum, strata : int
         Part of the shutter that times lie in, of so many; or ALL_STRATA, and a path belongs to its pixel's row
         of the stratum that its time is in.
+    divides_wavelengths : int
+        Not 0: strata are parts of what a path's wavelengths have in common, their offset from a quarter of [0, 1).
     sample_first, path_count, next_path : int
         First sample, number of paths of the unit (pixels x samples) and how many were started.
     log : VertexLog
@@ -74,10 +103,13 @@ def init_from_camera(
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, hero, _, _ = sample_4d(rng, sample, SET_TIME)
         row_of_film = pixel
-        if stratum != ALL_STRATA:
-            time_u = (np.float32(stratum) + time_u) / np.float32(strata)
-        else:
-            row_of_film = pixel * strata + np.int64(time_u * np.float32(strata))
+        if strata > 1:
+            if divides_wavelengths != 0:
+                hero, found = place_in_stratum(hero, WAVELENGTH_COUNT, stratum, strata)
+            else:
+                time_u, found = place_in_stratum(time_u, 1, stratum, strata)
+            if stratum == ALL_STRATA:
+                row_of_film = pixel * strata + found
         time = sample_table(shutter, time_u)
         x = np.float32(column) + 0.5 + sample_table(filter_table, u0)
         y = np.float32(row) + 0.5 + sample_table(filter_table, u1)

@@ -103,6 +103,7 @@ from engine.work import (
     SCENE_WORLD_VISIBILITY,
     SHADOW_RAYS,
     TRANSPARENT_SHADOW_RAYS,
+    UNIT_DIVIDES_WAVELENGTHS,
     UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
     UNIT_PATH_COUNT,
@@ -297,6 +298,7 @@ class Integrator:
         self.scene = scene
         self.options = make_options(settings, scene.description.frame.exposure)
         self.seed = settings.seed
+        self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.use_features = use_features
         header = scene.lights.header
         has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
@@ -466,8 +468,8 @@ class Integrator:
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         _, active_count, _ = stages.init_from_camera(
             pinhole, view.camera_motion, view.shutter, view.spectrum, np.zeros_like(view.pixel_filter), self.seed,
-            np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, 1, 0, path_count, 0, b.paths, b.log, 0, b.active,
-            0, b.free, LANE_COUNT,
+            np.array([pixel], np.int32), view.header[SCENE_WIDTH], 0, 1, 0, 0, path_count, 0, b.paths, b.log, 0,
+            b.active, 0, b.free, LANE_COUNT,
         )
         traced_count = stages.play_roulette(view.lights, self.options, b.paths, b.log, b.active, active_count, b.traced)
         stages.intersect_closest(
@@ -533,6 +535,7 @@ class Integrator:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.use_features
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
+        header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)
         return (
             stages, self.view, self.options, guiding_options, learned, view, batch.work, stop

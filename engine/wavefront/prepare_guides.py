@@ -93,4 +93,4 @@ def prepare_guides(
             count = candidate_count(allocation, leaf, squared, is_recorded, u)
         # The cache needs a prediction, which single candidates go without.
         guided.candidate_count[lane] = max(count, 2) if guiding.use_cache != 0 else count
-    query_guides(guide, guided, points, lanes, lane_count)
+    query_guides(guide, guided, paths, points, lanes, lane_count)

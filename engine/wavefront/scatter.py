@@ -88,7 +88,7 @@ def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes
             paths.alive[lane] = 0
             continue
         if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
-            share_densities(paths, closures, lane, 0.0, 1.0, pdf, f_cos, lane)
+            share_densities(paths, lane, pdf, f_cos, lane)
         paths.dimension[lane] += SETS_PER_VERTEX
         if label & RAY_TRANSPARENT:
             pass_through(options, paths, points, lane)

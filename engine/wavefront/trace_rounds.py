@@ -33,6 +33,7 @@ from engine.work import (
     SCENE_WORLD_VISIBILITY,
     SHADOW_RAYS,
     TRANSPARENT_SHADOW_RAYS,
+    UNIT_DIVIDES_WAVELENGTHS,
     UNIT_IS_GUIDED,
     UNIT_PATH_COUNT,
     UNIT_RECORD_THRESHOLD,
@@ -206,8 +207,8 @@ def trace_rounds(stages, scene, options, guiding_options, guidance, unit, b, sto
         counts[NEXT_PATH], active_count, counts[FREE] = stages.init_from_camera(
             scene.camera, scene.camera_motion, scene.shutter, scene.spectrum, scene.pixel_filter, header[UNIT_SEED],
             unit.pixels, scene.header[SCENE_WIDTH], header[UNIT_STRATUM], header[UNIT_STRATA],
-            header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH], b.paths, b.log,
-            header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
+            header[UNIT_DIVIDES_WAVELENGTHS], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT], counts[NEXT_PATH],
+            b.paths, b.log, header[UNIT_RECORD_THRESHOLD], b.active, counts[ACTIVE], b.free, counts[FREE],
         )
         mark(b.clock, _INIT_FROM_CAMERA)
         if active_count == 0:

@@ -233,6 +233,11 @@ class MixtureShape:
         return self.hash_levels * self.hash_features
 
     @property
+    def sees_u(self) -> bool:
+        """Whether any feature depends on u."""
+        return bool(self.u_frequencies or self.plane_levels or self.hash_levels)
+
+    @property
     def used_width(self) -> int:
         """Features without those that are always 1."""
         direction_width = {"NONE": lambda size: 0, "RAW": lambda size: 3, "BLOB": lambda size: 3 * size}
@@ -330,6 +335,7 @@ class MixtureSettings(TrainingSettings):
     bsdf_share : of the directions, that are drawn from the BSDF; for the compensation
     follows_u : forget rows whose u is not among those of the newest ones, as a render that goes on from stratum to
         stratum asks for
+    u_pieces : equal parts of [0, 1], each of which has a piece of every stratum
     """
 
     learning_rate: float = 5e-3
@@ -345,6 +351,7 @@ class MixtureSettings(TrainingSettings):
     mis_compensation: bool = False
     bsdf_share: float = 0.5
     follows_u: bool = False
+    u_pieces: int = 1
 
 
 #: Learning rates of the papers and of the NPM authors' program.

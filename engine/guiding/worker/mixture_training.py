@@ -265,12 +265,17 @@ class MixtureTraining:
         self._encoding = make_mixture_encoding(self.shape, self.bounds, self._arrays)
 
     def _forget(self, u: Float32Array) -> None:
-        """Keep only rows that lie near the range of u."""
+        """Keep only rows that lie near the range of u, within its piece."""
+        u = self._within_piece(u)
         least, most = float(u.min()), float(u.max())
         margin = _U_MARGIN * (most - least)
         for window in (self._window, self._validation):
-            held = window.take(np.arange(window.count))[:, ROW_U]
+            held = self._within_piece(window.take(np.arange(window.count))[:, ROW_U])
             window.keep((held >= least - margin) & (held <= most + margin))
+
+    def _within_piece(self, u: Float32Array) -> Float32Array:
+        """Where numbers in [0, 1] are in their pieces, in [0, 1]."""
+        return np.mod(u * self.settings.u_pieces, 1.0) if self.settings.u_pieces > 1 else u
 
     # Network
 

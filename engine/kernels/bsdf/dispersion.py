@@ -117,21 +117,18 @@ def delta_channels(closures, lane, i, wo, selection_pmf, pmf, is_refracted, out,
 
 
 @kernel
-def share_densities(paths, closures, lane, guide_pdf, bsdf_share, pdf, densities, row):
-    """Give each wavelength its new share in the path's density, once the path has gone on where the lane disperses.
+def share_densities(paths, lane, pdf, densities, row):
+    """Give each wavelength its new share in the path's density, once the path has gone on in a direction.
 
     The balance heuristic over the heroes (Wilkie et al. 2014), vertex by vertex.
 
     Parameters
     ----------
-    guide_pdf, bsdf_share : float32
-        Of the density: what all wavelengths have alike, and the factor on the BSDF's.
     pdf : float32
-        The density of all, mean over the shares.
+        Density of the direction, mean over the shares.
     densities : float32 (R, 3 C)
-        The BSDF's by channel in columns C to 2 C of row `row`.
+        The same by channel in columns C to 2 C of row `row`.
     """
     count = len(paths.channels)
     for c in range(count):
-        density = guide_pdf + bsdf_share * densities[row, count + c]
-        paths.share[lane, c] = closures.share[lane, c] * density / pdf
+        paths.share[lane, c] = paths.share[lane, c] * densities[row, count + c] / pdf
