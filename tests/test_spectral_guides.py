@@ -26,9 +26,10 @@ from engine.guiding.mixture.shape import MixtureShape, initial_parameters
 from engine.guiding.network import Snapshot
 from engine.guiding.rows import ROW_RADIANCE, ROW_U
 from engine.guiding.source_model import training_rows
+from engine.guiding.sources import source_shape
 from engine.guiding.vertices import VertexRecords, allocate_vertex_records
 from engine.jit import kernel
-from engine.scene.description import Frame, SceneDescription
+from engine.scene.description import Frame, SceneDescription, World
 from engine.session import Session
 from engine.settings import RenderSettings
 from engine.state import POINT_NS, POINT_WO, WAVELENGTHS, allocate_guided_lanes, allocate_paths, allocate_points
@@ -125,7 +126,7 @@ def spectral_records(hero: np.ndarray, spectrum: np.ndarray) -> VertexRecords:
     records.bsdf_pdf[:] = records.guide_pdf[:] = np.nan
     records.hero[:] = hero
     records.spectrum[:] = spectrum
-    records.radiance[:] = np.nanmean(spectrum, axis=1)[:, None]
+    records.radiance[:] = (np.nansum(spectrum, axis=1) / np.maximum((~np.isnan(spectrum)).sum(axis=1), 1))[:, None]
     return records
 
 
@@ -186,6 +187,11 @@ def test_strata_divide_every_piece(pieces: int, strata: int) -> None:
 
 # Whole renders
 
+#: Candidates of a mixture are weighed by what else was learned.
+RESAMPLED = {
+    "guiding_method": "NEURAL_RIS", "source_field": "NPM", "candidate_allocation": "FIXED", "candidate_count": 3,
+}  # fmt: skip
+
 
 def behind_glass(roughness: float) -> SceneDescription:
     """A wedge of strongly dispersive glass over a coloured floor, with a lamp between and another above."""
@@ -224,11 +230,7 @@ def reference(roughness: float) -> list[np.ndarray]:
         (0.3, {"guiding_method": "NPM", "mixture_u": "PLANES"}),
         (0.3, {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "network_selection": True}),
         (0.0, {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8}),
-        (
-            0.3,
-            {"guiding_method": "NEURAL_RIS", "source_field": "NPM", "mixture_u": "FREQUENCY"}
-            | {"candidate_allocation": "FIXED", "candidate_count": 3},
-        ),
+        (0.3, {**RESAMPLED, "mixture_u": "FREQUENCY"}),
     ],
 )
 def test_a_mixture_that_sees_the_wavelength_is_unbiased(
@@ -246,6 +248,46 @@ def test_a_mixture_that_sees_the_wavelength_is_unbiased(
     bias = find_bias(images, reference(roughness))
     assert not bias.is_biased and bias.detectable < 0.03, bias
     assert seen == [("WAVELENGTH", settings["mixture_u"])] * 2
+
+
+class OfWavelengthAlone(Untrained):
+    """Wild mixtures that are the same everywhere: what a path does by its wavelength, it does at every vertex."""
+
+    def __init__(self, settings: RenderSettings, scale: float) -> None:
+        super().__init__(settings, scale)
+        shape = source_shape(settings)
+        assert isinstance(shape, MixtureShape)
+        parameters = (scale * initial_parameters(shape, 3)).astype(np.float32)
+        shape.split(parameters)["input_weights"][: shape.used_width - 2 * shape.u_frequencies] = 0.0
+        self.field = make_mixture_network(shape, Snapshot(1, 1, 0.0, 1.0, BOUNDS, parameters))
+
+
+def groove() -> SceneDescription:
+    """Two white slopes under a white sky: light that is reflected twice; a grain of glass for wavelengths' sake."""
+    slope = np.array([(0, -4, 0), (4, -4, 4), (4, 4, 4), (0, 4, 0)], np.float32)
+    triangles = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)
+    white = diffuse((0.9, 0.9, 0.9))
+    description = scene(
+        [
+            ((slope, triangles), white),
+            ((slope * np.array((-1, 1, 1), np.float32), triangles), white),
+            (square(0.01, -9.0), glass(IOR, 0.3, DISPERSION)),
+        ],
+        world=World("sky", "Sky", None, (1.0, 1.0, 1.0)),
+    )
+    return replace(description, frame=Frame(24, 16, (0, 0, 24, 16)))
+
+
+@pytest.mark.parametrize("guiding", [{"guiding_method": "NPM"}, RESAMPLED])
+def test_wavelengths_have_their_share_in_the_density_of_the_whole_path(
+    guiding: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Were the shares left as they are at the camera, the first of these pictures would be 1.9% too bright (z = 15)."""
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: OfWavelengthAlone(settings, 10.0))
+    settings = {"mixture_u": "FREQUENCY", "guiding_trial": False, "learn_guiding_probability": False, "use_nee": False}
+    images = rendered(groove(), range(2), samples=255, **settings, **guiding)
+    bias = find_bias(images, rendered(groove(), range(10, 12), samples=256))
+    assert not bias.is_biased and bias.detectable < 0.01, bias
 
 
 @pytest.mark.parametrize("dimension", ["NONE", "TIME"])
