@@ -88,7 +88,7 @@ PROTOCOLS = {
     ),
     "4d": Protocol(
         "4d",
-        ("OFF", "VMM", "NPM", "NPM-TIME", "NPM-PLANES", "NPM-HASH4D", "NPM-STRATA"),
+        ("OFF", "VMM", "NPM", "NPM-FREQUENCY", "NPM-PLANES", "NPM-HASH4D", "NPM-STRATA"),
         512,
         "relMSE",
         _PLAIN

@@ -58,7 +58,8 @@ def emissive_scene(
     )  # fmt: skip
     description.instances = plain_instances(transforms if len(transforms) else [np.eye(4)])
     info = ProgramInfo(
-        np.ones(1, np.bool_), np.ones(1, np.bool_), np.asarray([emission], np.float32), np.full(1, mode, np.int32)
+        np.ones(1, np.bool_), np.ones(1, np.bool_), np.asarray([emission], np.float32), np.zeros(1, np.float32),
+        np.full(1, mode, np.int32),
     )
     return description, info
 
@@ -74,7 +75,8 @@ def make_description(lights: Any = (), world: World | None = None) -> SceneDescr
 def no_programs() -> ProgramInfo:
     """Programs of a scene that has none."""
     return ProgramInfo(
-        np.zeros(0, np.bool_), np.zeros(0, np.bool_), np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
+        np.zeros(0, np.bool_), np.zeros(0, np.bool_), np.zeros((0, 3), np.float32), np.zeros(0, np.float32),
+        np.zeros(0, np.int32),
     )
 
 

@@ -221,6 +221,16 @@ def test_temperature_and_exposure_multiply_the_color(scene: Any) -> None:
     assert only_light().color == pytest.approx(tuple(warm * (4.0, 2.0, 4.0)), rel=1e-5)
 
 
+def test_lights_of_a_temperature_are_black_bodies(scene: Any) -> None:
+    """But for tinted ones, and those that do not use it."""
+    item = add_light("POINT", use_temperature=True, temperature=3000.0)
+    assert only_light().temperature == 3000.0
+    item.data.color = (1.0, 0.5, 1.0)
+    assert only_light().temperature == 0.0
+    item.data.color, item.data.use_temperature = (1.0, 1.0, 1.0), False
+    assert only_light().temperature == 0.0
+
+
 def test_light_switches(scene: Any) -> None:
     item = add_light("POINT", use_shadow=False)
     item.visible_camera, item.visible_diffuse = True, False

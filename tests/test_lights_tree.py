@@ -205,6 +205,7 @@ def test_weak_emission_is_not_sampled_in_automatic_mode() -> None:
         np.array([True, True, True, False]),
         np.ones(4, bool),
         np.array([[0.5] * 3, [0.51, 0, 0], [0.1] * 3, [1.0] * 3], np.float32),
+        np.zeros(4, np.float32),
         np.array([-1, -1, 2, 3], np.int32),
     )
     assert resolve_sampling(info).tolist() == [0, 3, 2, 0]

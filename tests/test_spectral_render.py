@@ -226,7 +226,7 @@ def test_other_working_spaces_keep_their_colours() -> None:
     np.testing.assert_allclose(image, np.broadcast_to(color, image.shape), rtol=5e-3)
 
 
-@pytest.mark.parametrize("source", ["mesh", "mesh by nodes", "world", "seen"])
+@pytest.mark.parametrize("source", ["mesh", "mesh by nodes", "world", "seen", "lamp", "lamp by nodes", "sun"])
 def test_black_bodies_are_plancks(source: str) -> None:
     """A warm light on a bluish floor, which has other colours by Planck's law than by a smooth spectrum."""
     temperature, surface = 1800.0, (0.3, 0.4, 0.9)
@@ -249,13 +249,22 @@ def test_black_bodies_are_plancks(source: str) -> None:
     elif source == "world":
         nodes[1].kind, glow.surface = "ShaderNodeBackground", Link(1, "Background")
         world = World("w", "World", glow)
-    else:
+    lights: tuple[Light, ...] = ()
+    beside = np.eye(4, dtype=np.float32)
+    beside[:3, 3] = (6.0, 0.0, 6.0)
+    color = blackbody(np.float32(temperature))
+    if source == "lamp by nodes":
+        lights = (Light("l", "Lamp", "POINT", beside, (1.0, 1.0, 1.0), 500.0, radius=1.0, graph=glow),)
+    elif source == "lamp":
+        lights = (Light("l", "Lamp", "POINT", beside, color, 500.0, radius=1.0, temperature=temperature),)
+    elif source == "sun":
+        lights = (Light("l", "Sun", "SUN", np.eye(4, dtype=np.float32), color, 2.0, temperature=temperature),)
+    elif source.startswith("mesh"):
         parts.append((square(4.0, 7.0, 7.0), Material("Glow", "Glow", glow)))
-    description = scene(parts, world=world, size=(6, 1))
+    description = scene(parts, world=world, lights=lights, size=(6, 1))
     settings: dict[str, Any] = {"samples": 2048, "max_bounces": 0}
     plain, plain_error = mean_and_error(description, range(8), spectral="OFF", **settings)
     image, error = mean_and_error(description, range(8), spectral="ON", **settings)
-    color = blackbody(np.float32(temperature))
     planck = blackbodies([temperature], GRID)[0]
     # By how much light there is, which green tells.
     light = plain[:, 1:2] / (color[1] * surface[1]) * luminance(color)

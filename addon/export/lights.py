@@ -51,6 +51,7 @@ def export_light(
         kind=data.type,
         transform=transform,
         color=_color(data),
+        temperature=_temperature(data),
         energy=_energy(data),
         is_normalized=getattr(data, "normalize", True),
         use_soft_falloff=getattr(data, "use_soft_falloff", True),
@@ -91,6 +92,12 @@ def _color(data: bpy.types.Light) -> tuple[float, float, float]:
         color *= np.array(data.temperature_color, np.float64)
     color *= 2.0 ** getattr(data, "exposure", 0.0)
     return float(color[0]), float(color[1]), float(color[2])
+
+
+def _temperature(data: bpy.types.Light) -> float:
+    """[K] of lights that have the colour of a black body, 0 of others: tinted ones have another spectrum."""
+    is_grey = data.color[0] == data.color[1] == data.color[2]
+    return data.temperature if getattr(data, "use_temperature", False) and is_grey else 0.0
 
 
 def _casts_shadow(data: bpy.types.Light) -> bool:

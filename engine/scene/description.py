@@ -239,6 +239,8 @@ class Light:
         Local -z is the direction of emission.
     color : tuple of 3 floats
         Linear, temperature and exposure already multiplied in.
+    temperature : float
+        [K] of the black body that `color` is the colour of; 0: of none.
     energy : float
         [W], or [W m^-2] for suns.
     is_normalized : bool
@@ -279,6 +281,7 @@ class Light:
     visibility: int = VISIBLE_ALL
     graph: NodeGraph | None = None
     random: float = 0.0
+    temperature: float = 0.0
 
 
 @dataclass

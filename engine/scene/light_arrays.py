@@ -102,6 +102,7 @@ LAMP_COS_SPOT = 29
 LAMP_SPOT_SCALE = 30  # 1 / ((1 - cos) blend)
 LAMP_ONE_MINUS_COS = 31  # sun: of its half angle; spot: of the widest cone after scaling
 LAMP_ESTIMATE = 32  # mean emission of its program, 1 without
+LAMP_TEMPERATURE = 35  # of black bodies [K], else 0
 LAMP_WIDTH = 36
 
 # LightArrays.lamp_table (int32)

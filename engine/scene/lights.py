@@ -77,6 +77,8 @@ class ProgramInfo:
         Emission is `emission_estimate` wherever and however it is seen.
     emission_estimate : float32 (P, 3)
         Radiance of surfaces, factor on the strength of lights.
+    temperature : float32 (P,)
+        [K] of those that emit as a black body does, else 0.
     sampling_mode : int (P,)
         SAMPLING_*; only read for materials.
     light_program : int32 (lights,)
@@ -88,6 +90,7 @@ class ProgramInfo:
     has_emission: npt.NDArray[np.bool_]
     emission_is_constant: npt.NDArray[np.bool_]
     emission_estimate: Float32Array
+    temperature: Float32Array
     sampling_mode: npt.NDArray[np.int32]
     light_program: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     world_program: int = -1
@@ -304,6 +307,11 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / norm if norm > 0.0 else vector
 
 
+def _is_grey(color: npt.ArrayLike) -> bool:
+    r, g, b = np.asarray(color, np.float64)
+    return bool(r == g == b)
+
+
 def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, notices: list[Notice]) -> _Lamp | None:
     """Rows of a lamp, or None where it cannot light anything."""
     strength = np.asarray(light.color, np.float64) * light.energy
@@ -313,8 +321,13 @@ def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, not
         return None
     flags = (la.LAMP_FLAG_MIS if light.use_mis else 0) | (la.LAMP_FLAG_SHADOW if light.cast_shadow else 0)
     estimate = np.ones(3)
+    temperature = light.temperature
     if program >= 0:
         estimate = np.asarray(info.emission_estimate[program], np.float64)
+        if info.temperature[program] > 0.0 and _is_grey(light.color):
+            temperature = float(info.temperature[program])
+        elif not _is_grey(estimate):
+            temperature = 0.0
         if info.emission_is_constant[program]:
             strength = strength * estimate
             estimate = np.ones(3)
@@ -447,6 +460,7 @@ def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, not
 
     values[la.LAMP_RADIANCE : la.LAMP_RADIANCE + 3] = strength * scale
     values[la.LAMP_ESTIMATE : la.LAMP_ESTIMATE + 3] = estimate
+    values[la.LAMP_TEMPERATURE] = temperature
     table = np.zeros(la.LAMP_TABLE_WIDTH, np.int32)
     table[la.LAMP_KIND] = kind
     table[la.LAMP_FLAGS] = flags

@@ -66,6 +66,7 @@ class Programs:
             has_emission=(flags & PROGRAM_HAS_EMISSION) != 0,
             emission_is_constant=(flags & PROGRAM_EMISSION_CONSTANT) != 0,
             emission_estimate=self.arrays.program_values[:, VALUE_EMISSION : VALUE_EMISSION + 3],
+            temperature=self.arrays.program_temperature,
             sampling_mode=sampling,
             light_program=self.light_programs,
             world_program=self.world_program,

@@ -22,7 +22,7 @@ from engine.kernels.rng import SET_LIGHT, sample_4d
 from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
-from engine.scene.light_arrays import HEADER_BACKGROUND_PROGRAM, LIGHT_BACKGROUND
+from engine.scene.light_arrays import EMITTER_LAMP, HEADER_BACKGROUND_PROGRAM, LAMP_TEMPERATURE, LIGHT_BACKGROUND
 from engine.state import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
@@ -101,7 +101,7 @@ def choose_lights(
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         (
-            pdf, _emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis, back,
         ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, paths.time[lane], u0, u1, u2)
         if not pdf > 0.0 or paths.depth[lane] > max_bounces:
@@ -121,6 +121,8 @@ def choose_lights(
                 temperature = program_temperature[program_of(geometry, instance, triangle)]
             elif program < 0 and kind == LIGHT_BACKGROUND:
                 temperature = program_temperature[lights.header[HEADER_BACKGROUND_PROGRAM]]
+            elif program < 0:
+                temperature = lights.lamps[lights.emitters[emitter, EMITTER_LAMP], LAMP_TEMPERATURE]
             samples.radiance[lane, RGB] = temperature
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance

@@ -20,6 +20,7 @@ from engine.scene.light_arrays import (
     LAMP_FLAG_MIS,
     LAMP_FLAGS,
     LAMP_RADIANCE,
+    LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
 from engine.state import (
@@ -54,7 +55,10 @@ def _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch):
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
     if len(paths.channels) > RGB:
-        upsample_light(spectrum, paths, lane, scratch[lane, 0], scratch[lane, 1], scratch[lane, 2], 0.0, scratch, lane)
+        upsample_light(
+            spectrum, paths, lane, scratch[lane, 0], scratch[lane, 1], scratch[lane, 2],
+            lights.lamps[row, LAMP_TEMPERATURE], scratch, lane,
+        )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
     add_radiance(paths, lane, scratch, lane, paths.depth[lane] - 1, options.clamp_direct, options.clamp_indirect)
