@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.images import auto_exposure
 from benchmarks.rendering import image_stack, render_scene
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import SceneSource
@@ -26,6 +27,7 @@ from benchmarks.scenes.spectral import (
     rainbow_angle,
 )
 from engine.spectral.dispersion import dispersion_from_abbe
+from tests.color_difference import delta_e_2000, lab_of_rec709
 from tests.spectral_harness import wavelengths_and_weights
 
 NAMES = sorted(name for name in SCENES if name.startswith("spectral-"))
@@ -67,6 +69,21 @@ def test_the_slit_is_seen_in_the_middle_through_the_prism(blender: Any, tmp_path
     bright = image > 0.5 * image.max()
     assert bright.sum() <= 0.06 * len(image)
     assert abs((columns * image * bright).sum() / (image * bright).sum() - 0.5 * (len(image) - 1)) < 1.0
+
+
+def test_without_dispersion_wavelengths_show_the_same_colours(blender: Any, tmp_path: Path) -> None:
+    """Mean ΔE2000 of at most 1 after auto-exposure; of cells, since noise is no difference."""
+    images = [_image("spectral-colors", 64, tmp_path / mode, mode) for mode in ("OFF", "ON")]
+    exposure = auto_exposure(images[0])
+    rows, columns = (size // 6 for size in images[0].shape[:2])
+    labs = [
+        lab_of_rec709(exposure * image[: 6 * rows, : 6 * columns].reshape(rows, 6, columns, 6, 3).mean(axis=(1, 3)))
+        for image in images
+    ]
+    difference = delta_e_2000(*labs)
+    assert difference.mean() < 1.0, difference.mean()
+    # They are two renders: colours in the light of other colours do differ.
+    assert difference.max() > 0.1
 
 
 def test_the_ball_shows_the_ring_where_descartes_has_it(blender: Any, tmp_path: Path) -> None:
