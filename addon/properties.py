@@ -510,8 +510,6 @@ def copy_cycles_settings(scene: bpy.types.Scene) -> list[str]:
         left.append("path guiding")
     if cycles.use_fast_gi:
         left.append("fast GI approximation")
-    if scene.render.use_motion_blur and cycles.rolling_shutter_type != "NONE":
-        left.append("rolling shutter")
     return left
 
 

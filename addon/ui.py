@@ -195,6 +195,12 @@ class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
         if owner is not None:
             column.prop(owner, "motion_blur_position", text="Position")
         column.prop(render, "motion_blur_shutter")
+        cycles = getattr(context.scene, "cycles", None)
+        if cycles is not None:
+            column.prop(cycles, "rolling_shutter_type", text="Rolling Shutter")
+            part = column.column()
+            part.active = render.use_motion_blur and cycles.rolling_shutter_type != "NONE"
+            part.prop(cycles, "rolling_shutter_duration", text="Row Duration")
 
 
 class NEURALGUIDE_PT_motion_blur_curve(_RenderPanel, bpy.types.Panel):  # noqa: N801

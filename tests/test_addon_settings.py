@@ -51,7 +51,7 @@ def test_cycles_settings_are_taken_over(blender: Any) -> None:
     scene.render.use_motion_blur = True
     assert copy_cycles_settings(scene) == ["path guiding"]
     cycles.rolling_shutter_type = "TOP"
-    assert copy_cycles_settings(scene) == ["path guiding", "rolling shutter"]
+    assert copy_cycles_settings(scene) == ["path guiding"]
 
 
 def test_without_cycles_the_reason_is_given(blender: Any) -> None:
@@ -145,7 +145,8 @@ def test_motion_blur_can_be_chosen(blender: Any) -> None:
             if hasattr(panel, method):
                 getattr(panel, method)(drawer, blender.context)
     assert drawn == [
-        "use_motion_blur", "motion_blur_position", "motion_blur_shutter", "motion_blur_shutter_curve"
+        "use_motion_blur", "motion_blur_position", "motion_blur_shutter", "rolling_shutter_type",
+        "rolling_shutter_duration", "motion_blur_shutter_curve",
     ]  # fmt: skip
     assert {"NEURALGUIDE_PT_motion_blur", "NEURALGUIDE_OBJECT_PT_motion_blur"} <= set(dir(blender.types))
     cube, lamp = SimpleNamespace(type="MESH"), SimpleNamespace(type="LIGHT", instance_type="NONE")

@@ -2,13 +2,14 @@
 """Camera rays against Blender's own projection, and the pixel filter's distribution."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from engine.jit import kernel
-from engine.kernels.camera import generate_ray, sample_table
-from engine.scene.camera import build_camera, filter_table
+from engine.kernels.camera import generate_ray, sample_table, time_of_row
+from engine.scene.camera import CAMERA_IS_ZOOMING, CAMERA_ROLLING, build_camera, filter_table
 from engine.scene.description import Camera, Frame
 
 
@@ -19,6 +20,12 @@ def _rays(camera, motion, xy, lens, time, origin, direction):
         for c in range(3):
             origin[i, c] = o[c]
             direction[i, c] = d[c]
+
+
+@kernel
+def _times(camera, times, rows, out):
+    for i in range(times.shape[0]):
+        out[i] = time_of_row(camera, times[i], rows[i])
 
 
 @kernel
@@ -121,6 +128,93 @@ def test_filter_offsets_follow_the_filter(name, width):
     assert abs(out.mean()) < 1e-3
     assert out.var() == pytest.approx(variance, rel=0.01)
     assert np.abs(out).max() <= support / 2
+
+
+LENSES = {"lens": (20.0, 35.0, 80.0), "sensor_width": (30.0, 36.0, 24.0), "sensor_height": (20.0, 24.0, 30.0)}
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("size", [(64, 36), (30, 50)])
+def test_a_zoom_is_straight_between_opening_middle_and_closing(fit, size):
+    """As Cycles: what goes straight is where a pixel is on the film, not the angle, and not the focal length."""
+    frame = Frame(*size, (0, 0, *size))
+    pixels = np.random.default_rng(2).uniform(0.0, 1.0, (16, 2)) * size
+
+    def film(camera, time=0.5):
+        _, direction = rays(camera, frame, pixels, time=time)
+        return direction[:, :2] / -direction[:, 2:]
+
+    still = [
+        Camera(sensor_fit=fit, shift_x=0.2, shift_y=-0.1, **{name: v[k] for name, v in LENSES.items()})
+        for k in range(3)
+    ]
+    opening, middle, closing = (film(camera) for camera in still)
+    zooming = replace(still[1], lens_motion=np.array([[v[k] for v in LENSES.values()] for k in (0, 2)], np.float32))
+    for time, expected in (
+        (0.0, opening), (0.25, 0.5 * (opening + middle)), (0.5, middle), (0.9, 0.2 * middle + 0.8 * closing),
+        (1.0, closing),
+    ):  # fmt: skip
+        np.testing.assert_allclose(film(zooming, time), expected, rtol=1e-5, atol=1e-6)
+    assert np.abs(opening - closing).max() > 0.3
+
+
+def test_a_zoom_keeps_the_plane_in_focus():
+    lens = np.random.default_rng(0).random((64, 2)).astype(np.float32)
+    motion = np.array([(20.0, 36.0, 24.0), (90.0, 36.0, 24.0)], np.float32)
+    camera = Camera(use_dof=True, focus_distance=3.0, aperture_fstop=0.5, lens_motion=motion)
+    for time in (0.0, 0.3, 0.8):
+        origin, direction = rays(camera, Frame(32, 32, (0, 0, 32, 32)), [(5.0, 20.0)] * 64, lens, time)
+        # The lens itself is as large as in the middle.
+        assert 0.045 < np.hypot(origin[:, 0], origin[:, 1]).max() <= 0.05
+        focus = origin + direction * (-3.0 / direction[:, 2:3])
+        assert np.allclose(focus, focus[0], atol=1e-5)
+
+
+def test_cameras_that_do_not_zoom_are_left_alone():
+    frame = Frame(32, 24, (0, 0, 32, 24))
+    same = np.array([(50.0, 36.0, 24.0)] * 2, np.float32)
+    other = np.array([(20.0, 36.0, 24.0)] * 2, np.float32)
+    for camera in (Camera(lens_motion=same), Camera(kind="ORTHO", lens_motion=other),
+                   Camera(kind="PANO_EQUIRECTANGULAR", lens_motion=other)):  # fmt: skip
+        real = build_camera(camera, frame, "BOX", 1.0).real
+        assert real[CAMERA_IS_ZOOMING] == 0.0 and real[CAMERA_ROLLING] == 0.0
+        found = [rays(camera, frame, [(3.0, 20.0)], time=time) for time in (0.0, 0.5, 1.0)]
+        assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
+
+
+@pytest.mark.parametrize("duration", [0.0, 0.25, 1.0])
+def test_rows_are_exposed_from_the_top_to_the_bottom(duration):
+    height = 40
+    # Of a picture with a border, rows are still those of the full image.
+    frame = Frame(16, height, (4, 10, 12, 30))
+    camera = build_camera(Camera(), frame, "BOX", 1.0, rolling_shutter_duration=duration).real
+    rows = np.repeat(np.arange(height), 3).astype(np.int32)
+    times = np.tile(np.array([0.0, 0.3, 1.0], np.float32), height)
+    out = np.zeros_like(times)
+    _times(camera, times, rows, out)
+    np.testing.assert_allclose(out, times * duration + (1.0 - rows / height) * (1.0 - duration), atol=1e-6)
+    assert out.min() >= 0.0 and out.max() <= 1.0
+    if duration == 1.0:
+        assert np.array_equal(out, times)
+    else:
+        # The bottom row's part ends where the shutter closes.
+        assert out[rows == 0].max() == pytest.approx(1.0) and out[rows == height - 1].min() < 0.03
+
+
+def test_a_rolling_shutter_of_no_number_does_not_roll():
+    frame = Frame(4, 4, (0, 0, 4, 4))
+    for duration in (np.nan, 2.0):
+        camera = build_camera(Camera(), frame, "BOX", 1.0, rolling_shutter_duration=duration).real
+        out = np.zeros(1, np.float32)
+        _times(camera, np.array([0.3], np.float32), np.array([1], np.int32), out)
+        assert out[0] == np.float32(0.3)
+
+
+@pytest.mark.parametrize("lens", [0.0, -5.0, np.nan, np.inf])
+def test_zooms_to_nowhere_are_named(lens):
+    motion = np.array([(lens, 36.0, 24.0), (50.0, 36.0, 24.0)], np.float32)
+    with pytest.raises(ValueError, match="zooms to nothing or infinity"):
+        build_camera(Camera(lens_motion=motion), Frame(4, 4, (0, 0, 4, 4)), "BOX", 1.0)
 
 
 def test_bad_cameras_are_named():

@@ -271,12 +271,83 @@ def test_a_camera_of_another_time_is_not_used(scene: Any) -> None:
     np.testing.assert_allclose(export().camera.motion[:, 0, 3], [8.0, 10.0, 12.0], atol=1e-5)
 
 
-def test_zoom_and_focus_are_named(scene: Any) -> None:
-    data = scene.camera.data
-    keyframe(data, "lens", {0: 20.0, 20: 60.0})
+@pytest.mark.parametrize("is_blurred", [True, False])
+def test_a_zoom_is_seen_at_the_ends_of_the_shutter(scene: Any, is_blurred: bool) -> None:
+    """As Cycles: also where the camera's own switch keeps it from moving, if other objects are looked at."""
+    data, cube = scene.camera.data, add_cube()
+    scene.camera.cycles.use_motion_blur = is_blurred
+    scene.camera.cycles.motion_steps = cube.cycles.motion_steps = 2
+    scene.camera.update_tag()
+    keyframe(data, "lens", {9.5: 20.0, 10: 40.0, 10.25: 90.0, 10.5: 50.0})
+    keyframe(data, "sensor_width", {0: 30.0, 20: 40.0})
     description = export()
     assert description.camera.motion is None and description.camera.lens == pytest.approx(40.0)
-    assert [(notice.subject, "zoom" in notice.problem) for notice in description.notices] == [("Camera", True)]
+    np.testing.assert_allclose(description.camera.lens_motion, [(20.0, 34.75, 24.0), (50.0, 35.25, 24.0)], rtol=1e-6)
+    assert description.notices == []
+
+
+def test_cameras_that_do_not_zoom(scene: Any) -> None:
+    """As Cycles: scales of orthographic views do not blur."""
+    assert export().camera.lens_motion is None
+    data = scene.camera.data
+    data.type = "ORTHO"
+    keyframe(data, "lens", {0: 20.0, 20: 60.0})
+    assert export().camera.lens_motion is None and export().notices == []
+    keyframe(data, "ortho_scale", {0: 5.0, 20: 25.0})
+    scene.frame_set(10)
+    description = export()
+    assert description.camera.lens_motion is None and description.camera.ortho_scale == pytest.approx(15.0)
+    assert [(notice.subject, "does not blur, as in Cycles" in notice.problem) for notice in description.notices] == [
+        ("Camera", True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("shift_x", 1.0), ("dof.focus_distance", 20.0), ("dof.aperture_fstop", 5.0)]
+)
+def test_what_does_not_blur_is_named(scene: Any, name: str, value: float) -> None:
+    data = scene.camera.data
+    data.dof.use_dof = True
+    owner, _, path = name.rpartition(".")
+    keyframe(data.dof if owner else data, path, {0: 0.0, 20: value})
+    scene.frame_set(10)
+    assert [notice.subject for notice in export().notices] == ["Camera"]
+    data.dof.use_dof = False
+    assert len(export().notices) == (path == "shift_x")
+
+
+def test_most_of_the_camera_is_that_of_the_frame(scene: Any) -> None:
+    """As Cycles: in the middle of the shutter it looks at place and field of view only."""
+    camera, data = scene.camera, scene.camera.data
+    keyframe(camera, "location", {0: (0.0, 0.0, 0.0), 20: (20.0, 0.0, 0.0)})
+    for owner, path in ((data, "lens"), (data, "sensor_width"), (data, "clip_start"), (data, "shift_x"),
+                        (data.dof, "focus_distance"), (data.dof, "aperture_fstop")):  # fmt: skip
+        keyframe(owner, path, {0: 2.0, 20: 22.0})
+    data.dof.use_dof = True
+    open_shutter(scene, 4.0, "START")
+    scene.frame_set(10)
+    found = export().camera
+    assert [found.lens, found.sensor_width, found.transform[0, 3]] == pytest.approx([14.0, 14.0, 12.0])
+    assert [found.clip_start, found.shift_x, found.focus_distance] == pytest.approx([12.0] * 3)
+    # The lens itself is as large as at the frame.
+    assert found.lens / found.aperture_fstop == pytest.approx(1.0)
+    np.testing.assert_allclose(found.lens_motion[:, :2], [(12.0, 12.0), (16.0, 16.0)])
+    data.type = "ORTHO"
+    keyframe(data, "ortho_scale", {0: 2.0, 20: 22.0})
+    scene.frame_set(10)
+    found = export().camera
+    assert (found.ortho_scale, found.transform[0, 3]) == pytest.approx((12.0, 12.0))
+
+
+def test_a_rolling_shutter(scene: Any) -> None:
+    assert export().rolling_shutter_duration == 1.0
+    scene.cycles.rolling_shutter_type, scene.cycles.rolling_shutter_duration = "TOP", 0.25
+    scene.update_tag()
+    description = export()
+    assert description.rolling_shutter_duration == 0.25 and description.notices == []
+    scene.render.use_motion_blur = False
+    scene.update_tag()
+    assert export().rolling_shutter_duration == 1.0
 
 
 def test_a_moving_lamp_is_named(scene: Any) -> None:

@@ -73,11 +73,6 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
     return change
 
 
-def roll(scene: Any) -> None:
-    scene.render.use_motion_blur = True
-    scene.cycles.rolling_shutter_type = "TOP"
-
-
 CASES = {
     "displacement": (lambda scene: displace(scene, "DISPLACEMENT"), "Plane / Paint", "displacement of the geometry"),
     "displacement-and-bump": (lambda scene: displace(scene, "BOTH"), "Plane / Paint", "displacement of the geometry"),
@@ -89,7 +84,6 @@ CASES = {
     "camera-culling": (cull, "Plane", "culling"),
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
     "fast-gi": (switch("scene.cycles", "use_fast_gi"), "Scene", "fast global illumination"),
-    "rolling-shutter": (roll, "Scene", "rolling shutter"),
     "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
     "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,6 +85,24 @@ def export_camera(context: ExportContext, camera_object: bpy.types.Object) -> Ca
     if context.scene.render.use_multiview:
         context.notice(context.scene.name, "stereoscopy is not supported", "one view, from the camera itself")
     return camera
+
+
+def in_middle(camera: Camera, middle: Camera) -> Camera:
+    """The camera of a frame whose shutter has its middle elsewhere.
+
+    As Cycles: place and field of view are those of the middle, everything else, the lens's radius included, that of the
+    frame itself.
+    """
+    if camera.kind != "PERSP":
+        return replace(camera, transform=middle.transform)
+    return replace(
+        camera,
+        transform=middle.transform,
+        lens=middle.lens,
+        sensor_width=middle.sensor_width,
+        sensor_height=middle.sensor_height,
+        aperture_fstop=camera.aperture_fstop * middle.lens / camera.lens,
+    )
 
 
 def export_frame(context: ExportContext) -> Frame:

@@ -21,8 +21,8 @@ from .shutter import Clock, Shutter, motion_step_count
 
 #: What of two float32 matrices may differ without anything having moved, relative to their largest entry.
 _NOISE = 4.0 * float(np.finfo(np.float32).eps)
-#: What of a lens may change before it is worth a notice, relative.
-_LENS_CHANGE = 1e-3
+#: What of a camera may change before it is worth a notice, relative.
+_CAMERA_CHANGE = 1e-3
 
 
 def add_motion(
@@ -79,7 +79,7 @@ def add_motion(
         shapes.look(step, count, moment, where)
         known = np.flatnonzero(lights & (where >= 0))
         restless[known] |= differ(middle.transform[known], moment.transform[where[known]])
-    description.camera.motion = camera.result()
+    camera.finish()
     instances.motion = track.result()
     shapes.finish()
     for row in np.unique(appearances.kind[restless]).tolist():
@@ -152,12 +152,13 @@ class TransformTrack:
 
 @dataclass
 class CameraTrack:
-    """The camera at its own times."""
+    """The camera at its own times, and its field of view at the ends of the shutter."""
 
     context: ExportContext
     camera_object: bpy.types.Object
     middle: Camera
     _transforms: dict[int, Float32Array] = field(default_factory=dict)
+    _lenses: dict[int, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         #: 0 if it is not blurred.
@@ -165,7 +166,10 @@ class CameraTrack:
 
     def look(self, step: int, count: int) -> None:
         """Read it at the time `step` of `count`, if that is one of its own."""
-        if self.step_count == 0 or step % ((count - 1) // (self.step_count - 1)) != 0:
+        is_own = self.step_count > 0 and step % ((count - 1) // (self.step_count - 1)) == 0
+        # As Cycles: it zooms even where it does not move by its own switch.
+        is_end = step in (0, count - 1)
+        if not (is_own or is_end):
             return
         name = self.camera_object.name
         try:
@@ -174,27 +178,43 @@ class CameraTrack:
             problem = "is scaled to zero or infinity while the shutter is open"
             self.context.notice(name, problem, "then where it is in the middle")
             return
-        self._transforms[step * (self.step_count - 1) // (count - 1)] = camera.transform
-        if _lens_changes(camera, self.middle):
-            self.context.notice(name, "blur by zoom or change of focus is not supported", "as in the middle")
+        if is_own:
+            self._transforms[step * (self.step_count - 1) // (count - 1)] = camera.transform
+        if is_end and camera.kind == "PERSP":
+            self._lenses[0 if step == 0 else 1] = _lens(camera)
+        if _is_adjusted(camera, self.middle):
+            problem = "changes scale, shift or focus while the shutter is open, which does not blur, as in Cycles"
+            self.context.notice(name, problem, "as at the frame itself")
 
-    def result(self) -> Float32Array | None:
-        """Camera to world at its times, float32 (S, 4, 4), None if it stands still."""
-        if not self._transforms:
-            return None
-        motion = np.repeat(self.middle.transform[None], self.step_count, axis=0)
-        for step, transform in self._transforms.items():
-            motion[step] = transform
-        return motion if differ(motion, np.broadcast_to(self.middle.transform, motion.shape)).any() else None
+    def finish(self) -> None:
+        """Put into the middle's camera how it moves and zooms."""
+        if self._transforms:
+            motion = np.repeat(self.middle.transform[None], self.step_count, axis=0)
+            for step, transform in self._transforms.items():
+                motion[step] = transform
+            if differ(motion, np.broadcast_to(self.middle.transform, motion.shape)).any():
+                self.middle.motion = motion
+        lens = _lens(self.middle)
+        ends = self._lenses.get(0, lens), self._lenses.get(1, lens)
+        if ends != (lens, lens):
+            self.middle.lens_motion = np.array(ends, np.float32)
 
 
-def _lens_changes(camera: Camera, middle: Camera) -> bool:
-    names = ["lens", "ortho_scale", "sensor_width", "sensor_height", "shift_x", "shift_y"]
+def _lens(camera: Camera) -> tuple[float, float, float]:
+    """What of a perspective camera makes its field of view."""
+    return camera.lens, camera.sensor_width, camera.sensor_height
+
+
+def _is_adjusted(camera: Camera, middle: Camera) -> bool:
+    """Whether something changes that Cycles looks at once for all times."""
+    names = ["shift_x", "shift_y"]
+    if middle.kind == "ORTHO":
+        names.append("ortho_scale")
     if middle.use_dof:
         names += ["focus_distance", "aperture_fstop"]
     for name in names:
         now, then = getattr(camera, name), getattr(middle, name)
-        if not abs(now - then) <= _LENS_CHANGE * max(abs(now), abs(then)):
+        if not abs(now - then) <= _CAMERA_CHANGE * max(abs(now), abs(then)):
             return True
     return False
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.scene.description import Attribute, Instances, Light, Mesh, SceneDescription
 
-from .camera import export_camera, export_frame, find_camera
+from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext
 from .geometry import export_mesh
@@ -21,7 +21,7 @@ from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
-from .shutter import Clock, Shutter, read_shutter, read_shutter_curve
+from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .unsupported import notice_scene
 from .world import export_world
 
@@ -89,15 +89,15 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     materials = MaterialExporter(context, graphs)
     world = export_world(context, graphs)
     frame = export_frame(context)
-    curve = None
+    curve, rolling = None, 1.0
     if shutter is not None:
-        curve = read_shutter_curve(context.scene.render)
+        curve, rolling = read_shutter_curve(context.scene.render), read_rolling_shutter(context.scene)
         if shutter.centre != shutter.frame:
-            # As Cycles: materials and world are those of the frame itself, everything else is that of the middle of
-            # the shutter.
+            # As Cycles: materials, world and most of the camera are those of the frame itself, everything else is that
+            # of the middle of the shutter.
             gather_appearances(context, materials)
             clock.go_to(shutter.centre)
-            camera = export_camera(context, camera_object)
+            camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
     lights = _export_lights(context, graphs, appearances)
@@ -115,6 +115,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         to_xyz=to_xyz,
         frame_current=frame_current,
         shutter_curve=curve,
+        rolling_shutter_duration=rolling,
     )
     if shutter is not None:
         add_motion(context, clock, shutter, description, appearances, chosen, camera_object)

@@ -72,6 +72,13 @@ def read_shutter_curve(render: bpy.types.RenderSettings) -> Float32Array | None:
     return None if np.abs(opened - 1.0).max() <= 1e-3 else opened
 
 
+def read_rolling_shutter(scene: bpy.types.Scene) -> float:
+    """Share of the shutter's time in which a row of the image is exposed, by Cycles' settings; 1: no rolling shutter."""
+    if cycles_property(scene, "rolling_shutter_type", "NONE") == "NONE":
+        return 1.0
+    return float(cycles_property(scene, "rolling_shutter_duration", 0.1))
+
+
 def motion_step_count(shown: bpy.types.Object, parent: bpy.types.Object | None = None) -> int:
     """Evenly spaced times at which an object is looked at, 0 if it is not blurred.
 

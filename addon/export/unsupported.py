@@ -8,15 +8,12 @@ import bpy
 from engine.scene.description import NodeGraph
 
 from .context import ExportContext, cycles_property
-from .shutter import has_motion_blur
 
 
 def notice_scene(context: ExportContext) -> None:
     """What scene and view layer ask for."""
     scene = context.scene
     render = scene.render
-    if has_motion_blur(context) and cycles_property(scene, "rolling_shutter_type", "NONE") != "NONE":
-        context.notice(scene.name, "a rolling shutter is not supported", "all rows of the image at once")
     if cycles_property(scene, "use_fast_gi", False):
         context.notice(scene.name, "fast global illumination is not supported", "light is followed as far as ever")
     if render.use_simplify and cycles_property(scene, "texture_limit_render", "OFF") != "OFF":

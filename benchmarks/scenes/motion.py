@@ -117,6 +117,38 @@ def camera_moves() -> None:
     _shutter()
 
 
+@scene("motion-zoom")
+def zoom() -> None:
+    """Blur that begins at the frame by a lens that zooms in; shift and focus change too, which does not blur."""
+    lit_stage()
+    add_object("Sphere", sphere("Sphere", material("checked", _checked), 0.8), (-0.75, 0.0, 0.8))
+    add_object("Box", box("Box", diffuse((0.2, 0.5, 0.7), "box")), (1.1, 0.6, 0.5), (0, 0, 30))
+    lens = bpy.context.scene.camera.data
+    lens.dof.use_dof, lens.dof.aperture_fstop = True, 1.2
+    _animate(lens, "lens", 20.0, 32.0, 70.0)
+    _animate(lens, "shift_x", -0.1, 0.06, 0.3)
+    _animate(lens.dof, "focus_distance", 3.0, 6.0, 12.0)
+    _shutter(0.8, "START")
+
+
+@scene("motion-rolling")
+def rolling() -> None:
+    """Blades that turn and a camera that pans, seen row by row from the top, each for a quarter of the time."""
+    lit_stage()
+    checked = material("checked", _checked)
+    for index in range(3):
+        blade = add_object("Blade", box("Blade", checked, (2.2, 0.28, 0.06)), (0.0, -0.4, 0.9), (70, 0, 60 * index))
+        x, y, z = blade.rotation_euler
+        _animate(blade, "rotation_euler", (x, y, z - math.radians(60)), (x, y, z + math.radians(60)))
+        blade.cycles.motion_steps = 3
+    view = bpy.context.scene.camera
+    x, y, z = view.rotation_euler
+    _animate(view, "rotation_euler", (x, y, z - 0.12), (x, y, z + 0.12))
+    now = bpy.context.scene
+    now.cycles.rolling_shutter_type, now.cycles.rolling_shutter_duration = "TOP", 0.25
+    _shutter()
+
+
 @scene("motion-deform")
 def deform() -> None:
     """A smooth ball that is pressed flat and back by shape keys, and a ribbon that a modifier bends."""

@@ -16,12 +16,17 @@ from engine.scene.camera import (
     CAMERA_CLIP_START,
     CAMERA_FOCUS,
     CAMERA_INVERSE_RATIO,
+    CAMERA_IS_ZOOMING,
     CAMERA_KIND,
     CAMERA_LENS_RADIUS,
     CAMERA_OFFSET_X,
     CAMERA_OFFSET_Y,
+    CAMERA_ROLLING,
+    CAMERA_ROW_COUNT,
     CAMERA_SCALE_X,
     CAMERA_SCALE_Y,
+    CAMERA_ZOOM_CLOSING,
+    CAMERA_ZOOM_OPENING,
     KIND_EQUIRECTANGULAR,
     KIND_ORTHOGRAPHIC,
     KIND_PERSPECTIVE,
@@ -36,6 +41,31 @@ def sample_table(table, u):
     index = min(int(x), last - 1)
     fraction = x - np.float32(index)
     return table[index] * (1.0 - fraction) + table[index + 1] * fraction
+
+
+@kernel
+def time_of_row(camera, time, row):
+    """When a path sees the world: its time of the shutter, and where the rolling shutter is at its row, from the top.
+
+    Parameters
+    ----------
+    camera : float32 (CAMERA_WIDTH,)
+    time : float32, in [0, 1], drawn by the shutter's curve
+    row : int, of the full image, 0 at the bottom
+    """
+    rolling = camera[CAMERA_ROLLING]
+    if rolling > 0.0:
+        time = time * (1.0 - rolling) + (1.0 - np.float32(row) / camera[CAMERA_ROW_COUNT]) * rolling
+    return time
+
+
+@kernel
+def zoom_at(camera, time):
+    """Film coordinates at a time of the shutter over those in its middle: straight on either side, as in Cycles."""
+    away = 2.0 * time - 1.0
+    if away < 0.0:
+        return 1.0 - away * (camera[CAMERA_ZOOM_OPENING] - 1.0)
+    return 1.0 + away * (camera[CAMERA_ZOOM_CLOSING] - 1.0)
 
 
 @kernel
@@ -96,6 +126,10 @@ def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
         direction = (math.sin(film_x) * horizontal, math.sin(film_y), -math.cos(film_x) * horizontal)
         spread = 0.5 * (abs(camera[CAMERA_SCALE_X]) * horizontal + abs(camera[CAMERA_SCALE_Y]))
     else:
+        if camera[CAMERA_IS_ZOOMING] > 0.0:
+            zoom = zoom_at(camera, time)
+            film_x *= zoom
+            film_y *= zoom
         direction = (film_x, film_y, -1.0)
         # How far the unit direction moves from one pixel to the next, mean of x and y.
         squared = film_x * film_x + film_y * film_y + 1.0

@@ -170,7 +170,7 @@ def build_scene(
         description=description,
         camera=build_camera(
             description.camera, description.frame, settings.pixel_filter, settings.filter_width,
-            description.shutter_curve,
+            description.shutter_curve, description.rolling_shutter_duration,
         ),
         geometry=geometry,
         shaders=shaders,

@@ -24,7 +24,12 @@ CAMERA_BLADES = 20
 CAMERA_BLADE_ROTATION = 21
 CAMERA_INVERSE_RATIO = 22
 CAMERA_KIND = 23
-CAMERA_WIDTH = 24
+CAMERA_IS_ZOOMING = 24
+CAMERA_ZOOM_OPENING = 25  # film coordinates at the shutter's opening over those in its middle
+CAMERA_ZOOM_CLOSING = 26
+CAMERA_ROLLING = 27  # share of a path's time that its row decides, 0 = none
+CAMERA_ROW_COUNT = 28  # of the full image
+CAMERA_WIDTH = 29
 
 KIND_PERSPECTIVE = 0
 KIND_ORTHOGRAPHIC = 1
@@ -51,13 +56,19 @@ class CameraArrays(NamedTuple):
 
 
 def build_camera(
-    camera: Camera, frame: Frame, pixel_filter: str, filter_width: float, shutter_curve: Float32Array | None = None
+    camera: Camera,
+    frame: Frame,
+    pixel_filter: str,
+    filter_width: float,
+    shutter_curve: Float32Array | None = None,
+    rolling_shutter_duration: float = 1.0,
 ) -> CameraArrays:
     """Rays as Cycles' camera makes them.
 
     Parameters
     ----------
     shutter_curve : float32 (N,), optional
+    rolling_shutter_duration : float, optional
         See `SceneDescription`.
 
     Raises
@@ -82,12 +93,8 @@ def build_camera(
 
     x_ratio = frame.width * frame.pixel_aspect_x
     y_ratio = frame.height * frame.pixel_aspect_y
-    if camera.sensor_fit == "AUTO":
-        horizontal = x_ratio > y_ratio
-        sensor = camera.sensor_width
-    else:
-        horizontal = camera.sensor_fit == "HORIZONTAL"
-        sensor = camera.sensor_width if horizontal else camera.sensor_height
+    horizontal = x_ratio > y_ratio if camera.sensor_fit == "AUTO" else camera.sensor_fit == "HORIZONTAL"
+    by_width = camera.sensor_fit != "VERTICAL"
     aspect = x_ratio / y_ratio if horizontal else y_ratio / x_ratio
     half_x, half_y = (aspect, 1.0) if horizontal else (1.0, aspect)
     if kind == KIND_EQUIRECTANGULAR:
@@ -99,7 +106,7 @@ def build_camera(
         if kind == KIND_ORTHOGRAPHIC:
             scale = camera.ortho_scale / (2.0 * aspect)
         else:
-            scale = 0.5 * sensor / camera.lens / aspect
+            scale = 0.5 * (camera.sensor_width if by_width else camera.sensor_height) / camera.lens / aspect
         shift_x = 2.0 * aspect * camera.shift_x
         shift_y = 2.0 * aspect * camera.shift_y
         row[CAMERA_SCALE_X] = 2.0 * half_x * scale / frame.width
@@ -116,6 +123,17 @@ def build_camera(
     row[CAMERA_BLADE_ROTATION] = camera.aperture_rotation
     row[CAMERA_INVERSE_RATIO] = 1.0 / max(camera.aperture_ratio, 1e-5)
     row[CAMERA_KIND] = kind
+    row[CAMERA_ZOOM_OPENING : CAMERA_ZOOM_CLOSING + 1] = 1.0
+    if camera.lens_motion is not None and kind == KIND_PERSPECTIVE:
+        lens, width, height = np.asarray(camera.lens_motion, np.float64).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zoom = (width if by_width else height) / lens / (2.0 * aspect * scale)
+        if not (np.isfinite(zoom).all() and (zoom > 0.0).all()):
+            raise ValueError("the camera zooms to nothing or infinity: check the keyframes and drivers of its lens")
+        row[CAMERA_IS_ZOOMING] = (zoom.astype(np.float32) != 1.0).any()
+        row[CAMERA_ZOOM_OPENING : CAMERA_ZOOM_CLOSING + 1] = zoom
+    row[CAMERA_ROLLING] = 1.0 - min(max(rolling_shutter_duration, 0.0), 1.0)
+    row[CAMERA_ROW_COUNT] = frame.height
     table = filter_table(pixel_filter, filter_width)
     return CameraArrays(row.astype(np.float32), table, motion, shutter_table(shutter_curve))
 

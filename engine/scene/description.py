@@ -334,6 +334,9 @@ class Camera:
     longitude_max: float = float(np.pi)
     #: Camera to world at evenly spaced times of the shutter, float32 (S, 4, 4); None: it stands still.
     motion: Float32Array | None = None
+    #: `lens`, `sensor_width` and `sensor_height` at the shutter's opening and closing, float32 (2, 3); None: always
+    #: those of the middle. Of perspective cameras: others do not zoom, as in Cycles.
+    lens_motion: Float32Array | None = None
 
 
 @dataclass
@@ -370,6 +373,9 @@ class SceneDescription:
     frame_current: float = 0.0
     #: How far the shutter is open at evenly spaced times, float32 (K,), 0 or more; None: open all the time.
     shutter_curve: Float32Array | None = None
+    #: Share of the shutter's time in which a row of the image is exposed, 0 to 1, of the top row the first part and of
+    #: the bottom row the last; 1: all rows all the time.
+    rolling_shutter_duration: float = 1.0
 
     @property
     def is_moving(self) -> bool:

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from engine.jit import kernel
-from engine.kernels.camera import generate_ray, sample_table
+from engine.kernels.camera import generate_ray, sample_table, time_of_row
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
@@ -110,7 +110,7 @@ def init_from_camera(
                 time_u, found = place_in_stratum(time_u, 1, stratum, strata)
             if stratum == ALL_STRATA:
                 row_of_film = pixel * strata + found
-        time = sample_table(shutter, time_u)
+        time = time_of_row(camera, sample_table(shutter, time_u), row)
         x = np.float32(column) + 0.5 + sample_table(filter_table, u0)
         y = np.float32(row) + 0.5 + sample_table(filter_table, u1)
         origin, direction, near, far, radius, spread = generate_ray(camera, motion, x, y, u2, u3, time)
