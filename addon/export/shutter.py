@@ -73,7 +73,7 @@ def read_shutter_curve(render: bpy.types.RenderSettings) -> Float32Array | None:
 
 
 def read_rolling_shutter(scene: bpy.types.Scene) -> float:
-    """Share of the shutter's time in which a row of the image is exposed, by Cycles' settings; 1: no rolling shutter."""
+    """Share of the shutter's time in which a row of the image is exposed, 1 without a rolling one: Cycles' settings."""
     if cycles_property(scene, "rolling_shutter_type", "NONE") == "NONE":
         return 1.0
     return float(cycles_property(scene, "rolling_shutter_duration", 0.1))
