@@ -217,6 +217,16 @@ def test_zooms_to_nowhere_are_named(lens):
         build_camera(Camera(lens_motion=motion), Frame(4, 4, (0, 0, 4, 4)), "BOX", 1.0)
 
 
+@pytest.mark.parametrize("name", ["lens", "sensor_width", "clip_start", "shift_x", "focus_distance", "aperture_fstop"])
+def test_settings_of_no_number_are_named(name):
+    camera = Camera(use_dof=True, **{name: np.nan})
+    with pytest.raises(ValueError, match="NaN or infinity"):
+        build_camera(camera, Frame(4, 4, (0, 0, 4, 4)), "BOX", 1.0)
+    # Without depth of field nobody asks for its settings.
+    if name in ("focus_distance", "aperture_fstop"):
+        build_camera(replace(camera, use_dof=False), Frame(4, 4, (0, 0, 4, 4)), "BOX", 1.0)
+
+
 def test_bad_cameras_are_named():
     with pytest.raises(ValueError, match="resolution"):
         build_camera(Camera(), Frame(0, 4, (0, 0, 0, 0)), "BOX", 1.0)

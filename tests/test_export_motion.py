@@ -196,6 +196,15 @@ def test_an_object_that_vanishes_stays_where_it_is(scene: Any) -> None:
     np.testing.assert_allclose(instances.motion[1][:, 0, 3], [9.5, 10.0, 10.5], atol=1e-6)
 
 
+def test_an_object_that_appears_is_not_there(scene: Any) -> None:
+    """As Cycles: what is shown is what is there in the middle."""
+    keyframe(add_cube("Late"), "hide_viewport", {0: True, 10.25: False}, "CONSTANT")
+    add_cube()
+    scene.frame_set(10)
+    instances = export().instances
+    assert instances.name == ["Cube"] and instances.motion == {}
+
+
 def test_items_are_found_again_in_another_order() -> None:
     from addon.export.moments import find_again
 
@@ -402,6 +411,30 @@ def test_broken_transforms_keep_the_middle(scene: Any) -> None:
     description = export()
     np.testing.assert_allclose(description.instances.motion[0][:, 0, 3], [9.5, 10.0, 10.0], atol=1e-6)
     assert [notice.subject for notice in description.notices] == ["Cube"]
+
+
+def test_broken_lenses_keep_the_middle(scene: Any) -> None:
+    data = scene.camera.data
+    keyframe(data, "lens", {9: 20.0, 10: 40.0, 10.25: 50.0}, "CONSTANT")
+    curves_of(data)[0].keyframe_points[-1].co[1] = math.nan
+    scene.frame_set(10)
+    description = export()
+    assert description.camera.lens == 40.0
+    np.testing.assert_array_equal(description.camera.lens_motion[:, 0], [20.0, 40.0])
+    assert [notice.subject for notice in description.notices] == ["Camera"]
+
+
+@pytest.mark.parametrize("position", ["START", "CENTER", "END"])
+def test_a_camera_that_cannot_be_is_named_and_leaves_the_frame(scene: Any, position: str) -> None:
+    keyframe(scene.camera, "scale", {0: (1.0, 1.0, 1.0), 10: (1.0, 1.0, 1.0)}, "CONSTANT")
+    for curve in curves_of(scene.camera):
+        for point in curve.keyframe_points:
+            point.co[1] = math.nan
+    open_shutter(scene, 1.0, position)
+    scene.frame_set(10, subframe=0.25)
+    with pytest.raises(ValueError, match="scaled to zero or infinity"):
+        export()
+    assert (scene.frame_current, scene.frame_subframe) == (10, 0.25)
 
 
 def test_a_driver_that_gives_nan(scene: Any) -> None:

@@ -237,6 +237,14 @@ def test_a_time_limit_is_kept_and_the_image_is_whole(untrained):
     assert not bias.is_biased, bias
 
 
+@pytest.mark.parametrize("samples", [1, 3])
+def test_more_strata_than_samples_are_none(samples, untrained):
+    images = [
+        rendered(emitter_scene(), [1], **PROGRESSIVE, strata=count, samples=samples)[0] for count in (0, 64)
+    ]
+    assert np.isfinite(images[0]).all() and np.array_equal(*images)
+
+
 @pytest.mark.parametrize("is_moving", [True, False])
 def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
     found = []

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import compress
 
@@ -181,7 +182,12 @@ class CameraTrack:
         if is_own:
             self._transforms[step * (self.step_count - 1) // (count - 1)] = camera.transform
         if is_end and camera.kind == "PERSP":
-            self._lenses[0 if step == 0 else 1] = _lens(camera)
+            lens = _lens(camera)
+            if all(0.0 < length < math.inf for length in lens):
+                self._lenses[0 if step == 0 else 1] = lens
+            else:
+                problem = "has a lens or sensor of no size, NaN or infinity while the shutter is open"
+                self.context.notice(name, problem, "then as in the middle")
         if _is_adjusted(camera, self.middle):
             problem = "changes scale, shift or focus while the shutter is open, which does not blur, as in Cycles"
             self.context.notice(name, problem, "as at the frame itself")

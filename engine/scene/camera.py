@@ -74,7 +74,7 @@ def build_camera(
     Raises
     ------
     ValueError
-        For an unknown camera kind, a camera without a usable transform or an image without pixels.
+        For an unknown camera kind, a camera without a usable transform or lens, or an image without pixels.
     """
     if camera.kind not in _KINDS:
         raise ValueError(f"camera type {camera.kind!r}: choose one of {', '.join(_KINDS)}")
@@ -118,7 +118,7 @@ def build_camera(
     if camera.use_dof:
         lens = camera.lens * 1e-3 if kind != KIND_ORTHOGRAPHIC else 1.0
         row[CAMERA_LENS_RADIUS] = lens / (2.0 * max(camera.aperture_fstop, 1e-5))
-    row[CAMERA_FOCUS] = max(camera.focus_distance, 1e-5)
+        row[CAMERA_FOCUS] = max(camera.focus_distance, 1e-5)
     row[CAMERA_BLADES] = camera.aperture_blades if camera.aperture_blades >= 3 else 0
     row[CAMERA_BLADE_ROTATION] = camera.aperture_rotation
     row[CAMERA_INVERSE_RATIO] = 1.0 / max(camera.aperture_ratio, 1e-5)
@@ -132,8 +132,11 @@ def build_camera(
             raise ValueError("the camera zooms to nothing or infinity: check the keyframes and drivers of its lens")
         row[CAMERA_IS_ZOOMING] = (zoom.astype(np.float32) != 1.0).any()
         row[CAMERA_ZOOM_OPENING : CAMERA_ZOOM_CLOSING + 1] = zoom
-    row[CAMERA_ROLLING] = 1.0 - min(max(rolling_shutter_duration, 0.0), 1.0)
+    if rolling_shutter_duration < 1.0:
+        row[CAMERA_ROLLING] = 1.0 - max(rolling_shutter_duration, 0.0)
     row[CAMERA_ROW_COUNT] = frame.height
+    if not np.isfinite(row).all():
+        raise ValueError("the camera has a setting that is NaN or infinity: check its keyframes and drivers")
     table = filter_table(pixel_filter, filter_width)
     return CameraArrays(row.astype(np.float32), table, motion, shutter_table(shutter_curve))
 
