@@ -222,8 +222,8 @@ def test_dispersion_is_a_refractive_index_for_every_wavelength(roughness: float,
 def test_other_working_spaces_keep_their_colours(color: tuple[float, float, float]) -> None:
     """A lamp's colour in Rec.2020: what comes out is what went in, where it is not more saturated than Rec.709.
 
-    Then it is the colour whose channels in Rec.709 are not below 0 (docs/differences.md), as near as smooth spectra come
-    to the very edge of Rec.709: within 1.5% of its brightest channel.
+    Then it is the colour whose channels in Rec.709 are not below 0 (docs/differences.md), as near as smooth spectra
+    come to the very edge of Rec.709: within 1.5% of its brightest channel.
     """
     to_xyz = np.array([(0.636958, 0.144617, 0.168881), (0.2627, 0.677998, 0.059302), (0.0, 0.028073, 1.060985)])
     to_rec709 = XYZ_TO_REC709 @ to_xyz

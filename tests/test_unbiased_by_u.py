@@ -122,6 +122,12 @@ def guided(method: str) -> dict[str, Any]:
     return METHODS[method] | forced
 
 
+def seeds_of(method: str) -> range:
+    """Seeds that no other method has, lest they all share the luck of the camera's samples."""
+    first = 10 * (1 + list(METHODS).index(method))
+    return range(first, first + 3)
+
+
 # ---------------------------------------------------------------------------------------------------------------------
 # Time
 
@@ -209,7 +215,7 @@ def test_every_stratum_of_time_has_its_mean(
 ) -> None:
     mislead(method, kind, monkeypatch)
     settings = {"samples": 5120} | guided(method) | settings
-    check(strata_means(range(3), monkeypatch, **settings), list(strata_reference()))
+    check(strata_means(seeds_of(method), monkeypatch, **settings), list(strata_reference()))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -285,4 +291,4 @@ def band_reference() -> tuple[np.ndarray, ...]:
 )
 def test_every_band_of_wavelengths_has_its_mean(method: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mislead(method, kind, monkeypatch)
-    check(band_means(range(3), monkeypatch, 1024, **guided(method)), list(band_reference()))
+    check(band_means(seeds_of(method), monkeypatch, 1024, **guided(method)), list(band_reference()))
