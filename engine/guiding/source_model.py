@@ -12,7 +12,7 @@ from engine.guiding.flow.field import make_flow_field
 from engine.guiding.flow.shape import FlowShape
 from engine.guiding.guide import SourceField
 from engine.guiding.mixture.inference import make_mixture_network
-from engine.guiding.mixture.shape import selection_blend
+from engine.guiding.mixture.shape import SHUTTER_SPAN, selection_blend
 from engine.guiding.rows import make_rows
 from engine.guiding.sdtree.model import SdTreeModel
 from engine.guiding.sources import source_shape, source_training
@@ -167,10 +167,66 @@ class NetworkSource:
             self._trainer = None
 
 
-def training_rows(records: VertexRecords, row_count: int) -> Float32Array:
-    """Rows to train a network with: float32 (at most row_count, ROW_WIDTH)."""
+class TrainedSource:
+    """A network that was trained before the render; it learns nothing more.
+
+    Parameters
+    ----------
+    field : SourceField or None
+        None: the mixture field guides.
+    u_dimension : str
+        What the network knows, 'TIME' or 'NONE' (`engine.settings.U_DIMENSIONS`).
+    description : str
+        What was trained, in a line for people.
+    """
+
+    def __init__(self, field: SourceField | None, u_dimension: str, description: str = "") -> None:
+        self.field = field
+        self.u_dimension = u_dimension
+        self.seconds = 0.0
+        self.notices: list[Notice] = []
+        self._description = description
+
+    def learn(
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
+        executor: ThreadPoolExecutor, thread_count: int,
+    ) -> None:
+        pass
+
+    def describe(self) -> str:
+        return self._description
+
+    def close(self) -> None:
+        """Nothing runs."""
+
+
+class RowCollector(TrainedSource):
+    """Such a network, or none yet, while rows are collected to train it further when the render is over.
+
+    u_span : (float, float), u at the shutter's opening and closing
+    rows : list of float32 (N, ROW_WIDTH)
+    """
+
+    def __init__(self, field: SourceField | None, u_dimension: str, u_span: tuple[float, float]) -> None:
+        super().__init__(field, u_dimension)
+        self.u_span = u_span
+        self.rows: list[Float32Array] = []
+
+    def learn(
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
+        executor: ThreadPoolExecutor, thread_count: int,
+    ) -> None:
+        self.rows.append(training_rows(records, row_count, self.u_span))
+
+
+def training_rows(
+    records: VertexRecords, row_count: int, u_span: tuple[float, float] = SHUTTER_SPAN
+) -> Float32Array:
+    """Rows to train a network with, u going over `u_span` with time: float32 (at most row_count, ROW_WIDTH)."""
     bsdf_pdf, guide_pdf = records.bsdf_pdf[:row_count], records.guide_pdf[:row_count]
     pdf = records.pdf[:row_count]
+    # As `inference.u_of_time` has it.
+    first_u, last_u = np.float32(u_span[0]), np.float32(u_span[1])
     # A vertex that was not guided drew from its BSDF.
     return make_rows(
         records.position[:row_count], records.direction[:row_count], records.wo[:row_count],
@@ -181,7 +237,7 @@ def training_rows(records: VertexRecords, row_count: int) -> Float32Array:
         pdf=pdf,
         bsdf_pdf=np.where(np.isnan(bsdf_pdf), pdf, bsdf_pdf),
         guide_pdf=np.where(np.isnan(guide_pdf), np.float32(0.0), guide_pdf),
-        u=records.time[:row_count],
+        u=first_u + (last_u - first_u) * records.time[:row_count],
     )
 
 

@@ -17,6 +17,7 @@ from engine.guiding.mixture.inference import (
     evaluate_mixtures,
     no_mixture_network,
     selection_probability,
+    u_of_time,
 )
 from engine.guiding.mixture.shape import MixtureShape
 from engine.guiding.perceptron import CHUNK_ROWS
@@ -158,7 +159,7 @@ def query_mixtures(guide, guided, points, lanes, lane_count):
                 store(guide.chunk_normal, count, real_3(points, lane, POINT_NS))
                 store(guide.chunk_wo, count, real_3(points, lane, POINT_WO))
                 guide.chunk_roughness[count] = guide.roughness[lane]
-                guide.chunk_u[count] = points.real[lane, POINT_TIME]
+                guide.chunk_u[count] = u_of_time(network, points.real[lane, POINT_TIME])
                 count += 1
         evaluate_mixtures(
             network, guide.chunk_position, guide.chunk_normal, guide.chunk_wo, guide.chunk_roughness, guide.chunk_u,

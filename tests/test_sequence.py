@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One field for a sequence of frames: trained once, used by all of them, and none is biased by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.bias import find_bias
+from engine import sequence
+from engine.guiding import source_model
+from engine.guiding.lobes.vmf import decode_vmf
+from engine.guiding.mixture.inference import allocate_mixture_scratch, evaluate_mixtures
+from engine.guiding.sequence_field import u_span
+from engine.guiding.vmm.field import allocate_guide
+from engine.scene.description import Frame
+from engine.scene.digest import camera_digest, light_digest
+from engine.scene.geometry import plain_instances
+from engine.sequence import LoadCancelled, TrainingFailed, train_sequence
+from engine.session import Session
+from engine.settings import RenderSettings
+from tests.guiding_harness import densities, sphere_grid
+from tests.test_session import floor_scene, material
+
+FRAMES = (1, 24)
+#: Where the lamp hangs in each frame [m].
+LAMPS = {1: (-1.6, 0.0, 1.2), 24: (1.6, 0.0, 1.2)}
+SETTINGS = RenderSettings(
+    guiding_method="NPM", mixture_u="PLANES", use_nee=False, threads=2, max_bounces=3, guiding_trial=False,
+    learn_guiding_probability=False, light_sampling_threshold=0.0, filter_glossy=0.0,
+)
+
+
+def lamp_scene(frame, size=(32, 24)):
+    """A floor under a small glowing square that hangs somewhere else in each frame."""
+    glow = material("Glow", (30.0, 30.0, 30.0), "ShaderNodeEmission")
+    description = floor_scene(size=size, materials=[material(), glow])
+    lamp = np.diag([0.006, -0.006, -1.0, 1.0])
+    lamp[:3, 3] = LAMPS[frame]
+    description.instances = plain_instances([np.diag([0.08, 0.08, 1.0, 1.0]), lamp], name="Floor")
+    description.instances.material_offset[:] = (0, 1)
+    description.instances.materials = np.array([0, 1], np.int32)
+    description.camera.transform[2, 3] = 8.0
+    description.frame_current = float(frame)
+    return description
+
+
+def rendered(description, field, seed, **settings):
+    session = Session(replace(SETTINGS, **{"samples": 31, "seed": seed, **settings}))
+    session.load(description)
+    source = None if field is None else field.source(session.settings, description)
+    result = session.render(source=source)
+    session.close()
+    return result
+
+
+@pytest.fixture(scope="module")
+def field():
+    pytest.importorskip("torch")
+    scenes = [lamp_scene(frame) for frame in FRAMES]
+    return train_sequence(replace(SETTINGS, deterministic=True), scenes, FRAMES, samples=96)
+
+
+def density_towards(network, shape, target, u):
+    """Mean density [sr^-1] of the mixtures on the floor within a cone around where `target` is seen."""
+    position = np.array([(x, y, 0.0) for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.5)], np.float32)
+    count = len(position)
+    up = np.tile(np.float32((0.0, 0.0, 1.0)), (count, 1))
+    raw = np.zeros((count, shape.output_width), np.float32)
+    evaluate_mixtures(
+        network, position, up, up, np.ones(count, np.float32), np.full(count, u, np.float32), count,
+        allocate_mixture_scratch(shape), raw,
+    )
+    guide = allocate_guide(1)
+    grid = sphere_grid(100, 200)
+    found = []
+    for row in range(count):
+        decode_vmf(raw, row, 0, shape.lobe_count, guide, 0, np.float32(1.0))
+        axis = np.asarray(target) - position[row]
+        is_near = grid @ (axis / np.linalg.norm(axis)) > np.cos(0.3)
+        found.append(densities(guide, grid[is_near])[0].mean())
+    return float(np.mean(found))
+
+
+def test_each_time_has_its_own_lamp(field):
+    """At u of a frame the mixture points to that frame's lamp, hardly to the other's."""
+    for frame, other in (FRAMES, FRAMES[::-1]):
+        source = field.source(SETTINGS, lamp_scene(frame))
+        (u, closing) = u_span(lamp_scene(frame), field.span)
+        assert u == closing == (0.0 if frame == FRAMES[0] else 1.0)
+        own = density_towards(source.field, field.shape, LAMPS[frame], u)
+        others = density_towards(source.field, field.shape, LAMPS[other], u)
+        # A tenth of a sphere's share would be uniform.
+        assert own > 5.0 * others and own > 5.0 * 0.25 / np.pi
+
+
+def test_frames_are_rendered_by_the_field_without_bias(field, monkeypatch):
+    """No worker is started, the network stays what it was, and the mean is that of an unguided render."""
+    monkeypatch.setattr(source_model, "NetworkTrainer", None)
+    for frame in FRAMES:
+        scene = lamp_scene(frame)
+        guided = [rendered(scene, field, seed) for seed in range(8)]
+        for result in guided:
+            network = result.guidance.source
+            assert network.u_span.tolist() == [float(frame == FRAMES[1])] * 2
+            arrays = field.shape.split(field.snapshot.parameters)
+            assert np.shares_memory(network.encoding.planes, arrays["planes"])
+            assert "trained once for times 1 to 24" in result.report.guiding.source
+            assert result.report.guiding.source_seconds == 0.0
+        images = [result.passes["Combined"] for result in guided]
+        plain = [
+            rendered(scene, None, seed, guiding_method="OFF", samples=512).passes["Combined"] for seed in range(10, 14)
+        ]
+        bias = find_bias(images, plain)
+        assert not bias.is_biased and bias.detectable < 0.1, bias
+        # It is of use: far less noise than as many unguided samples have.
+        few = [rendered(scene, None, seed, guiding_method="OFF").passes["Combined"] for seed in range(20, 28)]
+        assert np.var(images, axis=0).mean() < 0.5 * np.var(few, axis=0).mean()
