@@ -253,8 +253,8 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     )
     sequence_samples: IntProperty(  # type: ignore[valid-type]
         name="Sequence Samples",
-        description="Paths traced for every pixel (of large pictures: of a smaller copy) of each frame that the sequence's"
-        " field is trained on, up to 16 frames spread over it. They are no part of any picture",
+        description="Paths traced for every pixel (of large pictures: of a smaller copy) of each frame that the field"
+        " is trained on, up to 16 frames spread over the sequence. They are no part of any picture",
         min=1,
         max=MAX_SAMPLES,
         soft_max=256,
