@@ -16,7 +16,7 @@ from .shutter import Clock
 
 def export_frames(
     depsgraph: bpy.types.Depsgraph,
-    frames: Iterable[int],
+    frames: Iterable[float],
     *,
     cache: ExportCache,
     engine: bpy.types.RenderEngine | None = None,
