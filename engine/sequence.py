@@ -190,14 +190,15 @@ class _Training:
         self._progress = replace(self._progress, fraction=fraction, message=message)
         self._poll()
 
-    def _poll(self) -> None:
+    def _poll(self, detail: str = "") -> None:
         if self._should_cancel is not None and self._should_cancel():
             raise LoadCancelled
         if self._on_progress is not None:
             elapsed = time.perf_counter() - self._started
             fraction = self._progress.fraction
             remaining = elapsed * (1.0 - fraction) / fraction if fraction > 0.0 else None
-            self._on_progress(replace(self._progress, elapsed=elapsed, remaining=remaining))
+            message = detail or self._progress.message
+            self._on_progress(replace(self._progress, message=message, elapsed=elapsed, remaining=remaining))
 
     def visit(self, description: SceneDescription, samples: int, u: tuple[float, float], number: int) -> None:
         """Render a frame for a few samples, and train on what they recorded."""
@@ -205,15 +206,19 @@ class _Training:
         seed = zlib.crc32(f"training {self._seed} {number}".encode()) & _INT32_MAX
         session = self._session
         session.settings = replace(self._settings, samples=samples, seed=seed)
-        poll = lambda _progress: self._poll()  # noqa: E731
         session.load(
-            replace(description, frame=shrunk(description.frame)), on_progress=poll, should_cancel=self._should_cancel
+            replace(description, frame=shrunk(description.frame)),
+            # Compiling kernels, which takes a minute, comes before everything else.
+            on_progress=lambda progress: self._poll("" if number else progress.message),
+            should_cancel=self._should_cancel,
         )
         network = None
         if self.snapshot is not None:
             network = make_mixture_network(self.shape, self.snapshot, selection_blend(self.samples), u)
         collector = RowCollector(network, self._u_dimension, u)
-        result = session.render(on_progress=poll, should_cancel=self._should_cancel, source=collector)
+        result = session.render(
+            on_progress=lambda _progress: self._poll(), should_cancel=self._should_cancel, source=collector
+        )
         if result.report.cancelled:
             raise LoadCancelled
         self.samples += samples

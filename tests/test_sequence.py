@@ -137,7 +137,7 @@ def test_a_cancel_ends_the_training():
             SETTINGS, [lamp_scene(frame) for frame in FRAMES], FRAMES, samples=1 << 20,
             on_progress=lambda progress: messages.append(progress.message), should_cancel=should_cancel,
         )
-    assert messages and set(messages) == {"Training the sequence's field: frame 1 (1 of 38 visits)"}
+    assert messages[0] == "Training the sequence's field: frame 1 (1 of 38 visits)" and len(messages) < 9
 
 
 @pytest.mark.parametrize(
