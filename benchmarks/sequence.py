@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
     header = [
         chosen.scene, "relMSE", f"{first} / it", "if training were free", "frames trained on", "frames between",
     ]
-    print(table(header, rows))
+    print(table(header, rows), flush=True)
     return 0
 
 

@@ -167,6 +167,31 @@ def test_a_still_scene_is_told_apart(lamp_scene: Any, trained: list[Any], monkey
     assert trained == [] and problems() == ["the animation has one frame only"]
 
 
+def test_what_does_not_work_is_said_and_not_tried_again(lamp_scene: Any, monkeypatch: Any) -> None:
+    import bpy
+
+    from engine import sequence
+
+    without_workers(monkeypatch)
+    calls: list[Any] = []
+
+    def fail(*_arguments: Any, **_options: Any) -> None:
+        calls.append(None)
+        raise sequence.TrainingFailed("no torch")
+
+    monkeypatch.setattr(sequence, "train_sequence", fail)
+    lamp_scene.neuralguide.mixture_u, lamp_scene.neuralguide.strata = "NONE", 4
+    bpy.ops.render.render()
+    assert sorted(problems()) == [
+        "no torch",
+        "strata are of no use where nothing is learned within a frame",
+        "the network does not see the time: choose a Mixture's Encoding, Planes for example",
+    ]
+    bpy.ops.render.render()
+    assert problems() == ["no torch"] and len(calls) == 1
+    assert [item.status for item in outcomes()] == ["FINISHED"] * 2
+
+
 @pytest.mark.parametrize("is_blurred", [False, True])
 def test_a_cancel_leaves_the_frame(lamp_scene: Any, tmp_path: Path, monkeypatch: Any, is_blurred: bool) -> None:
     """While frames are exported to be trained on, and while the field is trained; the next render trains anew."""
