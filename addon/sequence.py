@@ -31,7 +31,7 @@ class _Kept:
 
     key : what the field depends on besides the scene
     field : None while there is none
-    problem : why there never will be one, '' if that is not so
+    problem : why there is none for this render job, '' if that is not so
     seen : digest of each frame as it was when it was trained on or rendered
     is_repeatable : whether a frame looks the same each time that Blender goes there; else `seen` says nothing
     """
@@ -95,7 +95,8 @@ class SequencePlan:
                 self._settings, descriptions, self._span, samples=self._samples, on_progress=on_progress,
                 should_cancel=should_cancel,
             )
-        except TrainingFailed as failure:
+        except (TrainingFailed, ValueError) as failure:
+            # What is wrong with another frame must not keep this one from being rendered.
             self._kept.problem = str(failure)
             return [Notice(_SUBJECT, str(failure), _FALLBACK)]
         logger.info(f"the sequence's field: {self._kept.field}")
@@ -169,9 +170,14 @@ def make_plan(
             plan.follow(kept, span, samples, [])
             return plan
 
-    descriptions = export_frames(
-        depsgraph, training_frames(first, last), engine=engine, cache=cache, should_cancel=should_cancel
-    )
+    _kept.pop(owner, None)
+    try:
+        descriptions = export_frames(
+            depsgraph, training_frames(first, last), engine=engine, cache=cache, should_cancel=should_cancel
+        )
+    except ValueError as error:
+        _kept[owner] = _Kept(key, problem=str(error))
+        return SequencePlan(settings, Notice(_SUBJECT, str(error), _FALLBACK))
     kept = _kept[owner] = _Kept(key)
     for item in descriptions:
         kept.seen[item.frame_current] = (light_digest(item), camera_digest(item))
@@ -193,18 +199,28 @@ def make_plan(
 
 
 @bpy.app.handlers.persistent
+def _try_again(*_args: Any) -> None:
+    """A new render job: what was a problem may have been mended. The command line's frames are one job to the user."""
+    if frame_range is None:
+        for owner in [owner for owner, kept in _kept.items() if kept.problem]:
+            del _kept[owner]
+
+
+@bpy.app.handlers.persistent
 def forget(*_args: Any) -> None:
     """Free all fields."""
     _kept.clear()
 
 
 def register() -> None:
-    """Have fields freed when another file is opened."""
+    """Have fields freed when another file is opened, and problems looked at again in another job."""
     bpy.app.handlers.load_pre.append(forget)
+    bpy.app.handlers.render_init.append(_try_again)
 
 
 def unregister() -> None:
     """Free all fields."""
-    if forget in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(forget)
+    for handlers, handler in ((bpy.app.handlers.load_pre, forget), (bpy.app.handlers.render_init, _try_again)):
+        if handler in handlers:
+            handlers.remove(handler)
     forget()

@@ -40,7 +40,7 @@ _MOST_PIXELS = RECORDS_PER_ITERATION // 4
 #: Steps of training for each sample a pixel of a visit; fewer if there are too few records for so many.
 _STEPS_PER_SAMPLE = 16
 #: Steps between two looks at whether to stop.
-_STEPS_AT_ONCE = 32
+_STEPS_AT_ONCE = 16
 _POLL_SECONDS = 0.05
 _INT32_MAX = 2**31 - 1
 
