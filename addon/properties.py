@@ -253,12 +253,12 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     )
     sequence_samples: IntProperty(  # type: ignore[valid-type]
         name="Sequence Samples",
-        description="Paths traced for every pixel (of large pictures: of a smaller copy) of each frame that the field"
-        " is trained on, up to 16 frames spread over the sequence. They are no part of any picture",
+        description="Paths traced for every pixel (of large pictures: of a smaller copy) to train the field, of all"
+        " frames together: up to 32 spread over the sequence. They are no part of any picture",
         min=1,
         max=MAX_SAMPLES,
-        soft_max=256,
-        default=16,
+        soft_max=4096,
+        default=256,
     )
     network_selection: BoolProperty(  # type: ignore[valid-type]
         name="Network's Share",

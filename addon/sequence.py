@@ -157,7 +157,8 @@ def make_plan(
 
     opening, closing = description.shutter or (frame, frame)
     span = (first + opening - frame, last + closing - frame)
-    samples = scene.neuralguide.sequence_samples
+    frames = training_frames(first, last)
+    samples = max(scene.neuralguide.sequence_samples // len(frames), 1)
     key = (training_settings(settings), samples, span)
     owner = (scene.name, depsgraph.view_layer_eval.name)
     digest = (light_digest(description), camera_digest(description))
@@ -172,9 +173,7 @@ def make_plan(
 
     _kept.pop(owner, None)
     try:
-        descriptions = export_frames(
-            depsgraph, training_frames(first, last), engine=engine, cache=cache, should_cancel=should_cancel
-        )
+        descriptions = export_frames(depsgraph, frames, engine=engine, cache=cache, should_cancel=should_cancel)
     except ValueError as error:
         _kept[owner] = _Kept(key, problem=str(error))
         return SequencePlan(settings, Notice(_SUBJECT, str(error), _FALLBACK))

@@ -33,8 +33,9 @@ from engine.scene.digest import light_digest
 from engine.session import LoadCancelled, Progress, Session
 from engine.settings import MIXTURE_SOURCES, RenderSettings
 
-#: Frames of a sequence that its field is trained on, at most: no encoding of u resolves many more of a short training.
-MOST_TRAINING_FRAMES = 16
+#: Frames of a sequence that its field is trained on, at most; all of them are in memory. Frames between these profit
+#: only where little changes from one to the next (docs/benchmarks.md).
+MOST_TRAINING_FRAMES = 32
 #: Pixels of a frame that is visited: of larger pictures a smaller copy is traced, since no more records are kept.
 _MOST_PIXELS = RECORDS_PER_ITERATION // 4
 #: Steps of training for each sample a pixel of a visit; fewer if there are too few records for so many.

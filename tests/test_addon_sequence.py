@@ -36,7 +36,7 @@ def lamp_scene(cube_scene: Any) -> Any:
     ours = scene.neuralguide
     ours.guiding_method, ours.mixture_u, ours.guiding_trial = "NPM", "PLANES", False
     ours.samples, ours.max_bounces, ours.threads, ours.deterministic = 7, 2, 2, True
-    ours.sequence_field, ours.sequence_samples = True, 4
+    ours.sequence_field, ours.sequence_samples = True, 12
     return scene
 
 
