@@ -13,7 +13,7 @@ from pathlib import Path
 
 import bpy
 
-from . import engine, register
+from . import engine, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .log import log_failure
 from .output_files import is_whole
@@ -171,6 +171,7 @@ class CommandLineRenderer:
         started = time.time()
         range_before = scene.frame_start, scene.frame_end
         outcome_count = engine.outcome_count()
+        sequence.frame_range = range_before
         try:
             _set_range(scene, frames[0], frames[-1])
             status = bpy.ops.render.render(animation=True, scene=scene.name)
@@ -181,6 +182,7 @@ class CommandLineRenderer:
             raise RenderFailed(message + (_keep(path) if finished else "")) from None
         finally:
             _set_range(scene, *range_before)
+            sequence.frame_range = None
         if status != {"FINISHED"} and not self.is_interrupted:
             raise RenderFailed("Blender cancelled the render")
         if render.engine == engine.NeuralGuideRenderEngine.bl_idname:

@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import passes
+from . import passes, sequence
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
@@ -78,6 +79,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _session: Any = None
     _settings: Any = None  # RenderSettings of the layer that `update` exported last
     _export_cache: Any = None
+    _plan: Any = None  # SequencePlan of what `update` exported, None without
     _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
     _layers_done = 0
     _started = 0.0
@@ -92,7 +94,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def update(self, _data: bpy.types.BlendData, depsgraph: bpy.types.Depsgraph) -> None:
         """Export the view layer; Blender's data must not be read later than this."""
-        self._pending = None
+        self._pending = self._plan = None
         self._started = time.monotonic()
         self._first_image = math.nan
         self._guard(depsgraph, "exporting the scene", self._export)
@@ -140,10 +142,22 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 )
                 check_frame(description.frame)  # before Blender makes room for the picture
                 pending.append((view, description))
+            if views[0]:
+                self.active_view_set(views[0])
+            self._plan = sequence.make_plan(
+                depsgraph,
+                settings,
+                pending[0][1],
+                engine=self,
+                cache=self._export_cache,
+                should_cancel=self._should_cancel,
+            )
         except ExportCancelled:
             self._note(depsgraph, "CANCELLED")
             return
         self._pending = pending
+        if self._plan is not None:
+            self._show(self._plan.notices)
         layer = depsgraph.view_layer_eval
         missing = passes.unsupported_passes(layer)
         if missing:
@@ -157,14 +171,37 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         elif self._session.settings != self._settings:
             # Built geometry stays; only what the settings touch is built anew.
             self._session.settings = self._settings
-        for view, description in self._pending:
-            if view:
-                self.active_view_set(view)
-            try:
+        try:
+            if self._plan is not None and self._plan.must_train:
+                with self._progress(depsgraph) as on_progress:
+                    self._show(self._plan.train(on_progress, self._should_cancel))
+            for view, description in self._pending:
+                if view:
+                    self.active_view_set(view)
                 self._render_view(depsgraph, view, description)
-            except LoadCancelled:
-                self._note(depsgraph, "CANCELLED")
-                return
+        except LoadCancelled:
+            self._note(depsgraph, "CANCELLED")
+
+    @contextlib.contextmanager
+    def _progress(self, depsgraph: bpy.types.Depsgraph) -> Iterator[Callable[[Any], None]]:
+        """What to tell the session's progress to, so that the user sees it."""
+        layer_name = depsgraph.view_layer_eval.name
+        bar = TerminalBar() if bpy.app.background else None
+        title = f"Frame {depsgraph.scene.frame_current} {layer_name}"
+
+        def on_progress(progress: Any) -> None:
+            fraction = self._total_fraction(depsgraph, progress.fraction)
+            self.update_progress(fraction)
+            if bar is not None:
+                bar.update(title, fraction, progress)
+            else:
+                self.update_stats(layer_name, status_line(progress))
+
+        try:
+            yield on_progress
+        finally:
+            if bar is not None:
+                bar.close()
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, description: SceneDescription) -> None:
         layer_name = depsgraph.view_layer_eval.name
@@ -177,16 +214,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 # Blender rounds borders its own way, and its word counts.
                 description.frame.region = (x0, y0, x0 + target.resolution_x, y0 + target.resolution_y)
             wanted = {item.name: item for item in passes.requested_passes(depsgraph.view_layer_eval)}
-            bar = TerminalBar() if bpy.app.background else None
-            title = f"Frame {depsgraph.scene.frame_current} {layer_name}"
-
-            def on_progress(progress: Any) -> None:
-                fraction = self._total_fraction(depsgraph, progress.fraction)
-                self.update_progress(fraction)
-                if bar is not None:
-                    bar.update(title, fraction, progress)
-                else:
-                    self.update_stats(layer_name, status_line(progress))
 
             def on_image(images: Any) -> None:
                 nonlocal keep
@@ -195,7 +222,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 self.update_result(target)
                 self._note_image()
 
-            try:
+            source = None if self._plan is None else self._plan.source(description)
+            with self._progress(depsgraph) as on_progress:
                 notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
                 self._show(notices)
                 result = self._session.render(
@@ -203,10 +231,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     on_image=on_image,
                     should_cancel=self._should_cancel,
                     passes=set(wanted),
+                    source=source,
                 )
-            finally:
-                if bar is not None:
-                    bar.close()
             passes.write_layer(target.layers[0], view, wanted, result.passes)
             keep = True
             self._note_image()

@@ -244,6 +244,22 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         max=MAX_STRATA,
         default=_DEFAULTS.strata,
     )
+    # Not the engine's: `addon.sequence` trains for a whole animation.
+    sequence_field: BoolProperty(  # type: ignore[valid-type]
+        name="Sequence Field",
+        description="Train a neural mixture once for all frames from the scene's first to its last one, when the first"
+        " of them is rendered, instead of anew in every frame. It tells the frames apart by the Mixture's Encoding",
+        default=False,
+    )
+    sequence_samples: IntProperty(  # type: ignore[valid-type]
+        name="Sequence Samples",
+        description="Paths traced for every pixel (of large pictures: of a smaller copy) to train the field, of all"
+        " frames together: up to 32 spread over the sequence. They are no part of any picture",
+        min=1,
+        max=MAX_SAMPLES,
+        soft_max=4096,
+        default=256,
+    )
     network_selection: BoolProperty(  # type: ignore[valid-type]
         name="Network's Share",
         description="Let a neural mixture learn how often to guide, instead of a share by region",

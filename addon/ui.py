@@ -122,6 +122,8 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "u_dimension",
             "mixture_u",
             "strata",
+            "sequence_field",
+            "sequence_samples",
             "network_selection",
             "mis_compensation",
             "sample_weighting",

@@ -27,7 +27,9 @@ from engine.guiding.selection import SelectionModel
 from engine.guiding.source_model import (
     DETERMINISTIC_STEPS,
     NetworkSource,
+    RowCollector,
     SourceModel,
+    TrainedSource,
     TreeSource,
     make_source_model,
 )
@@ -127,9 +129,13 @@ class Learner:
     thread_count : int
     paths_per_sample : int
         Pixels of the image.
+    source : TrainedSource, optional
+        What directions are drawn from, instead of what the settings would have this render learn.
     """
 
-    def __init__(self, settings: RenderSettings, thread_count: int, paths_per_sample: int) -> None:
+    def __init__(
+        self, settings: RenderSettings, thread_count: int, paths_per_sample: int, source: TrainedSource | None = None
+    ) -> None:
         self.settings = settings
         self.notices: list[Notice] = []
         self._thread_count = thread_count
@@ -154,7 +160,9 @@ class Learner:
         self._choice = Choice(paths_per_sample, rung, tries_plain=settings.guiding_trial)
         self._is_over = False
         #: Where a statistical method and samples are given, the image does not depend on clocks.
-        is_asynchronous = settings.guiding_method in ("AUTO", "NEURAL_RIS") or settings.source in NETWORK_SOURCES
+        is_asynchronous = settings.guiding_method in ("AUTO", "NEURAL_RIS") or (
+            source is None and settings.source in NETWORK_SOURCES
+        )
         depends_on_clock = is_asynchronous or settings.time_limit > 0.0
         self._uses_clock = depends_on_clock and not settings.deterministic
         self._learning_seconds = 0.0
@@ -162,7 +170,7 @@ class Learner:
         #: When training was last asked for its time, and that time.
         self._training_asked = self._started, 0.0
         self.report = GuidingReport(method=settings.guiding_method, chosen=rung, trials=self._choice.trials)
-        self._source: SourceModel | None = make_source_model(settings)
+        self._source: SourceModel | None = make_source_model(settings) if source is None else source
         if settings.guiding_method == "NEURAL_RIS" and not self._weighs_network():
             self._start_network()
         if settings.radiance_cache and settings.guiding_method not in ("TABLE_RIS", "NEURAL_RIS"):
@@ -348,6 +356,17 @@ class Learner:
 
         return by(choice.rung, by(choice.challenger) if choice.challenger else None)
 
+    @property
+    def keeps_all_records(self) -> bool:
+        """Whether the records of the last iteration, which nothing in this render can learn from, are wanted too."""
+        return isinstance(self._source, RowCollector)
+
+    def keep(self, units: Sequence[VertexRecords], recorded_share: float) -> None:
+        """Take the records of the last iteration, for who trains after this render."""
+        assert self._source is not None
+        records, row_count = _joined(units)
+        self._source.learn(records, row_count, 0.0, recorded_share, self._executor, self._thread_count)
+
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
         if self._is_over:
@@ -374,7 +393,7 @@ class Learner:
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return
-        if isinstance(self._source, NetworkSource) and self._source.field is not None:
+        if isinstance(self._source, (NetworkSource, TrainedSource)) and self._source.field is not None:
             self._end_source()
             self._source = None
             self.report.source_stopped_at = next_sample

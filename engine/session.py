@@ -18,6 +18,8 @@ from engine.film import FEATURE_PASSES, Film
 from engine.guidance import Guidance
 from engine.guiding import trial
 from engine.guiding.report import GuidingReport
+from engine.guiding.sequence_field import with_sequence_u
+from engine.guiding.source_model import TrainedSource
 from engine.guiding.trial import Part
 from engine.guiding.vertices import VertexRecords
 from engine.kernel_cache import problem as cache_problem
@@ -148,8 +150,12 @@ def _is_spectral(settings: RenderSettings, description: SceneDescription) -> boo
     return settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
 
 
-def _with_u(settings: RenderSettings, description: SceneDescription) -> RenderSettings:
+def _with_u(
+    settings: RenderSettings, description: SceneDescription, source: TrainedSource | None = None
+) -> RenderSettings:
     """Settings in which `u_dimension` is what the scene has of it: without it the rest is learned sooner."""
+    if source is not None:
+        return with_sequence_u(settings, source.u_dimension)
     has_time = description.is_moving and settings.u_dimension in ("AUTO", "TIME")
     has_wavelength = (
         settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
@@ -269,6 +275,7 @@ class Session:
         should_cancel: Callable[[], bool] | None = None,
         passes: Iterable[str] = ("Combined",),
         ray_observer: Callable[..., None] | None = None,
+        source: TrainedSource | None = None,
     ) -> RenderResult:
         """Render the loaded scene.
 
@@ -281,6 +288,9 @@ class Session:
             Of `film.PASS_NAMES`.
         ray_observer : callable, optional
             See `Integrator.ray_observer`.
+        source : TrainedSource, optional
+            What directions are drawn from, instead of what the settings would have this render learn
+            (`SequenceField.source`).
 
         Raises
         ------
@@ -291,7 +301,7 @@ class Session:
             raise RuntimeError("load a scene before rendering")
         scene, settings = self.scene, self.settings
         settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
-        settings = _with_u(settings, scene.description)
+        settings = _with_u(settings, scene.description, source)
         names = frozenset(passes)
         frame = scene.description.frame
         x0, y0, x1, y1 = frame.region
@@ -303,7 +313,7 @@ class Session:
             film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features)
         integrator = Integrator(scene, settings, use_features=use_features)
         integrator.ray_observer = ray_observer
-        job = _Job(scene, integrator, film, settings, self.thread_count)
+        job = _Job(scene, integrator, film, settings, self.thread_count, source)
 
         def images() -> dict[str, np.ndarray]:
             return film.passes(names, exposure=frame.exposure)
@@ -375,7 +385,8 @@ class _Job:
     """
 
     def __init__(
-        self, scene: Scene, integrator: Integrator, film: Film, settings: RenderSettings, thread_count: int
+        self, scene: Scene, integrator: Integrator, film: Film, settings: RenderSettings, thread_count: int,
+        source: TrainedSource | None = None,
     ) -> None:
         self.scene, self.integrator, self.film, self.settings = scene, integrator, film, settings
         self.thread_count = thread_count
@@ -388,7 +399,7 @@ class _Job:
         if settings.is_guided:
             frame = scene.description.frame
             x0, y0, x1, y1 = frame.region
-            self.learner = Learner(settings, thread_count, (x1 - x0) * (y1 - y0))
+            self.learner = Learner(settings, thread_count, (x1 - x0) * (y1 - y0), source)
             lengths = iteration_lengths(settings.samples)
             ends = np.cumsum(lengths)
             self._ranges = [(int(end) - length, length) for end, length in zip(ends, lengths, strict=True)]
@@ -600,19 +611,27 @@ class _Job:
 
     def _finish_iteration(self) -> None:
         """After the last unit of an iteration: learn, and queue the next. The other threads wait meanwhile."""
+        assert self.learner is not None
         with self._queue_changed:
             self._unfinished_tiles -= 1
             step = self._step + 1
             if self._schedule is not None and not self._unfinished_tiles:
                 assert self._render_start is not None
                 self._plan_stratum(time.perf_counter() - self._render_start)
-            if self._unfinished_tiles or self._stop or step == len(self._ranges) or self._time_is_up():
+            if self._unfinished_tiles or self._stop:
+                return
+            is_last = step == len(self._ranges) or self._time_is_up()
+            if is_last and not self.learner.keeps_all_records:
                 return
             # One thread only: the others see unfinished tiles.
             units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
             self._units = {}
             self._unfinished_tiles = len(self._tiles)
-        assert self.learner is not None and self.integrator.guidance is not None
+        assert self.integrator.guidance is not None
+        recorded_share = self.integrator.guidance.record_threshold / 2**32
+        if is_last:
+            self.learner.keep(units, recorded_share)
+            return
         total, before = self.statistics(), self._before
         self._before = total
         costs = IterationCosts(
@@ -624,7 +643,7 @@ class _Job:
             total.several_candidate_count - before.several_candidate_count,
         )
         self.integrator.guidance = self.learner.learn(
-            units, self.integrator.guidance.record_threshold / 2**32, self.film, costs, next_range=self._ranges[step]
+            units, recorded_share, self.film, costs, next_range=self._ranges[step]
         )
         if self.learner.is_over:
             # Nobody waits for anybody from here on.

@@ -91,7 +91,7 @@ class FakeSession:
             images[name] = np.stack([x + 1000 * index] * 3, axis=-1)
         return images
 
-    def render(self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str]) -> Any:
+    def render(self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str], source: Any) -> Any:
         self.fake.asked_passes.append(passes)
         self.should_cancel = should_cancel
         progress = SimpleNamespace(

@@ -76,6 +76,7 @@ def test_an_animation(
     for frame, description in zip((5, 6, 7), exported, strict=True):
         assert description.frame_current == frame
         times = frame + offset + np.array([-0.25, 0.0, 0.25])
+        assert description.shutter == (times[0], times[2])
         np.testing.assert_allclose(description.instances.motion[0][:, 0, 3], times, rtol=1e-6)
         heights = description.meshes[0].motion_vertices[:, :, 2].max(axis=1)
         np.testing.assert_allclose(heights, 1.0 + times / 10.0, rtol=1e-5)

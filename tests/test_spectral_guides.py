@@ -137,7 +137,7 @@ def test_rows_stand_for_all_wavelengths() -> None:
     hero = rng.random(count).astype(np.float32)
     light = rng.gamma(0.3, size=(count, WAVELENGTHS)) * (1.0, 0.0, 2.0, 4.0)
     light[::2, 1:] = np.nan
-    rows = training_rows(spectral_records(hero, light.astype(np.float32)), count, np.random.default_rng(4))
+    rows = training_rows(spectral_records(hero, light.astype(np.float32)), count, wavelengths=np.random.default_rng(4))
     assert len(rows) == count
     offset = np.mod(rows[:, ROW_U] - hero + 0.01, 1.0)
     np.testing.assert_allclose(np.mod(offset, 0.25), 0.01, atol=1e-6)
@@ -154,7 +154,7 @@ def test_records_of_dark_or_broken_light_have_a_wavelength() -> None:
     dark[1] = np.nan
     dark[2, 0] = np.inf
     hero = np.array([0.9999999, 0.3, 0.5, 0.0], np.float32)
-    rows = training_rows(spectral_records(hero, dark), 4, np.random.default_rng(1))
+    rows = training_rows(spectral_records(hero, dark), 4, wavelengths=np.random.default_rng(1))
     assert ((rows[:, ROW_U] >= 0.0) & (rows[:, ROW_U] <= 1.0)).all()
 
 

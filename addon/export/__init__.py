@@ -2,6 +2,7 @@
 """Blender's evaluated scene to `engine.scene.description.SceneDescription`."""
 
 from .context import ExportCache, ExportCancelled
+from .frames import export_frames
 from .scene import export_scene
 
-__all__ = ["ExportCache", "ExportCancelled", "export_scene"]
+__all__ = ["ExportCache", "ExportCancelled", "export_frames", "export_scene"]

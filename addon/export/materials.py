@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field
-from typing import Any
 
 import bpy
-import numpy as np
 
 from engine.scene.description import Link, Material, Node, NodeGraph
+from engine.scene.digest import content_digest
 
 from ..dispersion import dispersion_of
 from .context import ExportContext, cycles_property
@@ -100,29 +98,7 @@ class MaterialExporter:
 
 def fingerprint(material: Material) -> str:
     """A digest of everything a material says; who has it does not count."""
-    digest = hashlib.blake2b(digest_size=16)
-
-    def add(value: Any) -> None:
-        if isinstance(value, np.ndarray):
-            digest.update(value.tobytes())
-        elif isinstance(value, dict):
-            for name, item in value.items():
-                digest.update(name.encode())
-                add(item)
-        elif isinstance(value, NodeGraph):
-            add([(node.kind, node.name, node.inputs, node.properties) for node in value.nodes])
-            add((value.surface, value.volume, value.displacement))
-        elif isinstance(value, (list, tuple)):
-            digest.update(b"(")
-            for item in value:
-                add(item)
-            digest.update(b")")
-        else:
-            digest.update(repr(value).encode())
-            digest.update(b";")
-
-    add({name: value for name, value in vars(material).items() if name not in ("key", "user")})
-    return digest.hexdigest()
+    return content_digest(material, ("key", "user"))
 
 
 def attribute_request(graph: NodeGraph | None) -> AttributeRequest:

@@ -114,6 +114,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         working_space=context.working_space,
         to_xyz=to_xyz,
         frame_current=frame_current,
+        shutter=None if shutter is None else (shutter.time(-1.0), shutter.time(1.0)),
         shutter_curve=curve,
         rolling_shutter_duration=rolling,
     )

@@ -12,7 +12,7 @@ from engine.guiding.flow.field import make_flow_field
 from engine.guiding.flow.shape import FlowShape
 from engine.guiding.guide import SourceField
 from engine.guiding.mixture.inference import make_mixture_network
-from engine.guiding.mixture.shape import selection_blend
+from engine.guiding.mixture.shape import SHUTTER_SPAN, selection_blend
 from engine.guiding.rows import make_rows
 from engine.guiding.sdtree.model import SdTreeModel
 from engine.guiding.sources import source_shape, source_training
@@ -133,7 +133,7 @@ class NetworkSource:
             return
         if self._compensates:
             records = compensate(records, row_count, self._guiding_probability)
-        rows = training_rows(records, row_count, self._wavelengths)
+        rows = training_rows(records, row_count, wavelengths=self._wavelengths)
         if len(rows):
             trainer.submit(rows, len(rows), samples)
         if self._is_deterministic:
@@ -171,19 +171,77 @@ class NetworkSource:
             self._trainer = None
 
 
+class TrainedSource:
+    """A network that was trained before the render; it learns nothing more.
+
+    Parameters
+    ----------
+    field : SourceField or None
+        None: the mixture field guides.
+    u_dimension : str
+        What the network knows, 'TIME' or 'NONE' (`engine.settings.U_DIMENSIONS`).
+    description : str
+        What was trained, in a line for people.
+    """
+
+    def __init__(self, field: SourceField | None, u_dimension: str, description: str = "") -> None:
+        self.field = field
+        self.u_dimension = u_dimension
+        self.seconds = 0.0
+        self.notices: list[Notice] = []
+        self._description = description
+
+    def learn(
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
+        executor: ThreadPoolExecutor, thread_count: int,
+    ) -> None:
+        pass
+
+    def describe(self) -> str:
+        return self._description
+
+    def close(self) -> None:
+        """Nothing runs."""
+
+
+class RowCollector(TrainedSource):
+    """Such a network, or none yet, while rows are collected to train it further when the render is over.
+
+    u_span : (float, float), u at the shutter's opening and closing
+    rows : list of float32 (N, ROW_WIDTH)
+    """
+
+    def __init__(self, field: SourceField | None, u_dimension: str, u_span: tuple[float, float]) -> None:
+        super().__init__(field, u_dimension)
+        self.u_span = u_span
+        self.rows: list[Float32Array] = []
+
+    def learn(
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
+        executor: ThreadPoolExecutor, thread_count: int,
+    ) -> None:
+        self.rows.append(training_rows(records, row_count, self.u_span))
+
+
 def training_rows(
-    records: VertexRecords, row_count: int, wavelengths: np.random.Generator | None = None
+    records: VertexRecords, row_count: int, u_span: tuple[float, float] = SHUTTER_SPAN,
+    wavelengths: np.random.Generator | None = None,
 ) -> Float32Array:
     """Rows to train a network with: float32 (at most row_count, ROW_WIDTH).
 
     Parameters
     ----------
+    u_span : (float, float)
+        u at the shutter's opening and closing.
     wavelengths : numpy.random.Generator or None
         Give u: that of a wavelength, picked from each record's by what light it has there, which stands for a row for
-        each of them; else the time.
+        each of them; else that of the time.
     """
-    u = records.time[:row_count]
-    if wavelengths is not None:
+    if wavelengths is None:
+        # As `inference.u_of_time` has it.
+        first_u, last_u = np.float32(u_span[0]), np.float32(u_span[1])
+        u = first_u + (last_u - first_u) * records.time[:row_count]
+    else:
         u = _picked_wavelengths(records.hero[:row_count], records.spectrum[:row_count], wavelengths)
     bsdf_pdf, guide_pdf = records.bsdf_pdf[:row_count], records.guide_pdf[:row_count]
     pdf = records.pdf[:row_count]

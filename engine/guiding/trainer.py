@@ -86,6 +86,8 @@ class NetworkTrainer:
         Train in `train_until` only, on one thread: the same records give the same snapshot.
     settings : TrainingSettings, MixtureSettings
         As the kind of network has; None: the defaults of its shape.
+    on_command : bool
+        Train in `train_until` only, as with `deterministic`, but on all of `thread_count` threads.
     interpreter : str or None
         Python for the worker; None: the renderer's own.
     thread_count : int
@@ -102,6 +104,7 @@ class NetworkTrainer:
         training_share: float = 0.25,
         deterministic: bool = False,
         settings: TrainingSettings | None = None,
+        on_command: bool = False,
         interpreter: str | None = None,
         thread_count: int = 0,
         start_timeout: float = 120.0,
@@ -115,6 +118,7 @@ class NetworkTrainer:
         self._seed = seed
         self._training_share = training_share
         self._deterministic = deterministic
+        self._on_command = on_command or deterministic
         self._interpreter = interpreter or sys.executable
         self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
         self._start_timeout = start_timeout
@@ -180,6 +184,7 @@ class NetworkTrainer:
             bounds=None if self._bounds is None else self._bounds.tolist(),
             seed=self._seed,
             deterministic=self._deterministic,
+            on_command=self._on_command,
             training_share=self._training_share,
             thread_count=self._thread_count,
             channel=channel.address,
@@ -322,10 +327,10 @@ class NetworkTrainer:
         Returns
         -------
         int
-            Records handed over; 0 when the worker is dead, or still busy with the earlier ones (unless deterministic).
+            Records handed over; 0 when the worker is dead, or still busy with the earlier ones (unless on command).
         """
         self._watch()
-        if self._deterministic:
+        if self._on_command:
             self._wait_for(lambda: bool(self._free_slots))
         with self._changed:
             if self._channel is None or row_count <= 0 or self._status.state is TrainerState.DEAD:
@@ -366,15 +371,15 @@ class NetworkTrainer:
             return snapshot
 
     def train_until(self, step: int) -> Snapshot | None:
-        """Train on what was submitted until `step` steps are done, and wait for it (deterministic only).
+        """Train on what was submitted until `step` steps are done, and wait for it (on command only).
 
         Returns
         -------
         Snapshot or None
             None if the worker is dead, or there was no light to learn from.
         """
-        if not self._deterministic:
-            raise ValueError("train_until needs a deterministic trainer")
+        if not self._on_command:
+            raise ValueError("train_until needs a trainer that is deterministic or trains on command")
         with self._changed:
             self._trained_step = -1
             self._send(kind="train", until=step)

@@ -371,6 +371,8 @@ class SceneDescription:
     #: 3x3 from the working space to CIE XYZ (D65), for blackbody and luminance; None means Rec.709.
     to_xyz: Float32Array | None = None
     frame_current: float = 0.0
+    #: When the shutter opens and closes [frames]; None: it takes no time, at `frame_current`.
+    shutter: tuple[float, float] | None = None
     #: How far the shutter is open at evenly spaced times, float32 (K,), 0 or more; None: open all the time.
     shutter_curve: Float32Array | None = None
     #: Share of the shutter's time in which a row of the image is exposed, 0 to 1, of the top row the first part and of

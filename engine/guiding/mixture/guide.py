@@ -17,6 +17,7 @@ from engine.guiding.mixture.inference import (
     evaluate_mixtures,
     no_mixture_network,
     selection_probability,
+    u_of_time,
 )
 from engine.guiding.mixture.shape import MixtureShape
 from engine.guiding.perceptron import CHUNK_ROWS
@@ -198,7 +199,7 @@ def query_mixtures(guide, guided, paths, points, lanes, lane_count):
             k += 1
             if guided.rough_share[lane] > 0.0:
                 for slot in range(slot_count):
-                    u = points.real[lane, POINT_TIME]
+                    u = u_of_time(network, points.real[lane, POINT_TIME])
                     if slot_count > 1:
                         guide.share[lane, slot] = paths.share[lane, slot]
                         if not paths.share[lane, slot] > 0.0:

@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.bundle import Bundle
 from engine.guiding.mixture.features import MixtureEncoding, encode_features, make_mixture_encoding
-from engine.guiding.mixture.shape import MixtureShape
+from engine.guiding.mixture.shape import SHUTTER_SPAN, MixtureShape
 from engine.guiding.network import Snapshot
 from engine.guiding.perceptron import (
     CHUNK_ROWS,
@@ -41,17 +41,22 @@ class MixtureNetwork(Bundle):
 
     header : int64 (HEADER_COUNT,), HEADER_*
     blend : float32 (1,), factor in [0, 1] of the learned share
+    u_span : float32 (2,), u at the shutter's opening and closing
     encoding : MixtureEncoding
     perceptron : Perceptron
     """
 
     header: Int64Array
     blend: Float32Array
+    u_span: Float32Array
     encoding: MixtureEncoding
     perceptron: Perceptron
 
 
-def _make(shape: MixtureShape, bounds: Float32Array, parameters: Float32Array | None, blend: float) -> MixtureNetwork:
+def _make(
+    shape: MixtureShape, bounds: Float32Array, parameters: Float32Array | None, blend: float,
+    u_span: tuple[float, float],
+) -> MixtureNetwork:
     header = np.zeros(HEADER_COUNT, np.int64)
     header[HEADER_IS_READY] = parameters is not None
     header[HEADER_LOBE_COUNT] = shape.lobe_count
@@ -63,18 +68,23 @@ def _make(shape: MixtureShape, bounds: Float32Array, parameters: Float32Array | 
     return MixtureNetwork(
         header,
         np.array([min(max(blend, 0.0), 1.0)], np.float32),
+        np.array(u_span, np.float32),
         make_mixture_encoding(shape, bounds, arrays),
         pack_perceptron(matrices),
     )
 
 
-def make_mixture_network(shape: MixtureShape, snapshot: Snapshot, blend: float = 1.0) -> MixtureNetwork:
+def make_mixture_network(
+    shape: MixtureShape, snapshot: Snapshot, blend: float = 1.0, u_span: tuple[float, float] = SHUTTER_SPAN
+) -> MixtureNetwork:
     """A snapshot made ready for use; the grids stay a view of it.
 
     Parameters
     ----------
     blend : float
         Factor in [0, 1] of the learned share of the mixture (`shape.selection_blend`).
+    u_span : (float, float)
+        u at the shutter's opening and closing, where that is a part of what the network knows (`sequence_field`).
 
     Raises
     ------
@@ -82,17 +92,23 @@ def make_mixture_network(shape: MixtureShape, snapshot: Snapshot, blend: float =
         If the snapshot is not valid for `shape` (`Snapshot.validate`).
     """
     snapshot.validate(shape)
-    return _make(shape, snapshot.bounds, snapshot.parameters, blend)
+    return _make(shape, snapshot.bounds, snapshot.parameters, blend, u_span)
 
 
 def no_mixture_network(shape: MixtureShape) -> MixtureNetwork:
     """A network that is not ready, to stand where there is none; of the same type as one of `shape` that is."""
-    return _make(shape, np.array(((-1.0,) * 3, (1.0,) * 3), np.float32), None, 0.0)
+    return _make(shape, np.array(((-1.0,) * 3, (1.0,) * 3), np.float32), None, 0.0, SHUTTER_SPAN)
 
 
 def allocate_mixture_scratch(shape: MixtureShape) -> Float32Array:
     """Scratch of `evaluate_mixtures` for one thread: float32 (2 * CHUNK_ROWS, columns)."""
     return allocate_scratch(max(shape.feature_width, shape.width, shape.output_width))
+
+
+@kernel
+def u_of_time(network, time):
+    """What the network knows a time of the shutter, in [0, 1], as: float32 in [0, 1]."""
+    return network.u_span[0] + (network.u_span[1] - network.u_span[0]) * time
 
 
 @kernel
@@ -109,7 +125,7 @@ def evaluate_mixtures(network, position, normal, wo, roughness, u, row_count, sc
     normal : float32 (N, 3), unit shading normal on the viewer's side, world space
     wo : float32 (N, 3), unit, towards the viewer, world space
     roughness : float32 (N,), in [0, 1]
-    u : float32 (N,), the further dimension: the time of the shutter, in [0, 1]
+    u : float32 (N,), the further dimension, in [0, 1]
     row_count : int, rows to do, at most N
     scratch : float32 (2 * CHUNK_ROWS, columns), of `allocate_mixture_scratch`
     raw : float32 (at least row_count, output_width), written

@@ -36,6 +36,9 @@ FEATURE_STEP = 8
 BLEND_STEP_SAMPLES = 4
 BLEND_STEPS = 64
 
+#: u at the shutter's opening and closing, where it is the time of the shutter and nothing else.
+SHUTTER_SPAN = (0.0, 1.0)
+
 _DIRECTION_ENCODINGS = ("NONE", "RAW", "BLOB", "HARMONICS")
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The worker's loop: takes records, trains within its share of time, publishes snapshots, answers.
 
-Messages in (one JSON object a line): `rows` (slot, count, samples), `train` (until: a step; deterministic only).
+Messages in (one JSON object a line): `rows` (slot, count, samples), `train` (until: a step; on command only).
 Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot` (slot, version), `trained` (step),
 `failed` (reason). When the input ends, the process does.
 """
@@ -134,7 +134,7 @@ class Service:
         _rehearse(_make_training(*arguments)[0], self.shape.row_width)
         self.training, device = _make_training(*arguments)
         self.answer("ready", device=device, threads=thread_count)
-        if config["deterministic"]:
+        if config["on_command"]:
             self.train_on_command()
         else:
             self.train_freely(config["training_share"])
