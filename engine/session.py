@@ -156,7 +156,7 @@ def _with_u(settings: RenderSettings, description: SceneDescription) -> RenderSe
     )
     if has_time or has_wavelength:
         return replace(settings, u_dimension="TIME" if has_time else "WAVELENGTH")
-    return replace(settings, u_dimension="NONE", mixture_u="NONE", strata=0)
+    return replace(settings, u_dimension="NONE", mixture_u="NONE", network_u="NONE", strata=0)
 
 
 class Session:
