@@ -166,14 +166,17 @@ def test_gradient_of_the_grid_is_that_of_torch():
     assert math.isclose(np.sum((moved - ours) * cotangent, dtype=np.float64), np.sum(gradient * step), rel_tol=1e-3)
 
 
-def reference_radiance(snapshot, shape, positions, directions):
+def reference_radiance(snapshot, shape, positions, directions, u_features=None):
     """The whole network in numpy, float64 but for the encoding."""
     arrays = {name: array.astype(np.float64) for name, array in shape.split(snapshot.parameters).items()}
     blobs = np.zeros((len(directions), shape.direction_width), np.float32)
     encode_directions(directions, shape.direction_bins, 0, len(directions), blobs)
     features = np.zeros((len(positions), shape.encoding_width), np.float32)
     encode_positions(make_encoding(shape, snapshot.bounds, snapshot.parameters), positions, 0, len(positions), features)
-    value = np.maximum(features @ arrays["position_weights"] + blobs @ arrays["direction_weights"], 0.0)
+    value = features @ arrays["position_weights"] + blobs @ arrays["direction_weights"]
+    if u_features is not None:
+        value += u_features @ arrays["u_weights"]
+    value = np.maximum(value, 0.0)
     for weights in arrays["hidden_weights"]:
         value = np.maximum(value @ weights, 0.0)
     return snapshot.scale * np.exp(np.clip(value @ arrays["output_weights"], -10.0, 10.0))
