@@ -53,7 +53,8 @@ def guess(monkeypatch):
     def start(learner):
         seen.append(learner.settings)
         shape = network_shape(learner.settings)
-        parameters = np.random.default_rng(learner.settings.seed).normal(0.0, 0.5, shape.parameter_count).astype(np.float32)
+        rng = np.random.default_rng(learner.settings.seed)
+        parameters = rng.normal(0.0, 0.5, shape.parameter_count).astype(np.float32)
         bounds = np.array(((-5.0, -5.0, -5.0), (5.0, 5.0, 5.0)), np.float32)
         learner._network = make_network_field(shape, Snapshot(1, 1, 0.0, 1.0, bounds, parameters))
 
