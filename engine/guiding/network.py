@@ -38,6 +38,11 @@ COARSE_U_ENCODINGS: dict[str, dict[str, Any]] = {
     "FREQUENCY": {"u_frequencies": 4},
     "PLANES": {"plane_levels": 3, "plane_resolution": 4},
 }
+#: The same within a quarter of the wavelengths: as fine, so two octaves or levels fewer.
+_QUARTER_U_ENCODINGS: dict[str, dict[str, Any]] = {
+    "FREQUENCY": {"u_frequencies": 2},
+    "PLANES": {"plane_levels": 1, "plane_resolution": 4},
+}
 
 
 def split_parameters(layout: dict[str, tuple[int, ...]], parameters: Float32Array) -> dict[str, Float32Array]:
@@ -217,7 +222,7 @@ class NetworkShape(PlaneSizes):
     @property
     def training_settings(self) -> TrainingSettings:
         """How it is trained if nothing else is said."""
-        return TrainingSettings()
+        return U_TRAINING_SETTINGS if self.u_width else TrainingSettings()
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
@@ -256,8 +261,9 @@ NETWORK_SHAPES = {"COMPACT": COMPACT_SHAPE, "PAPER": NetworkShape()}
 def network_shape(settings: RenderSettings) -> NetworkShape:
     """The shape that settings ask for."""
     shape = replace(NETWORK_SHAPES[settings.network_size], channel_count=settings.channel_count)
-    by_quarter = settings.network_u != "NONE" and settings.u_dimension == "WAVELENGTH"
-    return replace(shape, by_quarter=by_quarter, **COARSE_U_ENCODINGS[settings.network_u])
+    if settings.u_dimension == "WAVELENGTH" and settings.network_u != "NONE":
+        return replace(shape, by_quarter=True, **_QUARTER_U_ENCODINGS[settings.network_u])
+    return replace(shape, **COARSE_U_ENCODINGS[settings.network_u])
 
 
 @dataclass(frozen=True)
@@ -286,6 +292,11 @@ class TrainingSettings:
     submission_rows: int = 1 << 18
     epochs: float = 4.0
     snapshot_seconds: float = 1.0
+
+
+#: Where u is seen there is more to learn from as many records, and light that comes and goes. At 1e-2 most trainings end
+#: in units that are zero everywhere, for good (docs/benchmarks.md).
+U_TRAINING_SETTINGS = TrainingSettings(learning_rate=3e-3)
 
 
 @dataclass(frozen=True)

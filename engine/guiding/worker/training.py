@@ -330,16 +330,23 @@ class RadianceTraining:
         """
         unit = (prediction.mean(dim=1, keepdim=True).square() + self.settings.epsilon).sqrt()
         targets = torch.from_numpy(self._radiance(rows) * np.float32(1.0 / self.scale)).to(self._device)
-        return torch.minimum(targets, prediction + _RESIDUAL_LIMIT * unit), unit
+        if not self.shape.by_quarter:
+            return torch.minimum(targets, prediction + _RESIDUAL_LIMIT * unit), unit
+        # Behind smooth refraction one wavelength has the light of all four: cut alone it would lose more than they do.
+        is_known = ~torch.isnan(targets)
+        known = is_known.sum(dim=1, keepdim=True)
+        predicted = torch.where(is_known, prediction, 0.0).sum(dim=1, keepdim=True) / known
+        mean = torch.nanmean(targets, dim=1, keepdim=True).clamp(min=1e-20)
+        return targets * ((predicted + _RESIDUAL_LIMIT * unit) / mean).clamp(max=1.0), unit
 
     def _error(self, prediction: torch.Tensor, targets: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
         """Mean relative squared error of what is known: ()."""
         if not self.shape.by_quarter:
             return ((prediction - targets) / unit).square().mean()
-        known = ~torch.isnan(targets)
+        is_known = ~torch.isnan(targets)
         # Before the square, whose gradient at NaN is NaN even where it is not asked for.
-        residual = torch.where(known, prediction - targets, 0.0) / unit
-        return residual.square().sum() / known.sum()
+        residual = torch.where(is_known, prediction - targets, 0.0) / unit
+        return residual.square().sum() / is_known.sum()
 
     def step(self) -> None:
         """One step of training on a random batch."""
