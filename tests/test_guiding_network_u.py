@@ -59,8 +59,9 @@ def test_a_shape_that_sees_u_has_room_for_it():
 def test_settings_say_what_is_seen(network_u):
     time = network_shape(RenderSettings(network_u=network_u, u_dimension="TIME", spectral="ON"))
     wavelength = network_shape(RenderSettings(network_u=network_u, u_dimension="WAVELENGTH", spectral="ON"))
-    assert (time.u_width > 0) == (wavelength.u_width > 0) == (network_u != "NONE")
-    assert not time.by_quarter and wavelength.by_quarter == (network_u != "NONE")
+    assert (time.u_width > 0) == (network_u in ("FREQUENCY", "PLANES"))
+    assert (wavelength.u_width > 0) == wavelength.by_quarter == (network_u != "NONE")
+    assert not time.by_quarter
     assert time.channel_count == wavelength.channel_count == 4
 
 

@@ -261,9 +261,13 @@ NETWORK_SHAPES = {"COMPACT": COMPACT_SHAPE, "PAPER": NetworkShape()}
 def network_shape(settings: RenderSettings) -> NetworkShape:
     """The shape that settings ask for."""
     shape = replace(NETWORK_SHAPES[settings.network_size], channel_count=settings.channel_count)
-    if settings.u_dimension == "WAVELENGTH" and settings.network_u != "NONE":
-        return replace(shape, by_quarter=True, **_QUARTER_U_ENCODINGS[settings.network_u])
-    return replace(shape, **COARSE_U_ENCODINGS[settings.network_u])
+    is_wavelength = settings.u_dimension == "WAVELENGTH"
+    encoding = settings.network_u
+    if encoding == "AUTO":
+        encoding = "FREQUENCY" if is_wavelength else "NONE"
+    if is_wavelength and encoding != "NONE":
+        return replace(shape, by_quarter=True, **_QUARTER_U_ENCODINGS[encoding])
+    return replace(shape, **COARSE_U_ENCODINGS[encoding])
 
 
 @dataclass(frozen=True)
@@ -294,8 +298,8 @@ class TrainingSettings:
     snapshot_seconds: float = 1.0
 
 
-#: Where u is seen there is more to learn from as many records, and light that comes and goes. At 1e-2 most trainings end
-#: in units that are zero everywhere, for good (docs/benchmarks.md).
+#: Where u is seen there is more to learn from as many records, and light that comes and goes. At 1e-2 most trainings
+#: end in units that are zero everywhere, for good (docs/benchmarks.md).
 U_TRAINING_SETTINGS = TrainingSettings(learning_rate=3e-3)
 
 
