@@ -11,7 +11,9 @@ import pytest
 from engine.guiding.channel import pack_rows
 from engine.guiding.encoding import backpropagate_u, encode_u, make_encoding
 from engine.guiding.network import COARSE_U_ENCODINGS, COMPACT_SHAPE, NetworkShape, network_shape
+from engine.guiding.network_query import make_network_field
 from engine.guiding.records import allocate_records
+from engine.guiding.trainer import NetworkTrainer
 from engine.guiding.vertices import allocate_vertex_records, as_records_by_quarter
 from engine.settings import NETWORK_U_ENCODINGS, RenderSettings
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter, rotate_hero
@@ -47,6 +49,7 @@ def test_a_shape_that_sees_u_has_room_for_it():
     assert PLANES.layout["planes"] == (3 * (5**2 + 9**2 + 17**2), 2)
     assert BOTH.layout["u_weights"] == (24, 32)
     for shape in (FREQUENCY, PLANES, BOTH):
+        assert shape.training_settings.learning_rate < SMALL.training_settings.learning_rate
         views = shape.split(np.zeros(shape.parameter_count, np.float32))
         assert sum(view.size for view in views.values()) == shape.parameter_count
     with pytest.raises(ValueError, match="plane_levels"):
@@ -270,3 +273,19 @@ def test_training_by_quarter_learns_each_from_the_rows_that_know_it():
 def test_training_that_sees_u_is_deterministic():
     first, again = (trained(PLANES, 5).snapshot().parameters.copy() for _ in range(2))
     assert np.array_equal(first, again)
+
+
+def test_the_worker_trains_by_quarter():
+    """Records with wavelengths that are not known get there, and the field made of the answer is by quarter."""
+    pytest.importorskip("torch")
+    rng = np.random.default_rng(6)
+    records = allocate_vertex_records(2000, 4)
+    records.position[:], records.direction[:] = random_positions(rng, 2000), random_directions(rng, 2000)
+    records.hero[:] = rng.random(2000)
+    records.spectrum[:] = rng.exponential(size=(2000, 4))
+    records.spectrum[::2, 1:] = np.nan
+    with NetworkTrainer(BY_QUARTER, BOUNDS, settings=FAST, deterministic=True) as trainer:
+        assert trainer.submit(as_records_by_quarter(records, 2000), 2000) == 2000
+        snapshot = trainer.train_until(3)
+    assert snapshot is not None and snapshot.step == 3 and 0.5 < snapshot.scale < 2.0 and np.isfinite(snapshot.loss)
+    assert make_network_field(BY_QUARTER, snapshot).by_quarter[0] == 1
