@@ -198,15 +198,8 @@ def cell_corners(level, index, ux, uy, uz):
 
 
 @kernel
-def _write_u(encoding, ux, uy, uz, u, out, row):
-    """Features of u at a position in the unit cube: planes, then frequencies."""
-    column = write_planes(encoding.plane_level, encoding.planes, 0, ux, uy, uz, u, out, row, 0)
-    write_frequencies(u, encoding.u_frequencies[0], out, row, column)
-
-
-@kernel
-def accumulate_latent(encoding, p, u, out, out_row):
-    """Sum of the first layer's rows for position p [m] and u, into `out[out_row]`; the row after it is for work."""
+def accumulate_latent(encoding, p, out, out_row):
+    """Sum of the first layer's rows for position p [m], into `out[out_row]`."""
     ux = contract(p[0], encoding.center[0], encoding.inverse_extent[0])
     uy = contract(p[1], encoding.center[1], encoding.inverse_extent[1])
     uz = contract(p[2], encoding.center[2], encoding.inverse_extent[2])
@@ -225,13 +218,25 @@ def accumulate_latent(encoding, p, u, out, out_row):
             row = index * feature_count + f
             for j in range(width):
                 out[out_row, j] += a * weights[row, j] + b * weights[row + 1, j]
+
+
+@kernel
+def _write_u(encoding, ux, uy, uz, u, out, row):
+    """Features of u at a position in the unit cube: planes, then frequencies."""
+    column = write_planes(encoding.plane_level, encoding.planes, 0, ux, uy, uz, u, out, row, 0)
+    write_frequencies(u, encoding.u_frequencies[0], out, row, column)
+
+
+@kernel
+def accumulate_u(encoding, positions, k, u, out, out_row):
+    """Add the first layer's rows for u at position k [m] to `out[out_row]`; the row after it is for work."""
     weights = encoding.u_weights
-    if weights.shape[0] > 0:
-        _write_u(encoding, ux, uy, uz, unit(u), out, out_row + 1)
-        for row in range(weights.shape[0]):
-            a = out[out_row + 1, row]
-            for j in range(width):
-                out[out_row, j] += a * weights[row, j]
+    ux, uy, uz = place(encoding, positions, k)
+    _write_u(encoding, ux, uy, uz, unit(u), out, out_row + 1)
+    for row in range(weights.shape[0]):
+        a = out[out_row + 1, row]
+        for j in range(weights.shape[1]):
+            out[out_row, j] += a * weights[row, j]
 
 
 @kernel

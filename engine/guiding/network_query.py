@@ -12,13 +12,13 @@ import math
 import numpy as np
 
 from engine.bundle import Bundle
-from engine.guiding.encoding import Encoding, accumulate_latent, activate, make_encoding
+from engine.guiding.encoding import Encoding, accumulate_latent, accumulate_u, activate, make_encoding
 from engine.guiding.network import LOG_RADIANCE_LIMIT, NetworkShape, Snapshot
 from engine.guiding.perceptron import CHUNK_ROWS, Perceptron, evaluate_chunk, pack_perceptron
 from engine.jit import kernel
 from engine.kernels.vector import load
 from engine.scene.arrays import Float32Array, Uint8Array
-from engine.spectral.wavelengths import hero_quarter
+from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
 
 _LOG_LIMIT = np.float32(LOG_RADIANCE_LIMIT)
 
@@ -93,6 +93,7 @@ def predict_network(network, positions, time, hero, candidate_vertex, directions
     Rath et al. 2025, "Neural Resampling with Optimized Candidate Allocation", section 5.
     """
     log_scale = network.log_scale[0]
+    sees_u = network.encoding.u_weights.shape[0] > 0
     by_quarter = network.by_quarter[0] != 0
     vertex = np.int64(-1)
     for start in range(0, row_count, CHUNK_ROWS):
@@ -100,17 +101,26 @@ def predict_network(network, positions, time, hero, candidate_vertex, directions
         for row in range(start, stop):
             if candidate_vertex[row] != vertex:
                 vertex = candidate_vertex[row]
-                u = hero_quarter(hero[vertex])[1] if by_quarter else time[vertex]
-                accumulate_latent(network.encoding, load(positions, vertex), u, latent, 0)
+                accumulate_latent(network.encoding, load(positions, vertex), latent, 0)
+                if sees_u:
+                    u = hero_quarter(hero[vertex])[1] if by_quarter else time[vertex]
+                    accumulate_u(network.encoding, positions, vertex, u, latent, 0)
             activate(network.encoding, load(directions, row), latent, 0, scratch, row - start)
         first = evaluate_chunk(network.layers, stop - start, scratch)
         for row in range(start, stop):
-            quarter = hero_quarter(hero[candidate_vertex[row]])[0] if by_quarter else 0
-            for c in range(out.shape[1]):
-                output = quarter + c
-                if output >= out.shape[1]:
-                    output -= out.shape[1]
-                # Comparisons that NaN fails: it becomes the lower limit.
-                value = scratch[first + row - start, output]
-                value = value if value > -_LOG_LIMIT else -_LOG_LIMIT
-                out[row, c] = math.exp(min(value, _LOG_LIMIT) + log_scale)
+            if by_quarter:
+                quarter = hero_quarter(hero[candidate_vertex[row]])[0]
+                for c in range(out.shape[1]):
+                    output = (quarter + c) % WAVELENGTH_COUNT
+                    out[row, c] = _radiance(scratch[first + row - start, output], log_scale)
+            else:
+                for c in range(out.shape[1]):
+                    out[row, c] = _radiance(scratch[first + row - start, c], log_scale)
+
+
+@kernel
+def _radiance(value, log_scale):
+    """Radiance of one of the last layer's outputs; NaN becomes the lower limit."""
+    # Comparisons that NaN fails.
+    value = value if value > -_LOG_LIMIT else -_LOG_LIMIT
+    return math.exp(min(value, _LOG_LIMIT) + log_scale)
