@@ -299,7 +299,7 @@ class TrainingSettings:
 
 
 #: Where u is seen there is more to learn from as many records, and light that comes and goes. At 1e-2 most trainings
-#: end in units that are zero everywhere, for good (docs/benchmarks.md).
+#: on hard scenes end as a constant (docs/benchmarks.md).
 U_TRAINING_SETTINGS = TrainingSettings(learning_rate=3e-3)
 
 
