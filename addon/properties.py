@@ -224,6 +224,17 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         ),
         default=_DEFAULTS.u_dimension,
     )
+    network_u: EnumProperty(  # type: ignore[valid-type]
+        name="Network's Encoding",
+        description="How the network that weighs candidates sees the fourth dimension",
+        items=(
+            ("AUTO", "Automatic", "The wavelength by frequencies, the time not at all: what has been found to pay"),
+            ("NONE", "None", "Not at all: one radiance for all times and wavelengths"),
+            ("FREQUENCY", "Frequencies", "By sines and cosines"),
+            ("PLANES", "Planes", "By learned planes over each coordinate and the fourth"),
+        ),
+        default=_DEFAULTS.network_u,
+    )
     mixture_u: EnumProperty(  # type: ignore[valid-type]
         name="Mixture's Encoding",
         description="How a neural mixture sees the fourth dimension",

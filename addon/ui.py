@@ -121,6 +121,7 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             "mixture_preset",
             "u_dimension",
             "mixture_u",
+            "network_u",
             "strata",
             "sequence_field",
             "sequence_samples",

@@ -180,8 +180,9 @@ def network_curves(effort: Effort, threads: int) -> list[Curve]:
     positions = rng.random((vertices, 3)).astype(np.float32)
     directions = rng.normal(size=(vertices * per_vertex, 3))
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    nowhere = np.zeros(vertices, np.float32)
     owner = np.repeat(np.arange(vertices, dtype=np.int64), per_vertex)
-    latent, scratch = np.zeros((1, MAX_WIDTH), np.float32), allocate_scratch(MAX_WIDTH)
+    latent, scratch = np.zeros((2, MAX_WIDTH), np.float32), allocate_scratch(MAX_WIDTH)
     bounds = np.array(((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), np.float32)
     out = np.zeros((len(owner), 3), np.float32)
     xs, ys = [], []
@@ -191,7 +192,9 @@ def network_curves(effort: Effort, threads: int) -> list[Curve]:
 
         def ask(field: Any = field) -> float:
             start = time.perf_counter()
-            predict_network(field, positions, owner, directions, len(owner), latent, scratch, out)
+            predict_network(
+                field, positions, nowhere, nowhere, owner, directions, len(owner), latent, scratch, out
+            )
             return time.perf_counter() - start
 
         ask()

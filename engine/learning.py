@@ -36,7 +36,13 @@ from engine.guiding.source_model import (
 from engine.guiding.table import TableModel
 from engine.guiding.trainer import NetworkTrainer, TrainerState
 from engine.guiding.trial import Part
-from engine.guiding.vertices import VertexRecords, allocate_vertex_records, as_records, compensate
+from engine.guiding.vertices import (
+    VertexRecords,
+    allocate_vertex_records,
+    as_records,
+    as_records_by_quarter,
+    compensate,
+)
 from engine.guiding.vmm.leaves import find_leaves
 from engine.guiding.vmm.model import VmmModel
 from engine.ris.orca import (
@@ -200,7 +206,7 @@ class Learner:
 
     def _start_network(self) -> None:
         self.report.has_trained = True
-        self._shape = network_shape(self.settings.network_size, self.settings.channel_count)
+        self._shape = network_shape(self.settings)
         self._trainer = NetworkTrainer(
             self._shape, seed=self.settings.seed, training_share=self.settings.training_share,
             deterministic=self.settings.deterministic,
@@ -464,7 +470,9 @@ class Learner:
         if trainer is None:
             return
         if row_count:
-            trainer.submit(as_records(records), row_count, samples)
+            by_quarter = self._shape.by_quarter
+            light = as_records_by_quarter(records, row_count) if by_quarter else as_records(records)
+            trainer.submit(light, row_count, samples)
         if self.settings.deterministic:
             snapshot = trainer.train_until(self._iteration * DETERMINISTIC_STEPS)
         else:

@@ -162,7 +162,7 @@ def _with_u(
     )
     if has_time or has_wavelength:
         return replace(settings, u_dimension="TIME" if has_time else "WAVELENGTH")
-    return replace(settings, u_dimension="NONE", mixture_u="NONE", strata=0)
+    return replace(settings, u_dimension="NONE", mixture_u="NONE", network_u="NONE", strata=0)
 
 
 class Session:

@@ -25,6 +25,9 @@ MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
 U_DIMENSIONS = ("NONE", "AUTO", "TIME", "WAVELENGTH")
 #: How it sees that: as frequencies, by learned planes over a coordinate and u, or by learned grids over position and u.
 U_ENCODINGS = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
+#: The same of the network that weighs candidates. AUTO is what has been found to pay (docs/benchmarks.md): octaves of
+#: the wavelength, and nothing of the time.
+NETWORK_U_ENCODINGS = ("AUTO", "NONE", "FREQUENCY", "PLANES")
 #: Most parts of u that a render goes through one by one.
 MAX_STRATA = 64
 CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
@@ -77,6 +80,7 @@ class RenderSettings:
     ris_target: str = "COLOR"
     orca_error: str = "RELATIVE"
     network_size: str = "COMPACT"
+    network_u: str = "AUTO"
     source_field: str = "VMM"  # what directions are drawn from before they are resampled
     mixture_target: str = "PRODUCT"
     mixture_lobes: str = "OWN"
@@ -116,6 +120,7 @@ class RenderSettings:
             ("candidate_allocation", CANDIDATE_ALLOCATIONS),
             ("ris_target", RIS_TARGETS),
             ("network_size", NETWORK_SIZES),
+            ("network_u", NETWORK_U_ENCODINGS),
             ("source_field", SOURCES),
             ("mixture_target", MIXTURE_TARGETS),
             ("mixture_lobes", MIXTURE_LOBES),

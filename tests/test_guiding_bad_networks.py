@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from engine import learning
-from engine.guiding.network import NETWORK_SHAPES
-from engine.guiding.network_query import no_network
+from engine.guiding.network import NETWORK_SHAPES, Snapshot, network_shape
+from engine.guiding.network_query import make_network_field, no_network
 from engine.learning import IterationCosts, Learner
 from engine.settings import RenderSettings
 from engine.wavefront import integrator
@@ -44,6 +44,23 @@ def ask(network, monkeypatch):
     monkeypatch.setattr(Learner, "_start_network", lambda learner: setattr(learner, "_network", field))
     monkeypatch.setattr(Learner, "_weighs_network", lambda learner: False)
     monkeypatch.setitem(integrator._STAGES, "predict_radiance", (network, 0))
+
+
+def guess(monkeypatch):
+    """Have renders ask a network whose parameters are drawn at random, and wild; returns the settings it is made by."""
+    seen = []
+
+    def start(learner):
+        seen.append(learner.settings)
+        shape = network_shape(learner.settings)
+        rng = np.random.default_rng(learner.settings.seed)
+        parameters = rng.normal(0.0, 0.5, shape.parameter_count).astype(np.float32)
+        bounds = np.array(((-5.0, -5.0, -5.0), (5.0, 5.0, 5.0)), np.float32)
+        learner._network = make_network_field(shape, Snapshot(1, 1, 0.0, 1.0, bounds, parameters))
+
+    monkeypatch.setattr(Learner, "_start_network", start)
+    monkeypatch.setattr(Learner, "_weighs_network", lambda learner: False)
+    return seen
 
 
 def mean_and_variance(method, seed):

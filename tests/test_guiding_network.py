@@ -51,11 +51,15 @@ def random_parameters(shape=SHAPE, seed=0):
     return parameters
 
 
-def predict(shape, snapshot, positions, vertices, directions, out):
+def predict(shape, snapshot, positions, vertices, directions, out, time=None, hero=None):
     """Radiance from every direction into the first rows of `out`."""
-    latent, hidden = np.zeros((1, MAX_WIDTH), np.float32), allocate_scratch(MAX_WIDTH)
+    latent, hidden = np.zeros((2, MAX_WIDTH), np.float32), allocate_scratch(MAX_WIDTH)
     field = make_network_field(shape, snapshot)
-    predict_network(field, positions, vertices.astype(np.int64), directions, len(vertices), latent, hidden, out)
+    nowhere = np.full(len(positions), np.nan, np.float32)
+    time, hero = (nowhere if values is None else values for values in (time, hero))
+    predict_network(
+        field, positions, time, hero, vertices.astype(np.int64), directions, len(vertices), latent, hidden, out
+    )
 
 
 def random_snapshot(shape=SHAPE, scale=2.0):
@@ -162,14 +166,17 @@ def test_gradient_of_the_grid_is_that_of_torch():
     assert math.isclose(np.sum((moved - ours) * cotangent, dtype=np.float64), np.sum(gradient * step), rel_tol=1e-3)
 
 
-def reference_radiance(snapshot, shape, positions, directions):
+def reference_radiance(snapshot, shape, positions, directions, u_features=None):
     """The whole network in numpy, float64 but for the encoding."""
     arrays = {name: array.astype(np.float64) for name, array in shape.split(snapshot.parameters).items()}
     blobs = np.zeros((len(directions), shape.direction_width), np.float32)
     encode_directions(directions, shape.direction_bins, 0, len(directions), blobs)
     features = np.zeros((len(positions), shape.encoding_width), np.float32)
     encode_positions(make_encoding(shape, snapshot.bounds, snapshot.parameters), positions, 0, len(positions), features)
-    value = np.maximum(features @ arrays["position_weights"] + blobs @ arrays["direction_weights"], 0.0)
+    value = features @ arrays["position_weights"] + blobs @ arrays["direction_weights"]
+    if u_features is not None:
+        value += u_features @ arrays["u_weights"]
+    value = np.maximum(value, 0.0)
     for weights in arrays["hidden_weights"]:
         value = np.maximum(value @ weights, 0.0)
     return snapshot.scale * np.exp(np.clip(value @ arrays["output_weights"], -10.0, 10.0))
@@ -374,7 +381,7 @@ def test_records_that_are_not_finite_are_left_out():
     records.position[11, 0] = -np.inf
     records.radiance[13] = -1.0
     out = np.zeros((100, SHAPE.row_width), np.float32)
-    assert pack_rows(records, 100, 100, np.uint32(1), out) == 97
+    assert pack_rows(records, 100, 100, np.uint32(1), False, out) == 97
     assert out[:97, 6].tolist() == [0.0 if k == 13 else k for k in range(100) if k not in (7, 9, 11)]
 
 
@@ -382,6 +389,6 @@ def test_too_many_records_are_thinned_evenly():
     records = allocate_records(1000)
     records.radiance[:] = np.arange(1000, dtype=np.float32)[:, None]
     out = np.zeros((100, SHAPE.row_width), np.float32)
-    assert pack_rows(records, 1000, 100, np.uint32(1), out) == 100
+    assert pack_rows(records, 1000, 100, np.uint32(1), False, out) == 100
     picked = out[:, 6].astype(int)
     assert (picked // 10 == np.arange(100)).all() and len(set(picked % 10)) == 10

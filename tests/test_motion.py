@@ -34,6 +34,7 @@ from engine.settings import RenderSettings
 from tests import light_probe
 from tests.test_accel import at, built, quad_scene
 from tests.test_guided_sources import Untrained
+from tests.test_guiding_bad_networks import guess
 from tests.test_session import floor_scene, material, sun
 
 
@@ -372,6 +373,33 @@ def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves
     bias = find_bias(guided, rendered(description, range(10, 14), samples=512))
     assert not bias.is_biased and bias.detectable < 0.03, bias
     assert seen == [mixture_u if is_moving else "NONE"] * 2
+
+
+@pytest.mark.parametrize("network_u", ["FREQUENCY", "PLANES"])
+def test_a_network_that_weighs_by_the_time_is_unbiased(network_u, monkeypatch):
+    """Whatever it says: its parameters are drawn at random (Z-test of `benchmarks.bias`, 1e-4)."""
+    seen = guess(monkeypatch)
+    description = emitter_scene()
+    guided = rendered(
+        description, range(2), guiding_method="NEURAL_RIS", network_u=network_u, guiding_trial=False, samples=511,
+        candidate_allocation="FIXED", candidate_count=3,
+    )
+    bias = find_bias(guided, rendered(description, range(10, 14), samples=512))
+    assert not bias.is_biased and bias.detectable < 0.03, bias
+    assert [(settings.network_u, settings.u_dimension) for settings in seen] == [(network_u, "TIME")] * 2
+
+
+def test_a_network_sees_no_time_where_nothing_moves(monkeypatch):
+    """The picture does not depend on the setting, to the bit."""
+    seen = guess(monkeypatch)
+    description = floor_scene(lights=[sun()], size=(16, 12), transforms=[np.eye(4), turned(1.2, 0, (0, 3, 0))])
+    images = [
+        rendered(description, [1], guiding_method="NEURAL_RIS", network_u=network_u, guiding_trial=False, samples=15,
+                 candidate_allocation="FIXED", candidate_count=3, deterministic=True)[0]
+        for network_u in ("NONE", "FREQUENCY", "PLANES")
+    ]  # fmt: skip
+    assert [settings.network_u for settings in seen] == ["NONE"] * 3
+    assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
 
 
 def test_a_still_picture_is_the_mean_of_pictures_at_all_times():

@@ -30,6 +30,7 @@ from engine.session import Session
 from engine.settings import RenderSettings
 from engine.spectral.observer import GRID, XYZ_TO_REC709, spectrum_to_rec709
 from tests.spectral_harness import blackbodies, iors, spectra, wavelengths_and_weights
+from tests.test_guiding_bad_networks import guess
 
 LIMIT = 4.5
 #: Strong, so that little light shows it: an Abbe number of about 10.
@@ -214,6 +215,22 @@ def test_dispersion_is_a_refractive_index_for_every_wavelength(roughness: float,
     # It can be seen at all: the colours of an edge are apart by far more than what is allowed.
     spread = expected.max(axis=1) - expected.min(axis=1)
     assert (spread / allowed.max(axis=1)).max() > 3.0
+
+
+def test_a_network_that_weighs_by_the_wavelength_is_unbiased(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever it says of each wavelength: its parameters are drawn at random."""
+    description = prism(IOR, 0.4, DISPERSION)
+    expected, expected_error = mean_and_error(description, range(8), samples=2048)
+    seen = guess(monkeypatch)
+    image, error = mean_and_error(
+        description, range(20, 28), samples=2047, guiding_method="NEURAL_RIS", network_u="PLANES", guiding_trial=False,
+        candidate_allocation="FIXED", candidate_count=3,
+    )
+    assert (np.abs(image - expected) < LIMIT * np.hypot(error, expected_error) + 0.004).all()
+    assert [(settings.network_u, settings.u_dimension) for settings in seen] == [("PLANES", "WAVELENGTH")] * 8
+    # The test can see a bias of a few per cent.
+    bright = expected.mean(axis=1) > 0.3
+    assert np.median((LIMIT * np.hypot(error, expected_error) + 0.004)[bright] / expected[bright]) < 0.1
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.guiding.network import Snapshot, TrainableShape, TrainingSettings
+from engine.guiding.network import NetworkShape, Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records import Records
 from engine.guiding.rows import pack_training_rows, pick_row
 from engine.jit import kernel
@@ -43,11 +43,11 @@ _PAGE = 4096
 
 
 @kernel
-def pack_rows(records, row_count, taken_count, seed, out):
+def pack_rows(records, row_count, taken_count, seed, is_partial, out):
     """Pick records at random and write what training needs of them.
 
     One record is drawn from each of `taken_count` equal stretches: all of them, in order, if they are not more.
-    Records with anything that is not finite are left out; negative radiance counts as none.
+    Records with anything that is not finite are left out; negative radiance counts as none. u is the records' time.
 
     Parameters
     ----------
@@ -55,14 +55,17 @@ def pack_rows(records, row_count, taken_count, seed, out):
     row_count : int, rows of `records` in use
     taken_count : int, at most `row_count`
     seed : uint32
-    out : float32 (at least taken_count, 6 + channels), written
+    is_partial : bool
+        Radiance may be NaN in some channels: not known, and left so.
+    out : float32 (at least taken_count, 6 + channels or one more for u), written
 
     Returns
     -------
     int
         Rows written; `taken_count` less the rejected ones.
     """
-    channel_count = out.shape[1] - 6
+    channel_count = records.radiance.shape[1]
+    has_u = out.shape[1] > 6 + channel_count
     written = 0
     for k in range(taken_count):
         row = pick_row(k, row_count, taken_count, seed)
@@ -71,12 +74,20 @@ def pack_rows(records, row_count, taken_count, seed, out):
             out[written, axis] = records.position[row, axis]
             out[written, 3 + axis] = records.direction[row, axis]
             total += abs(records.position[row, axis]) + abs(records.direction[row, axis])
+        known_count = 0
         for channel in range(channel_count):
             value = records.radiance[row, channel]
+            if is_partial and not value == value:
+                out[written, 6 + channel] = value
+                continue
+            known_count += 1
             out[written, 6 + channel] = max(value, 0.0)
             total += abs(value)
+        if has_u:
+            out[written, 6 + channel_count] = records.time[row]
+            total += abs(records.time[row])
         # False for NaN and for infinity.
-        if total < np.float32(np.inf):
+        if total < np.float32(np.inf) and known_count > 0:
             written += 1
     return written
 
@@ -221,8 +232,11 @@ class Channel:
         Records for the radiance network, rows of `row_width` floats for those that guide (`rows.py`).
         """
         taken = min(row_count, self.slot_rows)
-        pack = pack_rows if isinstance(records, Records) else pack_training_rows
-        return int(pack(records, row_count, taken, np.uint32(seed & 0xFFFFFFFF), self.rows(slot)))
+        rows, bits = self.rows(slot), np.uint32(seed & 0xFFFFFFFF)
+        if isinstance(records, Records):
+            is_partial = isinstance(self.shape, NetworkShape) and self.shape.by_quarter
+            return int(pack_rows(records, row_count, taken, bits, is_partial, rows))
+        return int(pack_training_rows(records, row_count, taken, bits, rows))
 
     def close(self) -> None:
         """Give the memory back. Views that are still alive keep the mapping, not the file."""

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the radiance network sees positions and directions: one definition for training and for inference.
+"""How the radiance network sees positions, directions and u: one definition for training and for inference.
 
 A position is contracted into the unit cube (the bounds take the middle 90% of each axis, the rest of space the ends)
 and read from a hash grid by trilinear interpolation. Each coordinate of a direction spreads over three bins in a row by
-a smooth kernel; the others are zero, so the first layer needs nine of its rows for a direction, not all of them.
+a smooth kernel; the others are zero, so the first layer needs nine of its rows for a direction, not all of them. What
+else light may depend on, u in [0, 1] (`settings.U_DIMENSIONS`), is read with the position from planes (`grids`), spread
+over frequencies, or not seen at all.
 
 References
 ----------
 Müller et al. 2022, "Instant Neural Graphics Primitives", Eqs. 2-4 (resolutions and hash).
 Müller et al. 2019, "Neural Importance Sampling", section 4.3 (one-blob encoding). The kernel is a triangle of one bin's
 half width rather than a Gaussian: its integral over a bin is a quadratic, and zero in all bins but three.
+Mildenhall et al. 2020, "NeRF", Eq. 4 (frequencies of u). Dong et al. 2025, "Efficient Neural Path Guiding with 4D
+Modeling", section 4.1 (planes).
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.bundle import Bundle
+from engine.guiding.grids import add_plane_gradient, cell_of, grid_levels, interpolate, write_planes
 from engine.guiding.network import INNER_EXTENT, NetworkShape
 from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int64Array
@@ -36,6 +41,11 @@ class Encoding(Bundle):
     table : float32 (entries, features), the hash grid
     position_weights : float32 (levels * features, width), the first layer's rows for the position
     direction_weights : float32 (3 * bins, width), its rows for the direction
+    plane_level : int64 (levels, LEVEL_FIELDS), of the planes over a coordinate and u (`grids`)
+    planes : float32 (entries, features), all of them
+    u_frequencies : int64 (1,), octaves of u
+    u_weights : float32 (u_width, width), the first layer's rows for the planes and then the octaves; none where u is
+        not seen
     """
 
     level: Int64Array
@@ -44,6 +54,10 @@ class Encoding(Bundle):
     table: Float32Array
     position_weights: Float32Array
     direction_weights: Float32Array
+    plane_level: Int64Array
+    planes: Float32Array
+    u_frequencies: Int64Array
+    u_weights: Float32Array
 
 
 def make_encoding(shape: NetworkShape, bounds: Float32Array, parameters: Float32Array) -> Encoding:
@@ -61,6 +75,8 @@ def make_encoding(shape: NetworkShape, bounds: Float32Array, parameters: Float32
         level[index] = resolution, offsets[index], is_hashed, shape.table_size - 1
     lower, upper = bounds.astype(np.float64)
     arrays = shape.split(parameters)
+    planes = np.zeros((0, shape.plane_features), np.float32)
+    u_weights = np.zeros((0, shape.width), np.float32)
     return Encoding(
         level,
         (0.5 * (lower + upper)).astype(np.float32),
@@ -68,6 +84,10 @@ def make_encoding(shape: NetworkShape, bounds: Float32Array, parameters: Float32
         arrays["table"],
         arrays["position_weights"],
         arrays["direction_weights"],
+        grid_levels(shape.plane_resolutions, shape.plane_offsets),
+        arrays.get("planes", planes),
+        np.array([shape.u_frequencies], np.int64),
+        arrays.get("u_weights", u_weights),
     )
 
 
@@ -90,6 +110,33 @@ def contract(x, center, inverse_extent):
 
 
 @kernel
+def place(encoding, position, k):
+    """Position k of float32 (N, 3) [m] in the unit cube of an encoding's bounds."""
+    return (
+        contract(position[k, 0], encoding.center[0], encoding.inverse_extent[0]),
+        contract(position[k, 1], encoding.center[1], encoding.inverse_extent[1]),
+        contract(position[k, 2], encoding.center[2], encoding.inverse_extent[2]),
+    )
+
+
+@kernel
+def unit(x):
+    """A number within [0, 1]; 0 for NaN."""
+    return min(max(x, np.float32(0.0)), np.float32(1.0)) if x == x else np.float32(0.0)
+
+
+@kernel
+def write_frequencies(u, count, out, row, column):
+    """Sine and cosine of so many octaves of u in [0, 1], from half a period on; returns the next column."""
+    angle = np.float32(np.pi) * u
+    for j in range(count):
+        out[row, column + 2 * j] = np.sin(angle)
+        out[row, column + 2 * j + 1] = np.cos(angle)
+        angle += angle
+    return column + 2 * count
+
+
+@kernel
 def blob(coordinate, bin_count):
     """One-blob encoding of one coordinate of a unit direction.
 
@@ -108,14 +155,6 @@ def blob(coordinate, bin_count):
     first = min(max(np.int64(x), 0), bin_count - 3)
     t = x - np.float32(first)
     return first, 0.5 * (1.0 - t) * (1.0 - t), 0.5 + t * (1.0 - t), 0.5 * t * t
-
-
-@kernel
-def cell_of(u, resolution):
-    """Cell along an axis of `u` in [0, 1], and the fraction within it."""
-    x = u * np.float32(resolution)
-    cell = min(np.int64(x), resolution - 1)
-    return cell, x - np.float32(cell)
 
 
 @kernel
@@ -159,17 +198,6 @@ def cell_corners(level, index, ux, uy, uz):
 
 
 @kernel
-def interpolate(table, entries, shares, f):
-    """Feature `f` between the eight corners."""
-    return (
-        (shares[0] * table[entries[0], f] + shares[1] * table[entries[1], f])
-        + (shares[2] * table[entries[2], f] + shares[3] * table[entries[3], f])
-        + (shares[4] * table[entries[4], f] + shares[5] * table[entries[5], f])
-        + (shares[6] * table[entries[6], f] + shares[7] * table[entries[7], f])
-    )
-
-
-@kernel
 def accumulate_latent(encoding, p, out, out_row):
     """Sum of the first layer's rows for position p [m], into `out[out_row]`."""
     ux = contract(p[0], encoding.center[0], encoding.inverse_extent[0])
@@ -190,6 +218,25 @@ def accumulate_latent(encoding, p, out, out_row):
             row = index * feature_count + f
             for j in range(width):
                 out[out_row, j] += a * weights[row, j] + b * weights[row + 1, j]
+
+
+@kernel
+def _write_u(encoding, ux, uy, uz, u, out, row):
+    """Features of u at a position in the unit cube: planes, then frequencies."""
+    column = write_planes(encoding.plane_level, encoding.planes, 0, ux, uy, uz, u, out, row, 0)
+    write_frequencies(u, encoding.u_frequencies[0], out, row, column)
+
+
+@kernel
+def accumulate_u(encoding, positions, k, u, out, out_row):
+    """Add the first layer's rows for u at position k [m] to `out[out_row]`; the row after it is for work."""
+    weights = encoding.u_weights
+    ux, uy, uz = place(encoding, positions, k)
+    _write_u(encoding, ux, uy, uz, unit(u), out, out_row + 1)
+    for row in range(weights.shape[0]):
+        a = out[out_row + 1, row]
+        for j in range(weights.shape[1]):
+            out[out_row, j] += a * weights[row, j]
 
 
 @kernel
@@ -227,9 +274,7 @@ def encode_positions(encoding, positions, start, stop, out):
     for index in range(level.shape[0]):
         column = index * feature_count
         for k in range(start, stop):
-            ux = contract(positions[k, 0], encoding.center[0], encoding.inverse_extent[0])
-            uy = contract(positions[k, 1], encoding.center[1], encoding.inverse_extent[1])
-            uz = contract(positions[k, 2], encoding.center[2], encoding.inverse_extent[2])
+            ux, uy, uz = place(encoding, positions, k)
             entries, shares = cell_corners(level, index, ux, uy, uz)
             for f in range(0, feature_count, 2):
                 a = interpolate(table, entries, shares, f)
@@ -253,6 +298,31 @@ def encode_directions(directions, bin_count, start, stop, out):
 
 
 @kernel
+def encode_u(encoding, positions, u, start, stop, out):
+    """Features of u float32 (N,) in [0, 1] at positions float32 (N, 3) [m], for training.
+
+    Parameters
+    ----------
+    start, stop : int, rows to do
+    out : float32 (N, u_width), written
+    """
+    for k in range(start, stop):
+        ux, uy, uz = place(encoding, positions, k)
+        _write_u(encoding, ux, uy, uz, unit(u[k]), out, k)
+
+
+@kernel
+def backpropagate_u(encoding, positions, u, row_count, out_gradient, first_level, last_level, table_gradient):
+    """Add the gradient of `encode_u` to that of the planes, as `backpropagate_positions` does for the grid."""
+    for index in range(first_level, last_level):
+        for k in range(row_count):
+            ux, uy, uz = place(encoding, positions, k)
+            add_plane_gradient(
+                encoding.plane_level, index, 0, ux, uy, uz, unit(u[k]), out_gradient, k, 0, table_gradient
+            )
+
+
+@kernel
 def backpropagate_positions(encoding, positions, row_count, out_gradient, first_level, last_level, table_gradient):
     """Add the gradient of `encode_positions` to `table_gradient`.
 
@@ -269,9 +339,7 @@ def backpropagate_positions(encoding, positions, row_count, out_gradient, first_
     for index in range(first_level, last_level):
         column = index * feature_count
         for k in range(row_count):
-            ux = contract(positions[k, 0], encoding.center[0], encoding.inverse_extent[0])
-            uy = contract(positions[k, 1], encoding.center[1], encoding.inverse_extent[1])
-            uz = contract(positions[k, 2], encoding.center[2], encoding.inverse_extent[2])
+            ux, uy, uz = place(encoding, positions, k)
             entries, shares = cell_corners(level, index, ux, uy, uz)
             for corner in range(8):
                 for f in range(feature_count):

@@ -2,29 +2,47 @@
 """The radiance network: its shape, its parameters as one vector, and the snapshot that carries them.
 
 Position and direction to incident radiance, as in section 5 of the paper: a hash grid over position, one-blob encoding
-of the direction, hidden layers of ReLU without bias, and an exponential that keeps the output positive. Everything that
-trains or evaluates the network agrees through this module; it does not know torch.
+of the direction, hidden layers of ReLU without bias, and an exponential that keeps the output positive. Where light
+depends on more, on the time or the wavelength, the network may see that too: u in [0, 1]. Everything that trains or
+evaluates the network agrees through this module; it does not know torch.
 
 References
 ----------
 Rath et al. 2025, "Neural Resampling with Optimized Candidate Allocation", sections 3 and 5.
 Müller et al. 2022, "Instant Neural Graphics Primitives", section 3 (hash grid).
+Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", sections 4.1 and 6.2 (a further dimension u).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol
+from itertools import accumulate
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from engine.scene.arrays import Float32Array
+from engine.settings import RenderSettings
+from engine.spectral.wavelengths import WAVELENGTH_COUNT
 
 #: The network's last layer is clamped to this before the exponential: radiance within e^±10 of the records' mean.
 LOG_RADIANCE_LIMIT = 10.0
 #: Space along each axis that the bounds take in the unit cube; the rest holds everything outside (`encoding.py`).
 INNER_EXTENT = 0.9
+#: How u is seen, by setting (`settings.U_ENCODINGS`): few octaves and coarse planes, that a render on a processor can
+#: train (docs/benchmarks.md).
+COARSE_U_ENCODINGS: dict[str, dict[str, Any]] = {
+    "NONE": {},
+    "FREQUENCY": {"u_frequencies": 4},
+    "PLANES": {"plane_levels": 3, "plane_resolution": 4},
+}
+#: The same within a quarter of the wavelengths: as fine, so two octaves or levels fewer.
+_QUARTER_U_ENCODINGS: dict[str, dict[str, Any]] = {
+    "FREQUENCY": {"u_frequencies": 2},
+    "PLANES": {"plane_levels": 1, "plane_resolution": 4},
+}
 
 
 def split_parameters(layout: dict[str, tuple[int, ...]], parameters: Float32Array) -> dict[str, Float32Array]:
@@ -35,6 +53,40 @@ def split_parameters(layout: dict[str, tuple[int, ...]], parameters: Float32Arra
         arrays[name] = parameters[start:stop].reshape(shape)
         start = stop
     return arrays
+
+
+def grid_resolutions(base: int, growth: float, count: int) -> tuple[int, ...]:
+    """Cells along an axis of so many grids: a geometric series of whole numbers."""
+    return tuple(math.floor(base * growth**level) for level in range(count))
+
+
+def grid_offsets(sizes: Iterable[int]) -> tuple[int, ...]:
+    """Where parts of so many entries begin, one after the other, and where the last one ends."""
+    return (0, *accumulate(sizes))
+
+
+class PlaneSizes:
+    """Sizes of planes of learned features (x, u), (y, u) and (z, u), of a shape that says which."""
+
+    plane_levels: int
+    plane_features: int
+    plane_resolution: int
+    plane_growth: float
+
+    @property
+    def plane_resolutions(self) -> tuple[int, ...]:
+        """Cells along an axis of each level of the planes."""
+        return grid_resolutions(self.plane_resolution, self.plane_growth, self.plane_levels)
+
+    @property
+    def plane_offsets(self) -> tuple[int, ...]:
+        """First entry of each level's planes in their table, and the number of all entries at the end."""
+        return grid_offsets(3 * (resolution + 1) ** 2 for resolution in self.plane_resolutions)
+
+    @property
+    def plane_width(self) -> int:
+        """Features of the planes."""
+        return 3 * self.plane_levels * self.plane_features
 
 
 class TrainableShape(Protocol):
@@ -59,7 +111,7 @@ class TrainableShape(Protocol):
 
 
 @dataclass(frozen=True)
-class NetworkShape:
+class NetworkShape(PlaneSizes):
     """Sizes of the network; the defaults are the paper's.
 
     level_count, level_features : levels of the hash grid and features of each
@@ -68,6 +120,12 @@ class NetworkShape:
     direction_bins : one-blob bins for each of a direction's three coordinates
     width, hidden_layers : of the perceptron
     channel_count : of the spectrum
+    u_frequencies : octaves of the frequency encoding of u, 0 = none
+    plane_levels, plane_features : levels of the three planes of learned features (x, u), (y, u) and (z, u), 0 = none;
+        and features of each plane and level
+    plane_resolution, plane_growth : cells along an axis of the coarsest planes, and by how much each next one is finer
+    by_quarter : whether outputs belong to the quarters that wavelengths' numbers lie in, and u is how far within
+        (`wavelengths.hero_quarter`); else to the channels of paths. A row may know the radiance of some alone
 
     Raises
     ------
@@ -84,6 +142,12 @@ class NetworkShape:
     width: int = 64
     hidden_layers: int = 3
     channel_count: int = 3
+    u_frequencies: int = 0
+    plane_levels: int = 0
+    plane_features: int = 2
+    plane_resolution: int = 4
+    plane_growth: float = 2.0
+    by_quarter: bool = False
 
     kind: ClassVar[str] = "RADIANCE"
 
@@ -98,14 +162,24 @@ class NetworkShape:
             "width": (8, 128),
             "hidden_layers": (1, 8),
             "channel_count": (1, 16),
+            "u_frequencies": (0, 16),
+            "plane_levels": (0, 10),
+            "plane_features": (2, 8),
+            "plane_resolution": (1, 128),
+            "plane_growth": (1.0, 4.0),
         }
         for name, (least, most) in limits.items():
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
         if self.table_size & (self.table_size - 1):
             raise ValueError(f"table_size is {self.table_size}: choose a power of two")
-        if self.level_features % 2:
-            raise ValueError(f"level_features is {self.level_features}: choose an even number")
+        if self.by_quarter and self.channel_count != WAVELENGTH_COUNT:
+            raise ValueError(f"channel_count is {self.channel_count}: by quarter, choose {WAVELENGTH_COUNT}")
+        for name in ("level_features", "plane_features"):
+            if getattr(self, name) % 2:
+                raise ValueError(f"{name} is {getattr(self, name)}: choose an even number")
+        if self.u_width > 128:
+            raise ValueError(f"plane_levels is {self.plane_levels}: of u there are {self.u_width} features, choose 128")
         if self.width % 8:
             raise ValueError(f"width is {self.width}: choose a multiple of 8")
 
@@ -136,25 +210,33 @@ class NetworkShape:
         return 3 * self.direction_bins
 
     @property
+    def u_width(self) -> int:
+        """Features of u: those of the planes, then the frequencies'. 0 where it is not seen."""
+        return self.plane_width + 2 * self.u_frequencies
+
+    @property
     def row_width(self) -> int:
-        """Floats of a record that training needs: position, direction, radiance."""
-        return 6 + self.channel_count
+        """Floats of a record that training needs: position, direction, radiance, and u where it is seen."""
+        return 6 + self.channel_count + (1 if self.u_width else 0)
 
     @property
     def training_settings(self) -> TrainingSettings:
         """How it is trained if nothing else is said."""
-        return TrainingSettings()
+        return U_TRAINING_SETTINGS if self.u_width else TrainingSettings()
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
         """Name and shape of each array of parameters, in the order of the parameter vector."""
-        return {
-            "table": (self.level_offsets[-1], self.level_features),
-            "position_weights": (self.encoding_width, self.width),
-            "direction_weights": (self.direction_width, self.width),
-            "hidden_weights": (self.hidden_layers - 1, self.width, self.width),
-            "output_weights": (self.width, self.channel_count),
-        }
+        layout: dict[str, tuple[int, ...]] = {"table": (self.level_offsets[-1], self.level_features)}
+        if self.plane_levels:
+            layout["planes"] = (self.plane_offsets[-1], self.plane_features)
+        layout["position_weights"] = (self.encoding_width, self.width)
+        layout["direction_weights"] = (self.direction_width, self.width)
+        if self.u_width:
+            layout["u_weights"] = (self.u_width, self.width)
+        layout["hidden_weights"] = (self.hidden_layers - 1, self.width, self.width)
+        layout["output_weights"] = (self.width, self.channel_count)
+        return layout
 
     @property
     def parameter_count(self) -> int:
@@ -176,9 +258,16 @@ COMPACT_SHAPE = NetworkShape(
 NETWORK_SHAPES = {"COMPACT": COMPACT_SHAPE, "PAPER": NetworkShape()}
 
 
-def network_shape(size: str, channel_count: int) -> NetworkShape:
-    """The shape of a size (`NETWORK_SHAPES`) for a spectrum's width."""
-    return replace(NETWORK_SHAPES[size], channel_count=channel_count)
+def network_shape(settings: RenderSettings) -> NetworkShape:
+    """The shape that settings ask for."""
+    shape = replace(NETWORK_SHAPES[settings.network_size], channel_count=settings.channel_count)
+    is_wavelength = settings.u_dimension == "WAVELENGTH"
+    encoding = settings.network_u
+    if encoding == "AUTO":
+        encoding = "FREQUENCY" if is_wavelength else "NONE"
+    if is_wavelength and encoding != "NONE":
+        return replace(shape, by_quarter=True, **_QUARTER_U_ENCODINGS[encoding])
+    return replace(shape, **COARSE_U_ENCODINGS[encoding])
 
 
 @dataclass(frozen=True)
@@ -207,6 +296,11 @@ class TrainingSettings:
     submission_rows: int = 1 << 18
     epochs: float = 4.0
     snapshot_seconds: float = 1.0
+
+
+#: Where u is seen there is more to learn from as many records, and light that comes and goes. At 1e-2 most trainings
+#: on hard scenes end as a constant (docs/benchmarks.md).
+U_TRAINING_SETTINGS = TrainingSettings(learning_rate=3e-3)
 
 
 @dataclass(frozen=True)
@@ -250,7 +344,7 @@ class Snapshot:
 
 
 def initial_parameters(shape: NetworkShape, seed: int) -> Float32Array:
-    """Parameters before training: a grid next to zero, He-initialised layers, radiance of about one unit anywhere.
+    """Parameters before training: grids next to zero, He-initialised layers, radiance of about one unit anywhere.
 
     Returns
     -------
@@ -260,9 +354,9 @@ def initial_parameters(shape: NetworkShape, seed: int) -> Float32Array:
     rng = np.random.Generator(np.random.Philox(seed))
     parameters = np.zeros(shape.parameter_count, np.float32)
     arrays = shape.split(parameters)
-    fan_in = shape.encoding_width + shape.direction_width
+    fan_in = shape.encoding_width + shape.direction_width + shape.u_width
     for name, array in arrays.items():
-        if name == "table":
+        if name in ("table", "planes"):
             limit = 1e-4
         elif name == "output_weights":
             # A tenth of He's: the first prediction is nearly constant.

@@ -21,6 +21,7 @@ from engine.guiding.mixture.shape import (
     MixtureSettings,
     MixtureShape,
 )
+from engine.guiding.network import COARSE_U_ENCODINGS
 from engine.settings import RenderSettings
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
 
@@ -35,9 +36,7 @@ _U_ENCODINGS: dict[str, dict[str, Any]] = {
 }
 #: ... and fewer and coarser ones, beside bins, that a render on a processor can train (docs/benchmarks.md).
 _COMPACT_U_ENCODINGS: dict[str, dict[str, Any]] = {
-    "NONE": {},
-    "FREQUENCY": {"u_frequencies": 4},
-    "PLANES": {"plane_levels": 3, "plane_resolution": 4},
+    **COARSE_U_ENCODINGS,
     "HASH4D": {"hash_levels": 2, "hash_resolution": 4, "hash_growth": 2.0, "hash_size": 1 << 15},
 }
 _STRATA_AVERAGING = 0.9

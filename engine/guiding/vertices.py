@@ -16,6 +16,7 @@ from engine.jit import kernel
 from engine.kernels.constants import NAN
 from engine.kernels.vector import dot
 from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
+from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
 from engine.state import RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
@@ -304,3 +305,25 @@ def as_records(rows: VertexRecords) -> Records:
     return Records(
         rows.position, rows.direction, rows.radiance, rows.pdf, rows.distance, rows.normal, rows.roughness, rows.time
     )
+
+
+@kernel
+def _sort_by_quarter(rows, row_count, radiance, offset):
+    for row in range(row_count):
+        quarter, offset[row] = hero_quarter(rows.hero[row])
+        for c in range(WAVELENGTH_COUNT):
+            radiance[row, (quarter + c) % WAVELENGTH_COUNT] = rows.spectrum[row, c]
+
+
+def as_records_by_quarter(rows: VertexRecords, row_count: int) -> Records:
+    """Records of wavelengths for a network that tells them apart (`NetworkShape.by_quarter`).
+
+    Returns
+    -------
+    Records
+        Of `row_count` rows. `radiance` is that of the wavelength in each quarter of [0, 1), NaN where the path had lost
+        it; `time` is how far within their quarters they lie.
+    """
+    radiance, offset = np.zeros((row_count, WAVELENGTH_COUNT), np.float32), np.zeros(row_count, np.float32)
+    _sort_by_quarter(rows, row_count, radiance, offset)
+    return as_records(rows)._replace(radiance=radiance, time=offset)

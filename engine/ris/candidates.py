@@ -29,6 +29,7 @@ class Candidates(Bundle):
     lane : int32 (N,), by vertex of the chunk: its lane
     first : int32 (N,), by vertex of the chunk: its first row
     position : float32 (N, 3), by vertex of the chunk, world
+    time, hero : float32 (N,), by vertex of the chunk, of its path; without wavelengths no hero is written
     """
 
     vertex: np.ndarray
@@ -46,6 +47,8 @@ class Candidates(Bundle):
     lane: Int32Array
     first: Int32Array
     position: Float32Array
+    time: Float32Array
+    hero: Float32Array
 
 
 def allocate_candidates(row_count: int, channel_count: int = 3) -> Candidates:
@@ -70,4 +73,6 @@ def allocate_candidates(row_count: int, channel_count: int = 3) -> Candidates:
         lane=scalars(np.int32),
         first=scalars(np.int32),
         position=np.zeros((row_count, 3), np.float32),
+        time=scalars(),
+        hero=scalars(),
     )

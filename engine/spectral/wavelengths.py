@@ -97,6 +97,29 @@ def rotate_hero(u, index):
 
 
 @kernel
+def hero_quarter(u):
+    """Quarter of [0, 1) that a hero's number lies in, and how far within it.
+
+    Wavelength `index` of the path lies in quarter (quarter + index) % 4, as far within it (`rotate_hero`).
+
+    Parameters
+    ----------
+    u : float32, in [0, 1): gives the hero; numbers outside are taken to its ends, NaN to 0
+
+    Returns
+    -------
+    quarter : int64, 0 to WAVELENGTH_COUNT - 1
+    offset : float32 in [0, 1]
+    """
+    position = np.float32(WAVELENGTH_COUNT) * u
+    if not position > 0.0:
+        position = np.float32(0.0)
+    position = min(position, np.float32(WAVELENGTH_COUNT))
+    quarter = min(np.int64(position), np.int64(WAVELENGTH_COUNT - 1))
+    return quarter, position - np.float32(quarter)
+
+
+@kernel
 def wavelength_cell(u):
     """Cell of the tables and position in it; numbers outside of [0, 1] are taken to its ends, NaN to 0."""
     position = u * np.float32(CELL_COUNT)

@@ -18,7 +18,7 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import store
-from engine.state import POINT_P
+from engine.state import POINT_P, POINT_TIME, RGB
 
 #: Offset of a vertex's candidates among the path's dimensions, far from those of its vertices.
 SET_CANDIDATES = 1 << 16
@@ -76,6 +76,9 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row
         store(candidates.position, vertex, real_3(points, lane, POINT_P))
+        candidates.time[vertex] = points.real[lane, POINT_TIME]
+        if len(paths.channels) > RGB:
+            candidates.hero[vertex] = paths.hero[lane]
         base = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
         for j in range(guided.candidate_count[lane]):
             u0, u1, u2, u3 = rotated(*base, j)

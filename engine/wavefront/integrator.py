@@ -212,7 +212,7 @@ class Batch:
             registers=allocate_memory(scene.shaders),
             **{name: np.zeros(lanes, np.int32) for name in LANE_LISTS},
             f_cos=np.zeros((lanes, value_width(channel_count)), np.float32),
-            latent=np.zeros((1, MAX_WIDTH), np.float32),
+            latent=np.zeros((2, MAX_WIDTH), np.float32),
             hidden=allocate_scratch(MAX_WIDTH),
             paths=allocate_paths(lanes, channel_count),
             points=allocate_points(lanes),
@@ -332,7 +332,7 @@ class Integrator:
         self._python_loop = in_python(trace_rounds)
         nothing = np.zeros(1, np.float32)
         self._no_guidance = GuidanceView(
-            no_field(), no_table(channel_count), no_network(network_shape(settings.network_size, channel_count)),
+            no_field(), no_table(channel_count), no_network(network_shape(settings)),
             no_allocation(), nothing, nothing, nothing,
         )
         self._settings = settings

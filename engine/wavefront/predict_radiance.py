@@ -21,8 +21,8 @@ def predict_radiance(table, network, latent, hidden, guide, guided, candidates, 
     """Fill `candidates.radiance` from the network, else from the region's table, else from the (grey) mixture."""
     if network.is_ready[0] != 0:
         predict_network(
-            network, candidates.position, candidates.vertex, candidates.direction, row_count, latent, hidden,
-            candidates.radiance,
+            network, candidates.position, candidates.time, candidates.hero, candidates.vertex, candidates.direction,
+            row_count, latent, hidden, candidates.radiance,
         )
         return
     has_table = table.values.shape[0] > 0

@@ -25,19 +25,21 @@ from collections.abc import Mapping
 import numpy as np
 
 from engine.bundle import Bundle
-from engine.guiding.encoding import HASH_Y, HASH_Z, blob, cell_of, contract, interpolate
+from engine.guiding.encoding import HASH_Y, HASH_Z, blob, place, unit, write_frequencies
+from engine.guiding.grids import (
+    LEVEL_FIRST,
+    LEVEL_HASH_MASK,
+    LEVEL_RESOLUTION,
+    add_plane_gradient,
+    grid_levels,
+    interpolate,
+    smooth_cell,
+    write_planes,
+)
 from engine.guiding.mixture.shape import TABLES, MixtureShape
 from engine.jit import kernel
 from engine.scene.arrays import Float32Array, Int64Array
 
-# Columns of MixtureEncoding.level, plane_level and hash_level
-LEVEL_RESOLUTION = 0
-LEVEL_FIRST = 1
-LEVEL_HASH_MASK = 2  # 0 = every point has an entry of its own
-LEVEL_FIELDS = 3
-
-#: Planes of a level: (x, u), (y, u), (z, u).
-PLANES = 3
 _HASH_U = np.int64(3674653429)
 
 # Entries of MixtureEncoding.options
@@ -80,15 +82,6 @@ class MixtureEncoding(Bundle):
     hashes: Float32Array
 
 
-def _levels(resolutions: tuple[int, ...], offsets: tuple[int, ...], most: int = 0) -> Int64Array:
-    """LEVEL_* of grids that have `most` entries at most, a power of two; 0 = as many as there are points."""
-    level = np.zeros((len(resolutions), LEVEL_FIELDS), np.int64)
-    for index, resolution in enumerate(resolutions):
-        is_hashed = 0 < most < (resolution + 1) ** 4
-        level[index] = resolution, offsets[index], most - 1 if is_hashed else 0
-    return level
-
-
 def make_mixture_encoding(
     shape: MixtureShape, bounds: Float32Array, arrays: Mapping[str, Float32Array]
 ) -> MixtureEncoding:
@@ -117,24 +110,17 @@ def make_mixture_encoding(
     lower, upper = bounds.astype(np.float64)
     center = (0.5 * (lower + upper)).astype(np.float32)
     return MixtureEncoding(
-        _levels(shape.resolutions, shape.level_offsets),
-        _levels(shape.plane_resolutions, shape.plane_offsets),
-        _levels(shape.hash_resolutions, shape.hash_offsets, shape.hash_size),
+        grid_levels(shape.resolutions, shape.level_offsets),
+        grid_levels(shape.plane_resolutions, shape.plane_offsets),
+        grid_levels(shape.hash_resolutions, shape.hash_offsets, shape.hash_size),
         options, center, (2.0 / (upper - lower)).astype(np.float32), *tables,
     )
 
 
 @kernel
-def _fraction(fraction, is_smooth):
-    """How far between two grid points a value is: linear, or by smoothstep."""
-    return fraction * fraction * (3.0 - 2.0 * fraction) if is_smooth != 0 else fraction
-
-
-@kernel
 def _smooth_cell(encoding, c, resolution):
     """Cell along an axis of `c` in [0, 1], and how far within it."""
-    cell, fraction = cell_of(c, resolution)
-    return cell, _fraction(fraction, encoding.options[OPTION_IS_SMOOTH])
+    return smooth_cell(c, resolution, encoding.options[OPTION_IS_SMOOTH])
 
 
 @kernel
@@ -182,45 +168,6 @@ def _write_grids(encoding, ux, uy, uz, out, row):
             out[row, column + 2] = c
             out[row, column + 3] = d
     return encoding.level.shape[0] * feature_count
-
-
-@kernel
-def _plane_corners(encoding, index, plane, c, u):
-    """Rows of the planes' table for the four corners of a cell, the coordinate fastest, and their shares (Eq. 7)."""
-    resolution = encoding.plane_level[index, LEVEL_RESOLUTION]
-    x, fx = _smooth_cell(encoding, c, resolution)
-    y, fy = _smooth_cell(encoding, u, resolution)
-    gx = 1.0 - fx
-    gy = 1.0 - fy
-    row = resolution + 1
-    e = encoding.plane_level[index, LEVEL_FIRST] + plane * row * row + y * row + x
-    return (e, e + 1, e + row, e + row + 1), (gx * gy, fx * gy, gx * fy, fx * fy)
-
-
-@kernel
-def _between_four(table, entries, shares, f):
-    """Feature `f` between the four corners."""
-    return (shares[0] * table[entries[0], f] + shares[1] * table[entries[1], f]) + (
-        shares[2] * table[entries[2], f] + shares[3] * table[entries[3], f]
-    )
-
-
-@kernel
-def _write_planes(encoding, ux, uy, uz, u, out, row, column):
-    """Interpolated features of the planes, of each level (x, u), (y, u), (z, u); returns the next column."""
-    planes = encoding.planes
-    feature_count = planes.shape[1]
-    for index in range(encoding.plane_level.shape[0]):
-        for plane in range(PLANES):
-            c = ux if plane == 0 else (uy if plane == 1 else uz)
-            entries, shares = _plane_corners(encoding, index, plane, c, u)
-            for f in range(0, feature_count, 2):
-                a = _between_four(planes, entries, shares, f)
-                b = _between_four(planes, entries, shares, f + 1)
-                out[row, column + f] = a
-                out[row, column + f + 1] = b
-            column += feature_count
-    return column
 
 
 @kernel
@@ -343,33 +290,6 @@ def _write_direction(x, y, z, encoding_kind, size, out, row, column):
 
 
 @kernel
-def _unit(x):
-    """A number within [0, 1]; 0 for NaN."""
-    return min(max(_component(x), np.float32(0.0)), np.float32(1.0))
-
-
-@kernel
-def _write_frequencies(u, count, out, row, column):
-    """Sine and cosine of so many octaves of u in [0, 1], from half a period on; returns the next column."""
-    angle = np.float32(np.pi) * u
-    for j in range(count):
-        out[row, column + 2 * j] = np.sin(angle)
-        out[row, column + 2 * j + 1] = np.cos(angle)
-        angle += angle
-    return column + 2 * count
-
-
-@kernel
-def _place(encoding, position, k):
-    """A point's position in the unit cube."""
-    return (
-        contract(position[k, 0], encoding.center[0], encoding.inverse_extent[0]),
-        contract(position[k, 1], encoding.center[1], encoding.inverse_extent[1]),
-        contract(position[k, 2], encoding.center[2], encoding.inverse_extent[2]),
-    )
-
-
-@kernel
 def encode_features(encoding, position, normal, wo, roughness, u, start, stop, out):
     """Features of points `start` to `stop`, into the first rows of `out`. Whatever goes in, they are finite.
 
@@ -389,15 +309,17 @@ def encode_features(encoding, position, normal, wo, roughness, u, start, stop, o
     roughness_bins = options[OPTION_ROUGHNESS_BINS]
     for k in range(start, stop):
         row = k - start
-        ux, uy, uz = _place(encoding, position, k)
-        uw = _unit(u[k])
+        ux, uy, uz = place(encoding, position, k)
+        uw = unit(u[k])
         if position_bins == 0:
             column = _write_grids(encoding, ux, uy, uz, out, row)
         else:
             column = _write_blob(2.0 * ux - 1.0, position_bins, out, row, np.int64(0))
             column = _write_blob(2.0 * uy - 1.0, position_bins, out, row, column)
             column = _write_blob(2.0 * uz - 1.0, position_bins, out, row, column)
-        column = _write_planes(encoding, ux, uy, uz, uw, out, row, column)
+        column = write_planes(
+            encoding.plane_level, encoding.planes, options[OPTION_IS_SMOOTH], ux, uy, uz, uw, out, row, column
+        )
         column = _write_hashes(encoding, ux, uy, uz, uw, out, row, column)
         column = _write_direction(
             normal[k, 0], normal[k, 1], normal[k, 2], options[OPTION_NORMAL], options[OPTION_NORMAL_SIZE], out, row,
@@ -408,9 +330,9 @@ def encode_features(encoding, position, normal, wo, roughness, u, start, stop, o
         )
         if roughness_bins != 0:
             # Rough surfaces differ less than smooth ones do.
-            seen = 1.0 - np.exp(-_unit(roughness[k]))
+            seen = 1.0 - np.exp(-unit(roughness[k]))
             column = _write_blob(2.0 * seen - 1.0, roughness_bins, out, row, column)
-        column = _write_frequencies(uw, options[OPTION_U_FREQUENCIES], out, row, column)
+        column = write_frequencies(uw, options[OPTION_U_FREQUENCIES], out, row, column)
         for j in range(column, options[OPTION_FEATURE_WIDTH]):
             out[row, j] = 1.0
 
@@ -433,7 +355,7 @@ def backpropagate_grids(encoding, position, u, row_count, feature_gradient, firs
     for index in range(first_level, last_level):
         column = first_column + index * feature_count
         for k in range(row_count):
-            ux, uy, uz = _place(encoding, position, k)
+            ux, uy, uz = place(encoding, position, k)
             entries, shares = _corners(encoding, index, ux, uy, uz)
             for corner in range(8):
                 for f in range(feature_count):
@@ -445,18 +367,13 @@ def backpropagate_planes(
     encoding, position, u, row_count, feature_gradient, first_column, first_level, last_level, out
 ):
     """As `backpropagate_grids`, of the planes; u : float32 (N,) in [0, 1]."""
-    feature_count = out.shape[1]
     for index in range(first_level, last_level):
         for k in range(row_count):
-            ux, uy, uz = _place(encoding, position, k)
-            uw = _unit(u[k])
-            for plane in range(PLANES):
-                column = first_column + (index * PLANES + plane) * feature_count
-                c = ux if plane == 0 else (uy if plane == 1 else uz)
-                entries, shares = _plane_corners(encoding, index, plane, c, uw)
-                for corner in range(4):
-                    for f in range(feature_count):
-                        out[entries[corner], f] += shares[corner] * feature_gradient[k, column + f]
+            ux, uy, uz = place(encoding, position, k)
+            add_plane_gradient(
+                encoding.plane_level, index, encoding.options[OPTION_IS_SMOOTH], ux, uy, uz, unit(u[k]),
+                feature_gradient, k, first_column, out,
+            )
 
 
 @kernel
@@ -468,8 +385,8 @@ def backpropagate_hashes(
     for index in range(first_level, last_level):
         column = first_column + index * feature_count
         for k in range(row_count):
-            ux, uy, uz = _place(encoding, position, k)
-            lower, upper, shares, late = _hash_corners(encoding, index, ux, uy, uz, _unit(u[k]))
+            ux, uy, uz = place(encoding, position, k)
+            lower, upper, shares, late = _hash_corners(encoding, index, ux, uy, uz, unit(u[k]))
             for corner in range(8):
                 for f in range(feature_count):
                     gradient = shares[corner] * feature_gradient[k, column + f]

@@ -12,16 +12,14 @@ Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", sections 4.1
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import accumulate
 from typing import ClassVar
 
 import numpy as np
 
 from engine.guiding.lobes.nasg import NASG_OUTPUTS
 from engine.guiding.lobes.vmf import VMF_OUTPUTS
-from engine.guiding.network import TrainingSettings, split_parameters
+from engine.guiding.network import PlaneSizes, TrainingSettings, grid_offsets, grid_resolutions, split_parameters
 from engine.guiding.rows import ROW_WIDTH
 from engine.scene.arrays import Float32Array
 
@@ -46,18 +44,8 @@ _DIRECTION_ENCODINGS = ("NONE", "RAW", "BLOB", "HARMONICS")
 TABLES = ("table", "planes", "hashes")
 
 
-def _resolutions(base: int, growth: float, count: int) -> tuple[int, ...]:
-    """A geometric series of so many whole numbers."""
-    return tuple(math.floor(base * growth**level) for level in range(count))
-
-
-def _offsets(sizes: Iterable[int]) -> tuple[int, ...]:
-    """Where parts of so many entries begin, one after the other, and where the last one ends."""
-    return (0, *accumulate(sizes))
-
-
 @dataclass(frozen=True)
-class MixtureShape:
+class MixtureShape(PlaneSizes):
     """Sizes and meaning of a mixture network; the defaults are those of `NPM`.
 
     Where light depends on more than the position, on the time, say, that is `u` in [0, 1]. It can be seen by planes, by
@@ -192,43 +180,28 @@ class MixtureShape:
         """Cells along an axis of each grid; none without grids."""
         if self.position_encoding != "GRID":
             return ()
-        return _resolutions(self.base_resolution, self.growth, self.level_count)
-
-    @property
-    def plane_resolutions(self) -> tuple[int, ...]:
-        """Cells along an axis of each level of the planes."""
-        return _resolutions(self.plane_resolution, self.plane_growth, self.plane_levels)
+        return grid_resolutions(self.base_resolution, self.growth, self.level_count)
 
     @property
     def hash_resolutions(self) -> tuple[int, ...]:
         """Cells along an axis of each four-dimensional grid."""
-        return _resolutions(self.hash_resolution, self.hash_growth, self.hash_levels)
+        return grid_resolutions(self.hash_resolution, self.hash_growth, self.hash_levels)
 
     @property
     def level_offsets(self) -> tuple[int, ...]:
         """First entry of each grid in the table, and the number of all entries at the end."""
-        return _offsets((resolution + 1) ** 3 for resolution in self.resolutions)
-
-    @property
-    def plane_offsets(self) -> tuple[int, ...]:
-        """First entry of each level's planes in their table, and the number of all entries at the end."""
-        return _offsets(3 * (resolution + 1) ** 2 for resolution in self.plane_resolutions)
+        return grid_offsets((resolution + 1) ** 3 for resolution in self.resolutions)
 
     @property
     def hash_offsets(self) -> tuple[int, ...]:
         """First entry of each four-dimensional grid in their table, and the number of all entries at the end."""
-        return _offsets(min((resolution + 1) ** 4, self.hash_size) for resolution in self.hash_resolutions)
+        return grid_offsets(min((resolution + 1) ** 4, self.hash_size) for resolution in self.hash_resolutions)
 
     @property
     def position_width(self) -> int:
         """Features of the position alone, which come first."""
         widths = {"GRID": self.level_count * self.level_features, "BLOB": 3 * self.position_bins, "NONE": 0}
         return widths[self.position_encoding]
-
-    @property
-    def plane_width(self) -> int:
-        """Features of the planes, which come after those of the position."""
-        return 3 * self.plane_levels * self.plane_features
 
     @property
     def hash_width(self) -> int:
