@@ -26,14 +26,14 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "NPM-FREQUENCY": {"guiding_method": "NPM", "mixture_u": "FREQUENCY"},
     "NPM-PLANES": {"guiding_method": "NPM", "mixture_u": "PLANES"},
     "NPM-HASH4D": {"guiding_method": "NPM", "mixture_u": "HASH4D"},
-    "NPM-STRATA": {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8},
+    "NPM-STRATA": {"guiding_method": "NPM", "mixture_u": "PLANES", "strata": 8},
     "NEURAL_RIS-NONE": {"guiding_method": "NEURAL_RIS", "network_u": "NONE"},
     "NEURAL_RIS-FREQUENCY": {"guiding_method": "NEURAL_RIS", "network_u": "FREQUENCY"},
     "NEURAL_RIS-PLANES": {"guiding_method": "NEURAL_RIS", "network_u": "PLANES"},
     "NASG-FREQUENCY": {"guiding_method": "NASG", "mixture_u": "FREQUENCY"},
     "NASG-PLANES": {"guiding_method": "NASG", "mixture_u": "PLANES"},
     "NASG-HASH4D": {"guiding_method": "NASG", "mixture_u": "HASH4D"},
-    "NASG-STRATA": {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "strata": 8},
+    "NASG-STRATA": {"guiding_method": "NASG", "mixture_u": "PLANES", "strata": 8},
 }
 
 

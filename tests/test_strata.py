@@ -267,15 +267,33 @@ def test_rows_of_other_strata_are_forgotten():
     from tests.test_guiding_mixture_training import BOUNDS, NPM, rows_of, settings_of
 
     training = MixtureTraining(NPM, settings_of(NPM, follows_u=True), 1, BOUNDS)
-    for low, high in ((0.0, 1.0), (0.0, 1.0), (0.25, 0.5), (0.25, 0.5), (0.5, 0.75)):
+    for low, high in ((0.0, 1.0), (0.0, 1.0), (0.25, 0.375), (0.25, 0.375), (0.625, 0.75)):
         rows = rows_of(2000, 3)
         rows[:, ROW_U] = np.random.default_rng(4).uniform(low, high, 2000)
         training.add(rows, 1.0)
         for window in (training._window, training._validation):
             held = window.take(np.arange(window.count))[:, ROW_U]
-            assert held.min() >= low - 0.03 and held.max() <= high + 0.03
+            # The strata beside it are kept.
+            assert held.min() >= low - 0.13 and held.max() <= high + 0.13
         training.step()
     assert training.row_count > 1900
+
+
+def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
+    pytest.importorskip("torch")
+    from engine.guiding.worker.mixture_training import MixtureTraining
+    from tests.test_guiding_mixture_training import BOUNDS, NPM, rows_of, settings_of
+
+    training = MixtureTraining(NPM, settings_of(NPM, follows_u=True, u_pieces=4), 1, BOUNDS)
+    rng = np.random.default_rng(4)
+    for low, high in ((0.0, 1.0), (0.5, 0.625)):
+        rows = rows_of(2000, 3)
+        rows[:, ROW_U] = (rng.integers(0, 4, 2000) + rng.uniform(low, high, 2000)) / 4.0
+        training.add(rows, 1.0)
+    held = 4.0 * training._window.take(np.arange(training.row_count))[:, ROW_U]
+    assert set(held.astype(int)) == {0, 1, 2, 3}
+    within = held % 1.0
+    assert within.min() >= 0.37 and within.max() <= 0.76 and len(within) > 2000
 
 
 def test_a_window_keeps_what_it_is_told():

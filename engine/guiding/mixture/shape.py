@@ -309,8 +309,8 @@ class MixtureSettings(TrainingSettings):
     gradient_limit : length that the perceptron's gradient is cut to
     mis_compensation : learn what the BSDF's own sampling leaves over (Dong et al. 2025, Eq. 12)
     bsdf_share : of the directions, that are drawn from the BSDF; for the compensation
-    follows_u : forget rows whose u is not among those of the newest ones, as a render that goes on from stratum to
-        stratum asks for
+    follows_u : forget rows whose u is not among or next to those of the newest ones, as a render that goes on from
+        stratum to stratum asks for
     u_pieces : equal parts of [0, 1], each of which has a piece of every stratum
     """
 

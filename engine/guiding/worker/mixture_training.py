@@ -52,8 +52,9 @@ _VALIDATION_ROWS = 1 << 14
 _LEAST_BEARERS = 8
 #: Share of the weight that a row has at most where few rows have nearly all of it.
 _MOST_SHARE = 1.0 / 128.0
-#: What lies so much of the range of u beyond it, still counts as within: rows that come do not reach its very ends.
-_U_MARGIN = 0.02
+#: Rows are kept that lie no further beyond the range of u than this many times its length: a stratum on either side has
+#: much to say about this one (docs/benchmarks.md).
+_U_MARGIN = 1.0
 #: Density of a BSDF that cannot have proposed a direction [sr^-1].
 _NO_DENSITY = 1e-20
 
