@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks import metrics
 from benchmarks.papers import PROTOCOLS
+from benchmarks.rivals import VARIANTS
 from benchmarks.scene_files import expand, hide_lamps, open_scene
 from benchmarks.tables import geometric_mean, table
 from engine.sequence import train_sequence
@@ -25,10 +26,9 @@ from engine.settings import RenderSettings
 #: Settings by name, and whether one field is trained for all frames.
 METHODS: dict[str, tuple[dict[str, Any], bool]] = {
     "OFF": ({"guiding_method": "OFF"}, False),
-    "NPM, each frame": ({}, False),
-    "NPM, sequence": ({}, True),
-    "NPM-TIME, sequence": ({"mixture_u": "FREQUENCY"}, True),
-    "NPM-PLANES, sequence": ({"mixture_u": "PLANES"}, True),
+    "NPM, each frame": ({"guiding_method": "NPM"}, False),
+    "NPM, sequence": ({"guiding_method": "NPM"}, True),
+    **{f"{name}, sequence": (VARIANTS[name], True) for name in ("NPM-FREQUENCY", "NPM-PLANES")},
 }
 
 
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     times = np.linspace(*chosen.span, chosen.frames).tolist()
     frames = export_frames(bpy.context.evaluated_depsgraph_get(), times, cache=ExportCache())
     trained_on = frames[:: chosen.every]
-    plain = RenderSettings(**{**PROTOCOLS["4d"].settings, "guiding_method": "NPM"}, threads=chosen.threads)
+    plain = RenderSettings(**PROTOCOLS["4d"].settings, threads=chosen.threads)
     training = chosen.training * len(frames) // len(trained_on)
 
     images: dict[str, list[list[np.ndarray]]] = {}

@@ -160,9 +160,7 @@ def _with_u(
     has_wavelength = (
         settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
     )
-    if has_time or has_wavelength:
-        return replace(settings, u_dimension="TIME" if has_time else "WAVELENGTH")
-    return replace(settings, u_dimension="NONE", mixture_u="NONE", network_u="NONE", strata=0)
+    return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
 
 
 class Session:
@@ -405,7 +403,7 @@ class _Job:
             self._ranges = [(int(end) - length, length) for end, length in zip(ends, lengths, strict=True)]
         else:
             self._ranges = _sample_ranges(settings.samples)
-        #: Part of the shutter that the iteration in work belongs to, of so many.
+        #: Part of u that the iteration in work belongs to, of so many.
         self._stratum, self._strata = 0, max(settings.strata, 1)
         self._schedule: StrataSchedule | None = None
         if self._strata > 1:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 #: What directions can be drawn from.
 SOURCES = ("VMM", "SDTREE", "SDTREE_VARIANCE", "NPM", "NPM_PRODUCT", "NASG", "FLOW")
@@ -159,6 +159,12 @@ class RenderSettings:
     def channel_count(self) -> int:
         """Width of a path's spectrum: wavelengths, or RGB. AUTO is RGB: `Session` decides it before."""
         return 4 if self.spectral == "ON" else 3
+
+    def with_u(self, dimension: str) -> RenderSettings:
+        """The same for a scene of which networks may know a `dimension`; with 'NONE' nothing has to do with u."""
+        if dimension == "NONE":
+            return replace(self, u_dimension="NONE", mixture_u="NONE", network_u="NONE", strata=0)
+        return replace(self, u_dimension=dimension)
 
     @property
     def source(self) -> str:

@@ -25,8 +25,7 @@ from engine.settings import RenderSettings
 def with_sequence_u(settings: RenderSettings, u_dimension: str) -> RenderSettings:
     """Settings for a network that was or will be trained before a frame is rendered: 'TIME' as u, or 'NONE'."""
     # Nothing is trained within a frame that strata could help with.
-    mixture_u = settings.mixture_u if u_dimension == "TIME" else "NONE"
-    return replace(settings, u_dimension=u_dimension, mixture_u=mixture_u, strata=0)
+    return replace(settings.with_u(u_dimension), strata=0)
 
 
 def u_span(description: SceneDescription, span: tuple[float, float]) -> tuple[float, float]:
