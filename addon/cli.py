@@ -166,7 +166,7 @@ class CommandLineRenderer:
             render.threads_mode = "FIXED" if self._threads else "AUTO"
             if self._threads:
                 render.threads = self._threads
-            scene.neuralguide.threads = self._threads
+            scene.neuralguide.property_unset("threads")
         path = Path(render.frame_path(frame=frames[0]))
         started = time.time()
         range_before = scene.frame_start, scene.frame_end

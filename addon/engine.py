@@ -17,6 +17,8 @@ from . import passes, sequence
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
+from .shared_settings import layer_samples
+from .unsupported_settings import unsupported_settings
 
 if TYPE_CHECKING:
     from engine.scene.description import Notice, SceneDescription
@@ -81,6 +83,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _export_cache: Any = None
     _plan: Any = None  # SequencePlan of what `update` exported, None without
     _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
+    _notices: Any = ()  # what settings and passes ask for in vain
     _layers_done = 0
     _started = 0.0
     _first_image = math.nan
@@ -120,10 +123,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
         scene = depsgraph.scene_eval
         settings = render_settings(scene)
-        layer_samples = depsgraph.view_layer_eval.samples
-        if layer_samples > 0:
-            settings = dataclasses.replace(settings, samples=layer_samples)
-        self._settings = settings
+        samples = layer_samples(scene, depsgraph.view_layer_eval, settings.samples)
+        self._settings = settings = dataclasses.replace(settings, samples=samples)
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
@@ -156,12 +157,15 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
             return
         self._pending = pending
-        if self._plan is not None:
-            self._show(self._plan.notices)
         layer = depsgraph.view_layer_eval
+        self._notices = unsupported_settings(scene, layer)
+        if self._plan is not None:
+            self._notices += self._plan.notices
         missing = passes.unsupported_passes(layer)
         if missing:
-            self._show([Notice(f"View layer {layer.name}", f"no passes {', '.join(missing)}", "they are left out")])
+            problem = f"no passes {', '.join(missing)}"
+            self._notices.append(Notice(f"View layer {layer.name}", problem, "they are left out"))
+        self._show(self._notices)
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.session import LoadCancelled, Session
@@ -314,6 +318,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             logger.warning(text)
             self.report({"WARNING"}, text)
         self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
+        notices = [*self._notices, *report.notices]
         for field, value in (
             ("samples", f"{report.sample_count:.6g}"),
             ("render_time", f"{report.render_seconds:.3f}"),
@@ -323,7 +328,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("rejects", str(report.reject_count)),
             ("guiding", "; ".join(report.guiding.lines)),
             ("peak_memory_mib", f"{megabytes:.0f}"),
-            ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in report.notices)[:4000]),
+            ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in notices)[:4000]),
         ):
             # Only the full result's fields reach the file, not those of the part being rendered.
             self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)

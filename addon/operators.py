@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: take over Cycles' settings, empty the kernel cache."""
+"""Operators: copy Cycles' settings, follow them again, empty the kernel cache."""
 
 from __future__ import annotations
 
@@ -7,26 +7,39 @@ import shutil
 
 import bpy
 
-from . import properties
+from . import shared_settings
 
 
 class NEURALGUIDE_OT_copy_cycles_settings(bpy.types.Operator):  # noqa: N801 (Blender's convention)
-    """Take over sampling, light paths, film and filter from the scene's Cycles settings"""
+    """Set our own settings to what Cycles' are now: sampling, light paths, film and filter"""
 
     bl_idname = "neuralguide.copy_cycles_settings"
-    bl_label = "Take over Cycles' Settings"
+    bl_label = "Copy Cycles' Settings"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Only where the Cycles add-on is on."""
-        return context.scene is not None and hasattr(context.scene, "cycles")
+        return context.scene is not None and shared_settings.has_cycles(context.scene)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy, and say what Cycles has that NeuralGuide has not."""
-        left = properties.copy_cycles_settings(context.scene)
-        if left:
-            self.report({"INFO"}, f"Taken over; NeuralGuide has no {', '.join(left)}")
+        """Copy."""
+        shared_settings.copy_cycles_settings(context.scene)
+        return {"FINISHED"}
+
+
+class NEURALGUIDE_OT_follow_cycles_setting(bpy.types.Operator):  # noqa: N801
+    """A script has set NeuralGuide's own value. Forget it, so that Cycles' counts again"""
+
+    bl_idname = "neuralguide.follow_cycles_setting"
+    bl_label = "Use Cycles' Setting"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}  # noqa: RUF012
+
+    setting: bpy.props.StringProperty(name="Setting")  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forget our own value."""
+        context.scene.neuralguide.property_unset(self.setting)
         return {"FINISHED"}
 
 
@@ -45,7 +58,11 @@ class NEURALGUIDE_OT_clear_kernel_cache(bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
-_classes = (NEURALGUIDE_OT_copy_cycles_settings, NEURALGUIDE_OT_clear_kernel_cache)
+_classes = (
+    NEURALGUIDE_OT_copy_cycles_settings,
+    NEURALGUIDE_OT_follow_cycles_setting,
+    NEURALGUIDE_OT_clear_kernel_cache,
+)
 
 
 def register() -> None:

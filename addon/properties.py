@@ -11,7 +11,10 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from engine.settings import MAX_CANDIDATES, MAX_SAMPLES, MAX_STRATA, RenderSettings
 
-_DEFAULTS = RenderSettings()
+from .shared_settings import SHARED_SETTINGS, setting_value, thread_count
+
+#: Where Cycles has the same setting, its default: ours count where the Cycles add-on is off.
+_DEFAULTS = RenderSettings(guiding_method="AUTO", samples=4096, clamp_indirect=10.0)
 _INT32_MAX = 2**31 - 1
 
 # The engine validates in `RenderSettings`; the ranges here only keep the sliders sensible.
@@ -29,8 +32,19 @@ _OTHER_SOURCES = (
 
 
 class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
-    """Settings of a render, one to one with `engine.settings.RenderSettings` unless noted."""
+    """Settings of a render, one to one with `engine.settings.RenderSettings` unless noted.
 
+    Those that Cycles has too count only where they are set, or where the scene does not follow Cycles
+    (`addon.shared_settings`).
+    """
+
+    # Not the engine's: `addon.shared_settings` looks at it.
+    use_cycles_settings: BoolProperty(  # type: ignore[valid-type]
+        name="Use Cycles' Settings",
+        description="Samples, light paths, film and what else Cycles has too are those of the scene's Cycles settings."
+        " Off: settings of their own, which Cycles does not see",
+        default=True,
+    )
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
         description="Paths traced for every pixel",
@@ -107,7 +121,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
             ("TABLE_RIS", "Tables, Resampled", "Weigh several directions by learned tables times the material"),
             ("NEURAL_RIS", "Neural, Resampled", "Weigh several directions by a neural network times the material"),
         ),
-        default="AUTO",
+        default=_DEFAULTS.guiding_method,
     )
     guiding_probability: FloatProperty(  # type: ignore[valid-type]
         name="Guiding Probability",
@@ -478,66 +492,15 @@ def render_settings(scene: bpy.types.Scene) -> RenderSettings:
     ValueError
         Naming the setting that makes no sense and what to choose instead.
     """
-    chosen = scene.neuralguide
-    values: dict[str, Any] = {name: getattr(chosen, name) for name in RenderSettings.__dataclass_fields__}
-    if chosen.use_animated_seed:
-        values["seed"] = zlib.crc32(f"{scene.frame_current} {chosen.seed}".encode()) & _INT32_MAX
-    if chosen.threads == 0 and scene.render.threads_mode == "FIXED":
-        values["threads"] = scene.render.threads
-    return RenderSettings(**values)
-
-
-#: Name here: name in `scene.cycles`.
-CYCLES_NAMES = {
-    "samples": "samples",
-    "time_limit": "time_limit",
-    "seed": "seed",
-    "use_animated_seed": "use_animated_seed",
-    "max_bounces": "max_bounces",
-    "diffuse_bounces": "diffuse_bounces",
-    "glossy_bounces": "glossy_bounces",
-    "transmission_bounces": "transmission_bounces",
-    "transparent_max_bounces": "transparent_max_bounces",
-    "min_light_bounces": "min_light_bounces",
-    "min_transparent_bounces": "min_transparent_bounces",
-    "light_sampling_threshold": "light_sampling_threshold",
-    "use_caustics_reflective": "caustics_reflective",
-    "use_caustics_refractive": "caustics_refractive",
-    "filter_glossy": "blur_glossy",
-    "clamp_direct": "sample_clamp_direct",
-    "clamp_indirect": "sample_clamp_indirect",
-    "pixel_filter": "pixel_filter_type",
-    "filter_width": "filter_width",
-    "film_exposure": "film_exposure",
-}
-
-
-def copy_cycles_settings(scene: bpy.types.Scene) -> list[str]:
-    """Take over what Cycles would render `scene` with; returns what has no counterpart and was left.
-
-    Raises
-    ------
-    ValueError
-        If Blender's Cycles add-on is off, so that the scene has no Cycles settings.
-    """
-    cycles = getattr(scene, "cycles", None)
-    if cycles is None:
-        raise ValueError("Cycles' settings are not there: enable the Cycles add-on in the preferences")
     ours = scene.neuralguide
-    for name, cycles_name in CYCLES_NAMES.items():
-        setattr(ours, name, getattr(cycles, cycles_name))
-    ours.film_transparent = scene.render.film_transparent
-    ours.threads = scene.render.threads if scene.render.threads_mode == "FIXED" else 0
-    left = []
-    if cycles.use_adaptive_sampling:
-        left.append("adaptive sampling")
-    if cycles.use_denoising:
-        left.append("denoising")
-    if cycles.use_guiding:
-        left.append("path guiding")
-    if cycles.use_fast_gi:
-        left.append("fast GI approximation")
-    return left
+    values: dict[str, Any] = {
+        name: setting_value(scene, name) if name in SHARED_SETTINGS else getattr(ours, name)
+        for name in RenderSettings.__dataclass_fields__
+    }
+    if setting_value(scene, "use_animated_seed"):
+        values["seed"] = zlib.crc32(f"{scene.frame_current} {values['seed']}".encode()) & _INT32_MAX
+    values["threads"] = thread_count(scene)
+    return RenderSettings(**values)
 
 
 _classes = (NeuralGuideSceneSettings, NeuralGuideMaterialSettings, NeuralGuideViewLayerSettings)

@@ -11,6 +11,7 @@ import bpy
 from . import warm_up
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
+from .shared_settings import follows_cycles, has_cycles, setting_source, setting_value
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
 
@@ -73,22 +74,33 @@ class _RenderPanel:
         return layout.column()
 
 
+def _draw_shared(layout: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **look: Any) -> None:
+    """A setting that Cycles has too: the property that counts, and a way back to Cycles' where ours was set."""
+    ours = scene.neuralguide
+    owner, own_name = setting_source(scene, name)
+    row = layout.row(align=True)
+    row.prop(owner, own_name, **({"text": ours.bl_rna.properties[name].name} | look))
+    if owner == ours and follows_cycles(scene):
+        row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = name
+
+
 class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Blender's convention)
-    """Samples, time and seed."""
+    """Whose settings count, samples, time and method."""
 
     bl_label = "Sampling"
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         warm_up.start()
-        settings = context.scene.neuralguide
+        scene = context.scene
+        settings = scene.neuralguide
         column = self._column()
-        column.operator("neuralguide.copy_cycles_settings")
-        column.prop(settings, "samples")
-        column.prop(settings, "time_limit")
-        row = column.row(align=True)
-        row.prop(settings, "seed")
-        row.prop(settings, "use_animated_seed", text="", icon="TIME")
+        if has_cycles(scene):
+            column.prop(settings, "use_cycles_settings")
+            if not settings.use_cycles_settings:
+                column.operator("neuralguide.copy_cycles_settings")
+        for name in ("samples", "time_limit"):
+            _draw_shared(column, scene, name)
         column.prop(settings, "guiding_method")
         column.prop(settings, "spectral")
 
@@ -135,6 +147,20 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
             column.prop(settings, name)
 
 
+class NEURALGUIDE_PT_sampling_lights(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How lights are sampled."""
+
+    bl_label = "Lights"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        column = self._column()
+        column.prop(context.scene.neuralguide, "use_nee")
+        _draw_shared(column, context.scene, "light_sampling_threshold")
+
+
 class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """What is better left alone."""
 
@@ -144,17 +170,16 @@ class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: 
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        settings = context.scene.neuralguide
+        scene = context.scene
         column = self._column()
-        for name in (
-            "use_nee",
-            "use_russian_roulette",
-            "light_sampling_threshold",
-            "min_light_bounces",
-            "min_transparent_bounces",
-            "threads",
-        ):
-            column.prop(settings, name)
+        row = column.row(align=True)
+        _draw_shared(row, scene, "seed")
+        _draw_shared(row, scene, "use_animated_seed", text="", icon="TIME")
+        column.prop(scene.neuralguide, "use_russian_roulette")
+        for name in ("min_light_bounces", "min_transparent_bounces"):
+            _draw_shared(column, scene, name)
+        if follows_cycles(scene) and any(layer.samples > 0 for layer in scene.view_layers):
+            column.prop(scene.cycles, "use_layer_samples")
 
 
 class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -165,17 +190,18 @@ class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        settings = context.scene.neuralguide
         column = self._column()
-        column.prop(settings, "max_bounces")
-        part = column.column(align=True)
-        for name in ("diffuse_bounces", "glossy_bounces", "transmission_bounces", "transparent_max_bounces"):
-            part.prop(settings, name)
-        part = column.column(align=True)
-        for name in ("clamp_direct", "clamp_indirect"):
-            part.prop(settings, name)
-        for name in ("filter_glossy", "use_caustics_reflective", "use_caustics_refractive"):
-            column.prop(settings, name)
+        for names in (
+            ("max_bounces",),
+            ("diffuse_bounces", "glossy_bounces", "transmission_bounces"),
+            ("transparent_max_bounces",),
+            ("clamp_direct", "clamp_indirect"),
+            ("filter_glossy",),
+            ("use_caustics_reflective", "use_caustics_refractive"),
+        ):
+            part = column.column(align=True)
+            for name in names:
+                _draw_shared(part, context.scene, name)
 
 
 class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -239,14 +265,35 @@ class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        settings = context.scene.neuralguide
+        scene = context.scene
         column = self._column()
-        column.prop(settings, "film_exposure")
-        column.prop(settings, "pixel_filter")
-        row = column.row()
-        row.active = settings.pixel_filter != "BOX"
-        row.prop(settings, "filter_width")
-        column.prop(settings, "film_transparent")
+        for name in ("film_exposure", "film_transparent", "pixel_filter"):
+            _draw_shared(column, scene, name)
+        if setting_value(scene, "pixel_filter") != "BOX":
+            _draw_shared(column, scene, "filter_width")
+
+
+class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Threads, and what is kept between frames: Blender's own settings, as Cycles reads them."""
+
+    bl_label = "Performance"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        scene = context.scene
+        render, ours = scene.render, scene.neuralguide
+        column = self._column()
+        if ours.threads == 0:
+            column.prop(render, "threads_mode")
+            part = column.column()
+            part.enabled = render.threads_mode == "FIXED"
+            part.prop(render, "threads")
+        else:
+            row = column.row(align=True)
+            row.prop(ours, "threads")
+            row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = "threads"
+        column.prop(render, "use_persistent_data")
 
 
 class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -347,11 +394,13 @@ _borrowed: list[type[bpy.types.Panel]] = []
 _classes = (
     NEURALGUIDE_PT_sampling,
     NEURALGUIDE_PT_guiding,
+    NEURALGUIDE_PT_sampling_lights,
     NEURALGUIDE_PT_sampling_advanced,
     NEURALGUIDE_PT_light_paths,
     NEURALGUIDE_PT_motion_blur,
     NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
+    NEURALGUIDE_PT_performance,
     NEURALGUIDE_PT_passes,
     NEURALGUIDE_PT_dispersion,
 )

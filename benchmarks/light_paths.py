@@ -10,7 +10,7 @@ from typing import Any
 _NAMES = (
     "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "transparent_max_bounces",
     "use_caustics_reflective", "use_caustics_refractive", "filter_glossy", "clamp_direct", "clamp_indirect",
-    "pixel_filter", "filter_width", "film_exposure",
+    "pixel_filter", "filter_width", "film_exposure", "film_transparent",
 )  # fmt: skip
 
 
@@ -23,10 +23,12 @@ def light_paths(scene: Any, settings: Mapping[str, Any] | None = None) -> dict[s
     settings : mapping, optional
         What a rival is told beside the scene's Cycles settings, by its name in `RenderSettings`; it wins.
     """
-    from addon.properties import CYCLES_NAMES
+    from addon.shared_settings import SHARED_SETTINGS
 
-    found = {name: getattr(scene.cycles, CYCLES_NAMES[name]) for name in _NAMES}
-    found["film_transparent"] = bool(scene.render.film_transparent)
+    found = {}
+    for name in _NAMES:
+        owner, their_name = SHARED_SETTINGS[name]
+        found[name] = getattr(getattr(scene, owner), their_name)
     return found | {name: value for name, value in (settings or {}).items() if name in found}
 
 

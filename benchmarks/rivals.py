@@ -86,7 +86,12 @@ class Rival:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-def _configure_common(scene: Any, threads: int) -> None:
+def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> None:
+    cycles = scene.cycles
+    cycles.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
+    cycles.time_limit = budget.seconds
+    cycles.seed, cycles.use_animated_seed = seed, False
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
     render = scene.render
     render.threads_mode = "FIXED"
     render.threads = threads
@@ -99,15 +104,10 @@ def _configure_common(scene: Any, threads: int) -> None:
 
 def _configure_cycles(is_guided: bool) -> Callable[[Any, Budget, int, int], None]:
     def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
-        _configure_common(scene, threads)
+        _configure_common(scene, budget, seed, threads)
         scene.render.engine = "CYCLES"
-        cycles = scene.cycles
-        cycles.device = "CPU"
-        cycles.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
-        cycles.time_limit = budget.seconds
-        cycles.seed, cycles.use_animated_seed = seed, False
-        cycles.use_adaptive_sampling = cycles.use_denoising = False
-        cycles.use_guiding = is_guided
+        scene.cycles.device = "CPU"
+        scene.cycles.use_guiding = is_guided
 
     return configure
 
@@ -149,19 +149,16 @@ def _configure_ours(settings: Mapping[str, Any]) -> Callable[[Any, Budget, int, 
 
     def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
         import addon
-        from addon.properties import copy_cycles_settings
+        from addon.shared_settings import SHARED_SETTINGS
 
         addon.register()
-        _configure_common(scene, threads)
-        copy_cycles_settings(scene)
+        _configure_common(scene, budget, seed, threads)
         scene.render.engine = "NEURALGUIDE"
         ours = scene.neuralguide
-        ours.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
-        ours.time_limit = budget.seconds
-        ours.seed, ours.use_animated_seed = seed, False
-        ours.threads = threads
-        # Rivals take turns on one open scene: a variant must not leave its settings to the next.
-        for name in varied - settings.keys():
+        ours.use_cycles_settings = True
+        # What a file has of ours gives way to Cycles'. And rivals take turns on one scene: a variant must not leave
+        # its settings to the next.
+        for name in {*SHARED_SETTINGS, "threads", *varied} - settings.keys():
             ours.property_unset(name)
         for name, value in settings.items():
             setattr(ours, name, value)

@@ -217,10 +217,10 @@ def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.
     render = scene.render
     render.engine = "NEURALGUIDE"
     render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
-    settings = scene.neuralguide
-    settings.samples = samples
-    settings.max_bounces = settings.diffuse_bounces = settings.glossy_bounces = settings.transmission_bounces = 12
-    settings.clamp_indirect = 6.0
+    cycles = scene.cycles  # what both engines go by
+    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples, False, False
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 12
+    cycles.sample_clamp_indirect = 6.0
     scene.view_settings.look = "AgX - Medium High Contrast"
     scene.view_settings.exposure = 1.7
     return scene

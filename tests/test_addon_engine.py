@@ -228,6 +228,25 @@ def test_a_notice_is_shown_once_a_job(cube_scene: Any, fake: FakeEngine, tmp_pat
     assert "Wave Texture" in "".join(capfd.readouterr())
 
 
+def test_settings_it_has_not_are_said_once_a_job_and_stand_in_the_file(
+    cube_scene: Any, fake: FakeEngine, tmp_path: Path, capfd: Any
+) -> None:
+    import bpy
+
+    scene = cube_scene
+    assert scene.cycles.use_adaptive_sampling and scene.cycles.use_denoising  # as in every new scene
+    scene.render.use_stamp_frame = True
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.render.filepath = str(tmp_path / "frame_####.exr")
+    bpy.ops.render.render(animation=True)
+    shown = "".join(capfd.readouterr())
+    for words in ("Scene: a noise threshold is not supported (Cycles' is 0.01)", "Scene: denoising is not supported"):
+        assert shown.count(f"NeuralGuide: Warning: {words}") == 1
+    for frame in (1, 2):
+        with OpenEXR.File(str(tmp_path / f"frame_000{frame}.exr")) as file:
+            assert "denoising" in str(file.header()["neuralguide.ViewLayer.notices"])
+
+
 def test_passes_it_has_not_are_named(cube_scene: Any, fake: FakeEngine, capfd: Any) -> None:
     import bpy
 

@@ -163,7 +163,7 @@ def test_what_is_missing_is_said(cube_scene: Any, name: str) -> None:
 
 def test_film_exposure_is_a_factor(cube_scene: Any, tmp_path: Path) -> None:
     plain = render(cube_scene, tmp_path / "plain.exr")["RGBA"]
-    cube_scene.neuralguide.film_exposure = 2.0
-    cube_scene.cycles.film_exposure = 5.0  # Cycles' own setting means nothing here
+    cube_scene.cycles.film_exposure = 5.0
+    cube_scene.neuralguide.film_exposure = 2.0  # ours counts once it is set
     bright = render(cube_scene, tmp_path / "bright.exr")["RGBA"]
     np.testing.assert_allclose(bright[..., :3], 2.0 * plain[..., :3], rtol=1e-5)

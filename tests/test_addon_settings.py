@@ -1,156 +1,289 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings, operators and panels: the names scripts depend on, and what Cycles' settings become."""
+"""Settings: the names scripts depend on, and whose settings count, Cycles' or ours."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from fake_engine import FakeEngine
 
 from engine.settings import RenderSettings
 
+#: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
+DEFAULTS = RenderSettings(guiding_method="AUTO", samples=4096, clamp_indirect=10.0)
 
-def test_scene_settings_have_the_engine_s_names_and_defaults(blender: Any) -> None:
+#: Name of ours: owner below the scene, name there, a value that is not the default.
+CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
+    "samples": ("cycles", "samples", 9),
+    "time_limit": ("cycles", "time_limit", 12.5),
+    "seed": ("cycles", "seed", 5),
+    "max_bounces": ("cycles", "max_bounces", 1),
+    "diffuse_bounces": ("cycles", "diffuse_bounces", 0),
+    "glossy_bounces": ("cycles", "glossy_bounces", 0),
+    "transmission_bounces": ("cycles", "transmission_bounces", 1),
+    "transparent_max_bounces": ("cycles", "transparent_max_bounces", 0),
+    "min_light_bounces": ("cycles", "min_light_bounces", 12),
+    "min_transparent_bounces": ("cycles", "min_transparent_bounces", 12),
+    "light_sampling_threshold": ("cycles", "light_sampling_threshold", 0.9),
+    "use_caustics_reflective": ("cycles", "caustics_reflective", False),
+    "use_caustics_refractive": ("cycles", "caustics_refractive", False),
+    "filter_glossy": ("cycles", "blur_glossy", 5.0),
+    "clamp_direct": ("cycles", "sample_clamp_direct", 0.25),
+    "clamp_indirect": ("cycles", "sample_clamp_indirect", 0.25),
+    "pixel_filter": ("cycles", "pixel_filter_type", "BOX"),
+    "filter_width": ("cycles", "filter_width", 4.0),
+    "film_exposure": ("cycles", "film_exposure", 1.75),
+    "film_transparent": ("render", "film_transparent", True),
+}
+
+
+@pytest.fixture
+def without_cycles(blender: Any) -> Iterator[None]:
+    """The Cycles add-on switched off."""
+    import addon_utils
+
+    addon_utils.disable("cycles")
+    try:
+        yield
+    finally:
+        addon_utils.enable("cycles")
+
+
+def settings_of(scene: Any) -> RenderSettings:
     from addon.properties import render_settings
 
-    settings = blender.context.scene.neuralguide
-    # Programs say what they want; a user of Blender gets what pays.
-    expected = dataclasses.asdict(RenderSettings(guiding_method="AUTO"))
-    for name, value in expected.items():
-        assert getattr(settings, name) == pytest.approx(value), name
-    made = dataclasses.asdict(render_settings(blender.context.scene))
-    for name, value in expected.items():
-        assert made[name] == pytest.approx(value) if isinstance(value, float) else made[name] == value, name
+    return render_settings(scene)
 
 
-def test_cycles_settings_are_taken_over(blender: Any) -> None:
+def as_read(settings: RenderSettings) -> dict[str, Any]:
+    """Floats as Blender holds them."""
+    return {
+        name: pytest.approx(value) if isinstance(value, float) else value
+        for name, value in dataclasses.asdict(settings).items()
+    }
+
+
+def test_scene_settings_have_the_engine_s_names_and_cycles_defaults(blender: Any) -> None:
+    from addon.shared_settings import SHARED_SETTINGS
+
     scene = blender.context.scene
-    cycles, ours = scene.cycles, scene.neuralguide
-    cycles.samples, cycles.seed, cycles.time_limit = 77, 5, 12.5
-    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 9, 8, 7
-    cycles.transmission_bounces, cycles.transparent_max_bounces = 6, 5
-    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = 3.0, 2.0
-    cycles.blur_glossy, cycles.caustics_reflective, cycles.caustics_refractive = 0.25, False, True
-    cycles.pixel_filter_type, cycles.filter_width, cycles.film_exposure = "GAUSSIAN", 2.5, 1.75
-    cycles.use_adaptive_sampling, cycles.use_denoising, cycles.use_guiding = False, False, True
-    scene.render.film_transparent = True
+    ours = scene.neuralguide
+    assert {name: getattr(ours, name) for name in dataclasses.asdict(DEFAULTS)} == as_read(DEFAULTS)
+    assert dataclasses.asdict(settings_of(scene)) == as_read(DEFAULTS)
+    for name, (owner, their_name) in SHARED_SETTINGS.items():
+        theirs = getattr(scene, owner).bl_rna.properties[their_name]
+        assert ours.bl_rna.properties[name].default == theirs.default, name
+
+
+def test_without_cycles_our_defaults_hold(without_cycles: None, blender: Any) -> None:
+    scene = blender.context.scene
+    assert not hasattr(scene, "cycles")
+    assert scene.neuralguide.use_cycles_settings
+    assert dataclasses.asdict(settings_of(scene)) == as_read(DEFAULTS)
+    scene.neuralguide.max_bounces = 3
+    assert settings_of(scene).max_bounces == 3
+    with pytest.raises(RuntimeError, match="poll"):
+        blender.ops.neuralguide.copy_cycles_settings()
+
+
+def test_every_shared_setting_is_in_the_table_of_this_test() -> None:
+    from addon.shared_settings import SHARED_SETTINGS
+
+    named = {name: (owner, their_name) for name, (owner, their_name, _) in CYCLES_VALUES.items()}
+    assert named | {"use_animated_seed": ("cycles", "use_animated_seed")} == SHARED_SETTINGS
+
+
+@pytest.mark.parametrize("name", CYCLES_VALUES)
+def test_cycles_settings_count_until_ours_is_set(name: str, blender: Any) -> None:
+    from addon.shared_settings import setting_value
+
+    scene = blender.context.scene
+    ours = scene.neuralguide
+    owner, their_name, value = CYCLES_VALUES[name]
+    default = getattr(ours, name)
+    assert default != value
+    setattr(getattr(scene, owner), their_name, value)
+    assert setting_value(scene, name) == pytest.approx(value)
+    if name != "film_exposure":  # the export's, in the frame
+        assert getattr(settings_of(scene), name) == pytest.approx(value)
+    # A script that sets ours means it, even where it is what we have by default.
+    setattr(ours, name, default)
+    assert ours.use_cycles_settings
+    assert setting_value(scene, name) == default
+    others = set(CYCLES_VALUES) - {name}
+    assert not any(ours.is_property_set(other) for other in others)
+    assert blender.ops.neuralguide.follow_cycles_setting(setting=name) == {"FINISHED"}
+    assert setting_value(scene, name) == pytest.approx(value)
+    # Separate settings.
+    ours.use_cycles_settings = False
+    assert setting_value(scene, name) == default
     assert blender.ops.neuralguide.copy_cycles_settings() == {"FINISHED"}
-    expected = dict(
-        samples=77, seed=5, time_limit=12.5, max_bounces=9, diffuse_bounces=8, glossy_bounces=7,
-        transmission_bounces=6, transparent_max_bounces=5, clamp_direct=3.0, clamp_indirect=2.0, filter_glossy=0.25,
-        use_caustics_reflective=False, use_caustics_refractive=True, pixel_filter="GAUSSIAN", filter_width=2.5,
-        film_exposure=1.75, film_transparent=True,
-    )  # fmt: skip
-    assert {name: getattr(ours, name) for name in expected} == expected
-    from addon.properties import copy_cycles_settings
-
-    assert copy_cycles_settings(scene) == ["path guiding"]
-    # Blender's own, and read as it is.
-    scene.render.use_motion_blur = True
-    assert copy_cycles_settings(scene) == ["path guiding"]
-    cycles.rolling_shutter_type = "TOP"
-    assert copy_cycles_settings(scene) == ["path guiding"]
+    assert getattr(ours, name) == pytest.approx(value)
 
 
-def test_without_cycles_the_reason_is_given(blender: Any) -> None:
-    from addon.properties import copy_cycles_settings
+def make_telling_scene(scene: Any) -> None:
+    """A picture that every setting changes: glass, a mirror and a card under a bright world and two lamps."""
+    import bpy
 
-    with pytest.raises(ValueError, match="enable the Cycles add-on"):
-        copy_cycles_settings(SimpleNamespace(neuralguide=None))
+    def material(name: str, kind: str, **inputs: Any) -> Any:
+        made = bpy.data.materials.new(name)
+        made.use_nodes = True
+        nodes, links = made.node_tree.nodes, made.node_tree.links
+        nodes.clear()
+        shader, output = nodes.new(kind), nodes.new("ShaderNodeOutputMaterial")
+        for key, value in inputs.items():
+            shader.inputs[key].default_value = value
+        links.new(shader.outputs[0], output.inputs["Surface"])
+        return made
+
+    def add(operator: Any, surface: Any, **arguments: Any) -> None:
+        operator(**arguments)
+        bpy.context.object.data.materials.append(surface)
+
+    primitive = bpy.ops.mesh
+    white = (0.9, 0.9, 0.9, 1.0)
+    add(primitive.primitive_plane_add, material("Floor", "ShaderNodeBsdfDiffuse", Color=white), size=9.0)
+    glass = material("Glass", "ShaderNodeBsdfGlass", Roughness=0.05)
+    mirror = material("Mirror", "ShaderNodeBsdfGlossy", Roughness=0.1)
+    add(primitive.primitive_uv_sphere_add, glass, radius=0.7, location=(-1.0, 0.0, 0.7))
+    add(primitive.primitive_cube_add, mirror, size=1.2, location=(1.0, 0.4, 0.6))
+    card = material("Card", "ShaderNodeBsdfTransparent", Color=(0.7, 0.8, 0.9, 1.0))
+    add(primitive.primitive_plane_add, card, size=2.0, location=(0.6, -1.5, 0.8), rotation=(1.57, 0.0, 0.0))
+    world = scene.world = bpy.data.worlds.new("World")
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.6, 0.7, 0.9, 1.0)
+    for energy, x in ((300.0, 2.0), (4.0, -2.0)):
+        lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+        lamp.data.energy, lamp.location = energy, (x, -1.0, 3.0)
+        scene.collection.objects.link(lamp)
+
+
+def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, blender: Any, tmp_path: Path) -> None:
+    """What is set on `scene.cycles` alone changes pixels of a render with the same random numbers."""
+    import OpenEXR
+
+    from addon import engine
+
+    scene = cube_scene
+    make_telling_scene(scene)
+    for name in ("samples", "seed"):
+        scene.neuralguide.property_unset(name)
+    scene.neuralguide.guiding_method = "OFF"
+    scene.cycles.samples, scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = 4, False, False
+    scene.cycles.sample_clamp_indirect = 0.0
+
+    def render() -> np.ndarray:
+        scene.render.filepath = str(tmp_path / "image.exr")
+        engine.outcomes.clear()
+        blender.ops.render.render(write_still=True)
+        with OpenEXR.File(scene.render.filepath) as file:
+            return np.array(file.channels()["RGBA"].pixels)
+
+    plain = render()
+    np.testing.assert_array_equal(render(), plain)
+    without_effect = []
+    for name, (owner_name, their_name, value) in CYCLES_VALUES.items():
+        owner = getattr(scene, owner_name)
+        before = getattr(owner, their_name)
+        if name == "time_limit":  # of so many samples that only the clock can end it
+            scene.cycles.samples, value = 1 << 20, 0.2
+        setattr(owner, their_name, value)
+        changed = render()
+        if name == "time_limit":
+            assert 1.0 <= engine.outcomes[-1].report.sample_count < 1 << 20
+            scene.cycles.samples = 4
+        elif np.array_equal(changed, plain):
+            without_effect.append(name)
+        setattr(owner, their_name, before)
+    assert not without_effect
+    scene.cycles.use_animated_seed = True
+    assert np.any(render() != plain)
+    np.testing.assert_array_equal(render(), render())
 
 
 def test_an_animated_seed_differs_between_frames_and_repeats(blender: Any) -> None:
-    from addon.properties import render_settings
-
     scene = blender.context.scene
-    scene.neuralguide.use_animated_seed = True
+    scene.cycles.use_animated_seed = True
 
     def seed(frame: int) -> int:
         scene.frame_set(frame)
-        return render_settings(scene).seed
+        return settings_of(scene).seed
 
     seeds = [seed(frame) for frame in range(1, 20)]
     assert len(set(seeds)) == len(seeds)
     assert seed(1) == seeds[0]
+    scene.cycles.seed = 1
+    assert seed(1) != seeds[0]
 
 
 def test_threads_follow_the_scene_s_fixed_number(blender: Any) -> None:
-    from addon.properties import render_settings
-
     scene = blender.context.scene
     scene.render.threads_mode, scene.render.threads = "FIXED", 3
-    assert render_settings(scene).threads == 3
+    assert settings_of(scene).threads == 3
     scene.neuralguide.threads = 1
-    assert render_settings(scene).threads == 1
+    assert settings_of(scene).threads == 1
 
 
-def test_panels_come_and_go(blender: Any) -> None:
-    import addon
-
-    def panels() -> list[str]:
-        return [name for name in dir(blender.types) if name.startswith("NEURALGUIDE_")]
-
-    def with_engine() -> list[str]:
-        return [
-            panel.__name__
-            for panel in blender.types.Panel.__subclasses__()
-            if "NEURALGUIDE" in getattr(panel, "COMPAT_ENGINES", ())
-        ]
-
-    assert {"NEURALGUIDE_PT_sampling", "NEURALGUIDE_MATERIAL_PT_surface", "NEURALGUIDE_LIGHT_PT_light"} <= set(panels())
-    assert "RENDER_PT_output" in with_engine() or "RENDER_PT_format" in with_engine()
-    addon.unregister()
-    assert panels() == [] and with_engine() == []
-    assert not hasattr(blender.types.Scene, "neuralguide")
-    addon.register()
+def test_a_setting_of_ours_can_be_animated(cube_scene: Any, blender: Any, monkeypatch: Any, tmp_path: Path) -> None:
+    """An animated value is set like one that a script sets."""
+    fake = FakeEngine(monkeypatch)
+    scene = cube_scene
+    scene.neuralguide.property_unset("samples")
+    scene.cycles.samples = 50
+    scene.neuralguide.keyframe_insert("samples", frame=1)
+    scene.neuralguide.samples = 30
+    scene.neuralguide.keyframe_insert("samples", frame=11)
+    scene.render.filepath = str(tmp_path / "x")
+    scene.frame_set(11)
+    blender.ops.render.render()
+    assert fake.sessions[-1].settings.samples == 30
 
 
-def test_borrowed_panels_ask_for_our_engine_and_cycles_conditions(blender: Any) -> None:
-    panel = blender.types.NEURALGUIDE_LIGHT_PT_light
-    sun = blender.data.lights.new("Sun", "SUN")
-    assert panel.poll(SimpleNamespace(engine="NEURALGUIDE", light=sun))
-    assert not panel.poll(SimpleNamespace(engine="NEURALGUIDE", light=None))
-    assert not panel.poll(SimpleNamespace(engine="CYCLES", light=sun))
+@pytest.mark.parametrize(("rule", "follows", "expected"), [
+    ("USE", True, (7, 70, 20)), ("BOUNDED", True, (7, 20, 20)), ("IGNORE", True, (20, 20, 20)),
+    ("IGNORE", False, (7, 70, 20)),
+])  # fmt: skip
+def test_layer_samples_follow_cycles_rule(rule: str, follows: bool, expected: Any, blender: Any) -> None:
+    from addon.shared_settings import layer_samples
+
+    scene = blender.context.scene
+    scene.cycles.use_layer_samples = rule
+    scene.neuralguide.use_cycles_settings = follows
+    layers = [SimpleNamespace(samples=count) for count in (7, 70, 0)]
+    assert tuple(layer_samples(scene, layer, 20) for layer in layers) == expected
 
 
-def test_motion_blur_can_be_chosen(blender: Any) -> None:
-    from addon import ui
+UNSUPPORTED = {
+    "noise threshold": ("cycles", "use_adaptive_sampling", True),
+    "denoising": ("cycles", "use_denoising", True),
+    "subset of samples": ("cycles", "use_sample_subset", True),
+    "in one way only": ("cycles", "direct_light_sampling_type", "FORWARD_PATH_TRACING"),
+    "transparent glass": ("cycles", "film_transparent_glass", True),
+    "fast global illumination": ("cycles", "use_fast_gi", True),
+    "Open Shading Language": ("cycles", "shading_system", True),
+    "GPU": ("cycles", "device", "GPU"),
+}
 
-    drawn: list[str] = []
 
-    class Layout:
-        active = True
+@pytest.mark.parametrize("problem", UNSUPPORTED)
+def test_what_cycles_settings_ask_for_in_vain_is_named(problem: str, blender: Any) -> None:
+    from addon.unsupported_settings import unsupported_settings
 
-        def prop(self, owner: Any, name: str, text: str = "") -> None:
-            getattr(owner, name)
-            drawn.append(name)
-
-        def column(self, align: bool = False) -> Any:
-            return self
-
-        row = column
-
-        def template_curve_mapping(self, owner: Any, name: str) -> None:
-            self.prop(owner, name)
-
-        def operator(self, name: str, icon: str, text: str) -> Any:
-            assert name == "render.shutter_curve_preset"
-            return SimpleNamespace()
-
-    for panel in (ui.NEURALGUIDE_PT_motion_blur, ui.NEURALGUIDE_PT_motion_blur_curve):
-        drawer = type("Drawer", (ui._RenderPanel,), {"layout": Layout()})()
-        for method in ("draw_header", "draw"):
-            if hasattr(panel, method):
-                getattr(panel, method)(drawer, blender.context)
-    assert drawn == [
-        "use_motion_blur", "motion_blur_position", "motion_blur_shutter", "rolling_shutter_type",
-        "rolling_shutter_duration", "motion_blur_shutter_curve",
-    ]  # fmt: skip
-    assert {"NEURALGUIDE_PT_motion_blur", "NEURALGUIDE_OBJECT_PT_motion_blur"} <= set(dir(blender.types))
-    cube, lamp = SimpleNamespace(type="MESH"), SimpleNamespace(type="LIGHT", instance_type="NONE")
-    poll = blender.types.NEURALGUIDE_OBJECT_PT_motion_blur.poll
-    assert poll(SimpleNamespace(engine="NEURALGUIDE", object=cube))
-    assert not poll(SimpleNamespace(engine="NEURALGUIDE", object=lamp))
-    assert not poll(SimpleNamespace(engine="CYCLES", object=cube))
+    scene = blender.context.scene
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    scene.render.film_transparent = True
+    layer = scene.view_layers[0]
+    assert unsupported_settings(scene, layer) == []
+    owner, name, value = UNSUPPORTED[problem]
+    setattr(getattr(scene, owner), name, value)
+    (notice,) = unsupported_settings(scene, layer)
+    assert problem in notice.problem and "not supported" in notice.problem and notice.fallback
+    # Of no concern to a scene with settings of its own.
+    scene.neuralguide.use_cycles_settings = False
+    assert unsupported_settings(scene, layer) == []

@@ -83,7 +83,6 @@ CASES = {
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
     "camera-culling": (cull, "Plane", "culling"),
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
-    "fast-gi": (switch("scene.cycles", "use_fast_gi"), "Scene", "fast global illumination"),
     "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
     "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip

@@ -11,7 +11,8 @@ import numpy as np
 
 from engine.scene.description import Camera, Float32Array, Frame
 
-from .context import ExportContext, cycles_property
+from ..shared_settings import setting_source
+from .context import ExportContext
 
 if TYPE_CHECKING:
     import bpy
@@ -129,11 +130,9 @@ def export_frame(context: ExportContext) -> Frame:
 
 
 def _film_exposure(scene: bpy.types.Scene) -> float:
-    """NeuralGuide's own setting; Cycles' where the add-on is not registered."""
-    settings = getattr(scene, "neuralguide", None)
-    if settings is not None:
-        return settings.film_exposure
-    return cycles_property(scene, "film_exposure", 1.0)
+    """The setting that counts; 1 where there is none, since neither add-on is registered."""
+    owner, name = setting_source(scene, "film_exposure")
+    return 1.0 if owner is None else getattr(owner, name)
 
 
 def _model_matrix(context: ExportContext, camera_object: bpy.types.Object) -> Float32Array:

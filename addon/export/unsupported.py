@@ -14,8 +14,6 @@ def notice_scene(context: ExportContext) -> None:
     """What scene and view layer ask for."""
     scene = context.scene
     render = scene.render
-    if cycles_property(scene, "use_fast_gi", False):
-        context.notice(scene.name, "fast global illumination is not supported", "light is followed as far as ever")
     if render.use_simplify and cycles_property(scene, "texture_limit_render", "OFF") != "OFF":
         context.notice(scene.name, "a limit on texture sizes is not supported", "textures at full size")
 

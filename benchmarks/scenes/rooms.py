@@ -20,9 +20,7 @@ def evening_room() -> None:
 
     addon.register()
     build(256, 144)
-    cycles = bpy.context.scene.cycles
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 12
-    cycles.sample_clamp_indirect = 0.0
+    bpy.context.scene.cycles.sample_clamp_indirect = 0.0
 
 
 def _torus(around: int = 96, across: int = 48, radius: float = 0.75, thickness: float = 0.28) -> Any:

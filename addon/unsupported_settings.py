@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a scene's Cycles settings ask for and the engine does not have: each is named, none ignored in silence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .shared_settings import follows_cycles, setting_value
+
+if TYPE_CHECKING:
+    from engine.scene.description import Notice
+
+
+def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> list[Notice]:
+    """Notices of a scene that follows Cycles' settings; none of one that does not."""
+    from engine.scene.description import Notice
+
+    if not follows_cycles(scene):
+        return []
+    cycles = scene.cycles
+    found = []
+    if cycles.use_adaptive_sampling:
+        problem = f"a noise threshold is not supported (Cycles' is {cycles.adaptive_threshold:.3g})"
+        found.append(Notice(scene.name, problem, "every pixel has all samples, unless a time limit ends the render"))
+    for is_asked, problem, fallback in (
+        (
+            cycles.use_denoising and view_layer.cycles.use_denoising,
+            "denoising is not supported",
+            "the picture as it was sampled",
+        ),
+        (
+            getattr(cycles, "use_sample_subset", False),  # Blender 3.4 has none
+            "a subset of samples is not supported",
+            "samples from the first to the last",
+        ),
+        (
+            cycles.direct_light_sampling_type != "MULTIPLE_IMPORTANCE_SAMPLING",
+            "sampling light in one way only is not supported",
+            "lights are sampled, and met by scattered paths too",
+        ),
+        (
+            cycles.film_transparent_glass and setting_value(scene, "film_transparent"),
+            "transparent glass is not supported",
+            "glass hides the background",
+        ),
+        (cycles.use_fast_gi, "fast global illumination is not supported", "light is followed as far as ever"),
+        (cycles.shading_system, "Open Shading Language is not supported", "built-in nodes alone"),
+        (cycles.device == "GPU", "rendering on the GPU is not supported", "the CPU renders"),
+    ):
+        if is_asked:
+            found.append(Notice(scene.name, problem, fallback))
+    return found
