@@ -68,6 +68,8 @@ def _parser() -> argparse.ArgumentParser:
     parity.add_argument(
         "--without-lamps", action="store_true", help="hide lamps from the camera: their edges are most of the noise"
     )
+    add("first-click", "is it Cycles' picture by the command line, with nothing set but the engine?", 128, 4,
+        "out/first-click")  # fmt: skip
     profile = add("profile", "time and rays per stage, and how near to bare Embree", 32, 1, "out/profile")
     profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
@@ -148,6 +150,11 @@ def main(arguments: list[str] | None = None) -> int:
             scenes = _scenes(chosen, ["*"])
             more = {"most_seeds": chosen.most_seeds, "without_lamps": chosen.without_lamps}
             return 1 if parity(scenes, find_rival(chosen.rival), chosen.samples, chosen.seeds, **common, **more) else 0
+        if chosen.command == "first-click":
+            from benchmarks.first_click import first_click
+
+            del common["resume"]
+            return 1 if first_click(_scenes(chosen, ["limits-*"]), chosen.samples, chosen.seeds, **common) else 0
         if chosen.command == "profile":
             from benchmarks.profiling import profile
 

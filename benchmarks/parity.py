@@ -68,11 +68,13 @@ def compare(
     samples: int,
     note: str = "",
     allowance: float = 0.0,
+    error_ratio_limit: float = ERROR_RATIO_LIMIT,
 ) -> ParityResult:
     """Compare two renderers' pictures of one scene, one picture a seed, at least 2 of each.
 
     A difference of means above the allowance that is still within 4 standard errors counts as noise, not as found.
     `allowance` is the size of a documented difference, `note` its name: within it the verdict is 'as documented'.
+    `error_ratio_limit` is by how much our error may exceed Cycles'.
     """
     if ours[0].shape != theirs[0].shape:
         return ParityResult(
@@ -110,7 +112,7 @@ def compare(
         error_ratio = (
             mine.trimmed / cycles.trimmed if cycles.trimmed > 1e-9 else (1.0 if mine.trimmed < 1e-7 else math.inf)
         )
-        if error_ratio > ERROR_RATIO_LIMIT:
+        if error_ratio > error_ratio_limit:
             problems.append(f"error {error_ratio:.2f} times Cycles'")
 
     sigmas = np.abs(cells.difference) / np.maximum(cells.standard_error, 1e-9)
@@ -208,9 +210,12 @@ def parity(
             continue
         results.append(result)
         print(f"  {source.name}: {results[-1].verdict}", flush=True)
-    print(
-        f"\n{rival.name} against Cycles, samples x seeds as in the table, commit {environment.describe()['commit']}\n"
-    )
+    return conclude(f"{rival.name} against Cycles", results, failed, out)
+
+
+def conclude(title: str, results: Sequence[ParityResult], failed: Sequence[str], out: Path) -> int:
+    """Print the table, write JSON; returns how many differ or failed."""
+    print(f"\n{title}, samples x seeds as in the table, commit {environment.describe()['commit']}\n")
     print(parity_table(results))
     for text in failed:
         print(f"failed: {text}")

@@ -138,8 +138,8 @@ def test_every_builtin_scene_says_what_it_is() -> None:
     for name, scene in SCENES.items():
         assert scene.description != name, f"{name} has no docstring"
         assert scene.group in {
-            "closures", "principled", "lights", "cameras", "textures", "geometry", "rooms", "failures", "motion",
-            "spectral",
+            "closures", "principled", "lights", "limits", "cameras", "textures", "geometry", "rooms", "failures",
+            "motion", "spectral",
         }  # fmt: skip
 
 

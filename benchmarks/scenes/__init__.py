@@ -10,6 +10,7 @@ from benchmarks.scenes import (
     failures,
     geometry,
     lights,
+    limits,
     motion,
     principled,
     rooms,
@@ -19,6 +20,6 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "motion", "principled",
-    "rooms", "spectral", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "limits", "motion",
+    "principled", "rooms", "spectral", "textures",
 ]  # fmt: skip
