@@ -22,14 +22,17 @@ _EXCLUDED_PANELS = {
     "VIEWLAYER_PT_filter",
     "VIEWLAYER_PT_layer_passes",
     # Cycles draws its own of these.
+    "DATA_PT_area",
     "DATA_PT_light",
     "DATA_PT_spot",
     "DATA_PT_falloff_curve",
     "DATA_PT_camera_dof",
     "DATA_PT_preview",
+    "MATERIAL_PT_context_material",
     "MATERIAL_PT_preview",
     "NODE_DATA_PT_light",
     "NODE_DATA_PT_spot",
+    "OBJECT_PT_visibility",
     "WORLD_PT_preview",
 }
 
