@@ -326,6 +326,7 @@ class ShadowRays(Bundle):
     lane : int32
     origin, direction : float32 (L, 3); distance : float32
     radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
+    weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
     transparent_depth : int32, transparent surfaces passed, the path's own included
     """
 
@@ -335,6 +336,7 @@ class ShadowRays(Bundle):
     direction: Float32Array
     distance: Float32Array
     radiance: Float32Array
+    weight: Float32Array
     transparent_depth: Int32Array
     channels: tuple[int, ...]
 
@@ -488,6 +490,7 @@ def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
                 ("direction", real, 3),
                 ("distance", real),
                 ("radiance", real, channel_count),
+                ("weight", real),
                 ("lane", integer),
                 ("transparent_depth", integer),
             ]

@@ -19,11 +19,12 @@ def power_heuristic(pdf, other_pdf):
 
 
 @kernel
-def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indirect):
-    """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does.
+def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indirect, weight):
+    """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does, `weight` times.
 
     `depth` counts scatterings before the light's last one: 0 is direct light. The limits are on the sum of channels,
-    as many times the user's setting as there are; 0 = none.
+    as many times the user's setting as there are; 0 = none. They are on the contribution before it is weighted, so that
+    they take the same share of the light however seldom it is sampled.
     """
     limit = clamp_indirect if depth > 0 else clamp_direct
     factor = limit * 0.0 + 1.0
@@ -35,4 +36,4 @@ def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indi
         if total > limit:
             factor = limit / total
     for c in range(len(paths.channels)):
-        paths.radiance[lane, c] += factor * contribution[row, c]
+        paths.radiance[lane, c] += factor * weight * contribution[row, c]

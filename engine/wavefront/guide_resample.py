@@ -61,7 +61,7 @@ def guide_resample(
                 before[lane, c] = paths.throughput[lane, c] * candidates.f_cos[row, c] * weight * radiance
             if is_known:
                 add_radiance(
-                    paths, lane, before, lane, paths.depth[lane] + 1, options.clamp_direct, options.clamp_indirect
+                    paths, lane, before, lane, paths.depth[lane] + 1, options.clamp_direct, options.clamp_indirect, 1.0
                 )
                 paths.alive[lane] = 0
                 continue

@@ -59,7 +59,8 @@ def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_
         if not shadows.distance[row] > 0.0:
             # A light that casts no shadow, or one touching the surface.
             add_radiance(
-                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect
+                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect,
+                shadows.weight[row],
             )
             continue
         origin = load(shadows.origin, row)
@@ -68,7 +69,8 @@ def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_
         blocked = trace_occluded(scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
         if not blocked:
             add_radiance(
-                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect
+                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect,
+                shadows.weight[row],
             )
         elif has_transparent and not trace_occluded(
             scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
@@ -118,7 +120,7 @@ def pass_transparent(
             if not hit:
                 add_radiance(
                     paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct,
-                    options.clamp_indirect,
+                    options.clamp_indirect, shadows.weight[row],
                 )
                 break
             shadows.transparent_depth[row] += 1

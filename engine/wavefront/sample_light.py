@@ -217,7 +217,7 @@ def connect_lights(
             largest = max(largest, abs(value))
         if not largest > 0.0:
             continue
-        scale = samples.weight[lane]
+        scale = np.float32(1.0)
         if options.inverse_light_threshold > 0.0:
             survival = largest * options.inverse_light_threshold
             if survival < 1.0:
@@ -227,6 +227,7 @@ def connect_lights(
         row = shadow_count
         shadow_count += 1
         shadows.lane[row] = lane
+        shadows.weight[row] = samples.weight[lane]
         for c in range(len(paths.channels)):
             shadows.radiance[row, c] = paths.throughput[lane, c] * f_cos[lane, c] * scale
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])

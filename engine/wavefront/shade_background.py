@@ -130,7 +130,7 @@ def shade_background(
                 closures.emission[lane, c] *= paths.throughput[lane, c] * weight
             add_radiance(
                 paths, lane, closures.emission, lane, paths.depth[lane] - 1, options.clamp_direct,
-                options.clamp_indirect,
+                options.clamp_indirect, 1.0,
             )
             if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
                 color = to_rgb(spectrum, paths, lane, closures.emission, lane)

@@ -61,7 +61,7 @@ def _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    add_radiance(paths, lane, scratch, lane, paths.depth[lane] - 1, options.clamp_direct, options.clamp_indirect)
+    add_radiance(paths, lane, scratch, lane, paths.depth[lane] - 1, options.clamp_direct, options.clamp_indirect, 1.0)
 
 
 @kernel
