@@ -90,3 +90,29 @@ def test_flat_meshes_and_a_setting_of_zero_lift_nothing(settings):
 
 def test_column_of_the_instance():
     assert triangle_of_a_sphere(0.25).instance_values[0, layout.VALUE_TERMINATOR] == np.float32(0.25)
+
+
+def test_a_changed_offset_makes_geometry_anew():
+    """Between frames with persistent data: the same meshes, another offset. And so of each other field of instances."""
+    from dataclasses import fields
+
+    from engine.scene.build import _geometry_key
+
+    def key(**changes):
+        description = quad_scene([np.eye(4), np.eye(4)])
+        description.instances.terminator_offset = np.zeros(2, np.float32)
+        for name, value in changes.items():
+            setattr(description.instances, name, value)
+        return _geometry_key(description, ())
+
+    assert key() == key()
+    instances = quad_scene([np.eye(4), np.eye(4)]).instances
+    for item in fields(instances):
+        before = getattr(instances, item.name)
+        if item.name == "name":
+            assert key(name=["A", "B"]) == key()
+        elif item.name == "motion":
+            assert key(motion={0: np.zeros((2, 4, 4), np.float32)}) != key()
+        else:
+            changed = np.full(2, 0.1, np.float32) if before is None else before + np.ones_like(before)
+            assert key(**{item.name: changed}) != key(), item.name

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -57,20 +57,15 @@ class SceneCache:
 
 
 def _geometry_key(description: SceneDescription, attribute_names: tuple[str, ...]) -> object:
+    """What geometry depends on. Of instances that is every field but their names."""
     instances = description.instances
+    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in ("name", "motion")]
     return (
         attribute_names,
         tuple(mesh.key for mesh in description.meshes),
-        tuple(
-            np.ascontiguousarray(array).tobytes()
-            for array in (
-                instances.mesh, instances.transform, instances.material_offset, instances.materials,
-                instances.visibility, instances.pass_index, instances.random, instances.color, instances.is_holdout,
-                instances.dupli_generated, instances.dupli_uv,
-            )
-        ),
+        tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
         tuple((index, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
-    )  # fmt: skip
+    )
 
 
 def _shadow_masks(geometry: GeometryArrays, shaders: ShaderArrays, description: SceneDescription) -> np.ndarray:
