@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# `make demo` and `make test` do all the set-up on a machine that has Python 3.11.
+# `make demo` and `make test` do all the set-up on a machine that has Python 3.11 or 3.13.
 
-SYSTEM_PYTHON ?= python3.11
+# The Python to make .venv with; empty: 3.11 if it runs here, else 3.13. What .venv was made with it keeps.
+SYSTEM_PYTHON ?=
 PYTHON := .venv/bin/python
 # Workers for the tests; kernels compile once, so a first worker warms the cache for the others.
 JOBS ?= auto
@@ -10,15 +11,17 @@ BENCH_RIVALS ?= cycles cycles-guided OFF VMM TABLE_RIS
 BENCH_OUT ?= out/bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow lint bench gallery extension clean
+.PHONY: help demo test slow test-3.13 lint bench gallery extension clean
 
 help: ## Show what there is
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@grep -E '^[a-z0-9.-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
 
-.venv/installed: requirements.lock
-	$(SYSTEM_PYTHON) -m venv .venv
-	$(PYTHON) -m pip install --disable-pip-version-check --quiet -r requirements.lock
-	@touch $@
+.venv/installed: requirements-3.11.lock requirements-3.13.lock
+	@BASE_PYTHON="$(SYSTEM_PYTHON)" tools/make_environment.sh .venv 3.11 3.13
+
+# An environment beside .venv for one version of Python: what the tests need to try the extension in every Blender.
+.venv-%/installed: requirements-%.lock
+	@BASE_PYTHON= tools/make_environment.sh .venv-$* $*
 
 demo: .venv/installed ## Render the demo scene into out/
 	$(PYTHON) -m demo
@@ -28,6 +31,11 @@ test: .venv/installed ## Run the tests, but for the slow ones
 
 slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
 	$(PYTHON) -m pytest -n $(JOBS) -m slow
+
+# Training is not tested there: see requirements-3.13.lock.
+test-3.13: .venv-3.13/installed ## Run the add-on's tests, the export's and the short comparison with Cycles on Python 3.13
+	.venv-3.13/bin/python -m pytest -n $(JOBS) -m "not slow" \
+		tests/test_addon_*.py tests/test_bad_input.py tests/test_cli*.py tests/test_export_*.py tests/test_parity.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .
@@ -44,7 +52,7 @@ bench: .venv/installed ## Speed against accuracy beside Cycles, on a page of cha
 gallery: .venv/installed ## Contact sheet: ours, Cycles', difference
 	$(PYTHON) -m benchmarks gallery
 
-extension: .venv/installed ## Build the Blender extension into dist/
+extension: .venv/installed ## Build the Blender extension into dist/, for all Blenders and platforms
 	$(PYTHON) tools/build_extension.py
 
 clean: ## Remove what was built

@@ -11,6 +11,8 @@ import OpenEXR
 import pytest
 from motion_scenes import keyframe, open_shutter
 
+from tests.training import require_torch
+
 
 @pytest.fixture
 def lamp_scene(cube_scene: Any) -> Any:
@@ -106,7 +108,7 @@ def test_an_animation_is_trained_for_once(
     lamp_scene: Any, trained: list[Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     """Files are written, reports name the field, frames rendered later use it, and an edit has it trained anew."""
-    pytest.importorskip("torch")
+    require_torch()
     import bpy
 
     images = animate(lamp_scene, tmp_path)
@@ -225,7 +227,7 @@ def test_the_command_line_has_one_field_for_all_frames(
     lamp_scene: Any, blender: Any, trained: list[Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     """It renders frames one by one, each as an animation of one frame; opening a file frees what was learned."""
-    pytest.importorskip("torch")
+    require_torch()
     from addon import engine, sequence
     from addon.__main__ import main
 

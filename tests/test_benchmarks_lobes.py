@@ -31,6 +31,7 @@ from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, Light, Sce
 from engine.session import Session
 from engine.settings import RenderSettings
 from tests.test_session import floor_scene, material, sun
+from tests.training import require_torch
 
 ROWS = 32
 SIZE = (32, 24)
@@ -213,7 +214,7 @@ def test_the_command_writes_a_picture_and_figures(tmp_path: Path, capsys: pytest
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["NPM", "NASG", "FLOW"])
 def test_networks_point_to_the_lamp(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("torch")
+    require_torch()
     monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 32)
     found = compare(
         lamp_scene(), settings(deterministic=True), CENTRE, [method], rows=ROWS, truth_samples=8

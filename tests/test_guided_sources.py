@@ -19,6 +19,7 @@ from engine.guiding.sources import source_shape, source_training
 from engine.guiding.vertices import allocate_vertex_records, compensate
 from engine.settings import NETWORK_SOURCES
 from tests.test_guided_render import Z_LIMIT, corner_scene, pit_scene, render, z_score
+from tests.training import require_torch
 
 SEEDS = 6
 TREES = ("SDTREE", "SDTREE_VARIANCE")
@@ -143,7 +144,7 @@ def test_trees_are_used():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", NETWORK_SOURCES)
 def test_trained_networks_leave_the_mean_unchanged(method, plain, monkeypatch):
-    pytest.importorskip("torch")
+    require_torch()
     monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 16)
     report = render(method, 1, scene=pit_scene, deterministic=True, **LONGEST).report
     assert not [notice for notice in report.notices if "Guiding" in notice.subject]
@@ -153,7 +154,7 @@ def test_trained_networks_leave_the_mean_unchanged(method, plain, monkeypatch):
 
 @pytest.mark.slow
 def test_the_image_of_a_network_does_not_depend_on_threads(monkeypatch):
-    pytest.importorskip("torch")
+    require_torch()
     monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 16)
     one, two = (
         render(

@@ -27,6 +27,7 @@ from engine.guiding.rows import (
 from engine.jit import kernel
 from tests import chi2
 from tests.guiding_harness import mixture_density, sphere_grid, uniform_directions, unit
+from tests.training import require_torch
 
 #: The paper's, and one that is learned in seconds.
 SHAPE = FlowShape()
@@ -155,7 +156,7 @@ def divergences(shape, parameters, with_cosine=True):
 
 def train(rows, steps, shape=SMALL, seed=1, **settings):
     """A training that has taken `steps` steps on `rows`."""
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.flow_training import FlowTraining
 
     training = FlowTraining(
@@ -415,7 +416,7 @@ def test_broken_snapshots_are_refused():
 
 @pytest.mark.parametrize("shape", [SHAPE, DEEP])
 def test_kernels_and_torch_agree(shape):
-    pytest.importorskip("torch")
+    require_torch()
     import torch
 
     training = train(make_rows(np.random.default_rng(20), 2000), 0, shape)
@@ -501,7 +502,7 @@ def test_records_that_are_broken_or_huge_do_no_harm():
 
 
 def test_bounds_are_found_among_broken_positions():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.flow_training import FlowTraining
 
     rows = make_rows(np.random.default_rng(28), 3000)
@@ -524,7 +525,7 @@ def test_a_batch_without_a_finite_gradient_changes_nothing(monkeypatch):
 
 
 def test_training_waits_for_light():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.flow_training import FlowTraining
 
     training = FlowTraining(SMALL, FlowSettings(batch_size=256), 1)

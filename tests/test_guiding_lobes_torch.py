@@ -19,8 +19,9 @@ from tests.test_guiding_lobes import (
     from_quantiles,
     outputs_of,
 )
+from tests.training import require_torch
 
-torch = pytest.importorskip("torch")
+torch = require_torch()
 lobes = pytest.importorskip("engine.guiding.worker.lobes")
 
 LOG_UNIFORM = -np.log(4.0 * np.pi)

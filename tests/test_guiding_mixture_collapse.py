@@ -27,10 +27,11 @@ from engine.guiding.mixture.inference import (
 from engine.guiding.mixture.shape import NASG_PRODUCT, NASG_SETTINGS, selection_blend
 from engine.guiding.rows import ROW_RADIANCE, make_rows
 from engine.jit import kernel
+from tests.training import require_torch
 
-pytest.importorskip("torch")
+require_torch()
 
-from engine.guiding.worker.mixture_training import MixtureTraining, limit_outliers, limit_shares
+from engine.guiding.worker.mixture_training import MixtureTraining, limit_outliers, limit_shares  # noqa: E402 (it imports torch)
 
 BOUNDS = np.array(((-1.0, -1.0, -0.2), (1.0, 1.0, 1.2)), np.float32)
 SHAPE = dataclasses.replace(NASG_PRODUCT, width=64, hidden_layers=2)

@@ -43,10 +43,11 @@ from engine.guiding.trainer import NetworkTrainer
 from engine.guiding.vmm.field import allocate_guide
 from engine.guiding.vmm.query import eval_vmm
 from engine.jit import kernel
+from tests.training import require_torch
 
-pytest.importorskip("torch")
+require_torch()
 
-from engine.guiding.worker.mixture_training import MixtureTraining, limit_shares, row_weights
+from engine.guiding.worker.mixture_training import MixtureTraining, limit_shares, row_weights  # noqa: E402 (it imports torch)
 
 BOUNDS = np.array(((-1.0, -1.0, -0.2), (1.0, 1.0, 1.2)), np.float32)
 GRIDS = {"level_count": 4, "base_resolution": 4, "growth": 1.6, "width": 32}

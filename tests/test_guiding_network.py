@@ -27,6 +27,7 @@ from engine.guiding.network import (
 from engine.guiding.network_query import make_network_field, predict_network
 from engine.guiding.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.records import allocate_records
+from tests.training import require_torch
 
 SHAPE = NetworkShape(table_size=1 << 12)
 BOUNDS = np.array(((-1.0, 0.0, 2.0), (3.0, 1.0, 4.0)), np.float32)
@@ -140,7 +141,7 @@ def test_directions_spread_over_three_bins():
 
 
 def test_gradient_of_the_grid_is_that_of_torch():
-    torch = pytest.importorskip("torch")
+    torch = require_torch()
     from engine.guiding.worker.training import encode_positions_torch
 
     rng = np.random.default_rng(5)
@@ -280,7 +281,7 @@ FAST = TrainingSettings(batch_size=2048)
 
 @pytest.fixture(scope="module")
 def trained():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.training import RadianceTraining
 
     training = RadianceTraining(SHAPE, FAST, seed=1, bounds=BOUNDS)
@@ -329,7 +330,7 @@ def test_one_firefly_does_not_bend_the_field(trained):
 
 
 def test_training_is_deterministic():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.training import RadianceTraining
 
     results = []
@@ -344,7 +345,7 @@ def test_training_is_deterministic():
 
 
 def test_training_waits_for_light():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.training import RadianceTraining
 
     training = RadianceTraining(SHAPE, FAST, seed=9)

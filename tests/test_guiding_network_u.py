@@ -27,6 +27,7 @@ from tests.test_guiding_network import (
     reference_radiance,
     synthetic_rows,
 )
+from tests.training import require_torch
 
 SMALL = NetworkShape(level_count=2, finest_resolution=16, table_size=1 << 12, width=32, hidden_layers=2)
 FREQUENCY, PLANES = (replace(SMALL, **COARSE_U_ENCODINGS[name]) for name in ("FREQUENCY", "PLANES"))
@@ -115,7 +116,7 @@ def test_u_may_be_anything():
 
 
 def test_gradient_of_the_planes_is_that_of_torch():
-    torch = pytest.importorskip("torch")
+    torch = require_torch()
     from engine.guiding.worker.training import encode_u_torch
 
     rng = np.random.default_rng(3)
@@ -229,7 +230,7 @@ def is_on(u):
 
 
 def trained(shape, steps=150):
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.training import RadianceTraining
 
     training = RadianceTraining(shape, FAST, seed=1, bounds=BOUNDS)
@@ -277,7 +278,7 @@ def test_training_that_sees_u_is_deterministic():
 
 def test_the_worker_trains_by_quarter():
     """Records with wavelengths that are not known get there, and the field made of the answer is by quarter."""
-    pytest.importorskip("torch")
+    require_torch()
     rng = np.random.default_rng(6)
     records = allocate_vertex_records(2000, 4)
     records.position[:], records.direction[:] = random_positions(rng, 2000), random_directions(rng, 2000)

@@ -25,6 +25,7 @@ from engine.session import Session
 from engine.settings import RenderSettings
 from tests.guiding_harness import densities, sphere_grid
 from tests.test_session import floor_scene, material
+from tests.training import require_torch
 
 FRAMES = (1, 24)
 #: Where the lamp hangs in each frame [m].
@@ -62,7 +63,7 @@ def rendered(description, field, seed, **settings):
 
 @pytest.fixture(scope="module")
 def field():
-    pytest.importorskip("torch")
+    require_torch()
     scenes = [lamp_scene(frame) for frame in FRAMES]
     return train_sequence(replace(SETTINGS, deterministic=True), scenes, FRAMES, samples=96)
 

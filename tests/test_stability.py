@@ -32,6 +32,7 @@ from engine import learning
 from engine.settings import GUIDING_METHODS, NETWORK_SOURCES, RenderSettings
 from tests.test_guided_sources import Untrained
 from tests.test_guiding_bad_networks import BadNetwork, ask
+from tests.training import require_torch
 
 NETWORKS = (*NETWORK_SOURCES, "NEURAL_RIS")
 STATISTICAL = [method for method in GUIDING_METHODS if method not in ("OFF", *NETWORKS)]
@@ -165,7 +166,7 @@ def test_networks_that_know_nothing_are_unbiased_in_every_case(name: str, monkey
     ("name", "method"), list(zip(("keyhole", "colors", "thin", "late-caustic", "roughness-0.1"), NETWORKS, strict=True))
 )
 def test_networks_that_have_learned_are_unbiased(name: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding import source_model
 
     monkeypatch.setattr(source_model, "DETERMINISTIC_STEPS", 8)

@@ -23,6 +23,7 @@ from engine.strata import StrataFilm, StrataSchedule, strata_count
 from engine.work import ALL_STRATA
 from tests.test_guided_sources import Untrained
 from tests.test_motion import emitter_scene, rendered
+from tests.training import require_torch
 
 PROGRESSIVE = {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "guiding_trial": False}
 
@@ -262,7 +263,7 @@ def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
 
 
 def test_rows_of_other_strata_are_forgotten():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.mixture_training import MixtureTraining
     from tests.test_guiding_mixture_training import BOUNDS, NPM, rows_of, settings_of
 
@@ -280,7 +281,7 @@ def test_rows_of_other_strata_are_forgotten():
 
 
 def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
-    pytest.importorskip("torch")
+    require_torch()
     from engine.guiding.worker.mixture_training import MixtureTraining
     from tests.test_guiding_mixture_training import BOUNDS, NPM, rows_of, settings_of
 

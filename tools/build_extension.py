@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Builds the Blender extension: `python tools/build_extension.py` puts a zip for each platform into dist/.
+"""Builds the Blender extension: `python tools/build_extension.py` puts its zips into dist/.
+
+There is one for each range of Blenders (tools/blender_ranges.py) and platform.
 
 Blender's rules for extensions forbid entries on `sys.path` and top-level modules. The packages `addon` and `engine` are
 therefore copied with their imports of each other made relative, and live inside the extension's own package. numba,
-llvmlite and embreex travel as wheels at the versions of requirements.lock; Blender brings numpy.
+llvmlite and embreex travel as wheels at the versions of the lock file for that Blender's Python; Blender brings numpy.
 """
 
 from __future__ import annotations
@@ -11,18 +13,23 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib.metadata
+import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+if __package__:
+    from .blender_ranges import RANGES, ROOT, BlenderRange, pinned, range_of
+else:
+    from blender_ranges import RANGES, ROOT, BlenderRange, pinned, range_of
+
 PACKAGES = ("addon", "engine")
 FILES = ("__init__.py", "LICENSE", "README.md", "CHANGELOG.md")
 WHEELS = ("numba", "llvmlite", "embreex")
-PYTHON_VERSION = "3.11"  # of Blender 4.2 to 5.0
 
 #: Blender's name of a platform: tags of wheels that run there, best first.
 PLATFORMS = {
@@ -101,35 +108,39 @@ def stage_sources(target: Path) -> None:
             destination.write_text(text, encoding="utf-8")
 
 
-def _pinned_versions() -> Iterator[str]:
-    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
-        if line.partition("==")[0] in WHEELS:
-            yield line
+def download_wheels(python: str, platform: str, folder: Path) -> list[Path]:
+    """Wheels for a Python and a platform, from the package index unless in `folder`; empty if there are none."""
+    pins = pinned(python, WHEELS)
 
+    def present() -> list[Path]:
+        return sorted(path for pin in pins for path in folder.glob(pin.replace("==", "-") + "-*.whl"))
 
-def download_wheels(platform: str, folder: Path) -> list[Path]:
-    """Wheels for `platform`, from the package index unless they are in `folder` already; empty if there are none."""
-    pins = list(_pinned_versions())
-    found = [path for pin in pins for path in folder.glob(pin.replace("==", "-") + "-*.whl")]
-    if len(found) < len(pins):
-        folder.mkdir(parents=True, exist_ok=True)
+    if len(present()) == len(pins):
+        return present()
+    folder.mkdir(parents=True, exist_ok=True)
+    # Put into place whole: several processes may build at the same time.
+    with tempfile.TemporaryDirectory(dir=folder) as downloads:
         tags = [item for tag in PLATFORMS[platform] for item in ("--platform", tag)]
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
-        command += ["--only-binary", ":all:", "--python-version", PYTHON_VERSION, "--dest", str(folder), *tags, *pins]
+        command += ["--only-binary", ":all:", "--python-version", python, "--dest", downloads, *tags, *pins]
         if subprocess.run(command, check=False).returncode != 0:
             return []
-        found = [path for pin in pins for path in folder.glob(pin.replace("==", "-") + "-*.whl")]
-    return sorted(found)
+        for path in Path(downloads).glob("*.whl"):
+            path.replace(folder / path.name)
+    return present()
 
 
-def write_manifest(target: Path, platform: str, wheels: Sequence[Path]) -> None:
-    """The repository's manifest with platform and wheels filled in."""
+def write_manifest(target: Path, blenders: BlenderRange, platform: str, wheels: Sequence[Path]) -> None:
+    """The repository's manifest with the range of Blenders, platform and wheels filled in."""
     text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
     listed = "".join(f'    "./wheels/{path.name}",\n' for path in wheels)
-    generated = f'platforms = ["{platform}"]\nwheels = [\n{listed}]\n'
-    marker = "[permissions]"
-    assert marker in text
-    (target / "blender_manifest.toml").write_text(text.replace(marker, f"{generated}\n{marker}"), encoding="utf-8")
+    lines = [f'blender_version_min = "{blenders.first}"']
+    if blenders.end:
+        lines.append(f'blender_version_max = "{blenders.end}"')
+    lines += [f'platforms = ["{platform}"]', f"wheels = [\n{listed}]"]
+    text, count = re.subn(r"^blender_version_min = .*$", "\n".join(lines), text, flags=re.MULTILINE)
+    assert count == 1
+    (target / "blender_manifest.toml").write_text(text, encoding="utf-8")
     (target / "wheels").mkdir(exist_ok=True)
     for path in wheels:
         shutil.copy(path, target / "wheels" / path.name)
@@ -147,37 +158,58 @@ def blender_extension_tool() -> Path:
     return found[-1]
 
 
-def build(platform: str, output: Path) -> Path | None:
-    """Build and check the zip for one platform; None where there are no wheels for it."""
-    wheels = download_wheels(platform, ROOT / "build" / "wheels" / platform)
+def build(blenders: BlenderRange, platform: str, output: Path) -> Path | None:
+    """Build and check the zip for a range of Blenders on one platform; None where there are no wheels for it."""
+    wheels = download_wheels(blenders.python, platform, ROOT / "build" / "wheels" / blenders.python / platform)
     if not wheels:
-        print(f"{platform}: no wheels for it, skipped", file=sys.stderr)
+        print(f"{blenders.name} on {platform}: there are no wheels for it", file=sys.stderr)
         return None
-    stage = ROOT / "build" / "extension" / platform
-    stage_sources(stage)
-    write_manifest(stage, platform, wheels)
     output.mkdir(parents=True, exist_ok=True)
-    version = tomllib.loads((stage / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
-    target = output / f"neuralguide-{version}-{platform.replace('-', '_')}.zip"
     tool = [sys.executable, str(blender_extension_tool())]
-    subprocess.run(
-        [*tool, "build", "--source-dir", str(stage), "--output-filepath", str(target)], check=True, stdout=sys.stderr
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Path(folder) / "neuralguide"
+        stage_sources(stage)
+        write_manifest(stage, blenders, platform, wheels)
+        version = tomllib.loads((stage / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
+        target = output / f"neuralguide-{version}-{blenders.name}-{platform}.zip"
+        subprocess.run(
+            [*tool, "build", "--source-dir", str(stage), "--output-filepath", str(target)],
+            check=True,
+            stdout=sys.stderr,
+        )
     subprocess.run([*tool, "validate", str(target)], check=True, stdout=sys.stderr)
     return target
 
 
+def _range_argument(version: str) -> BlenderRange:
+    try:
+        return range_of(version)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def main() -> int:
-    """Command line."""
+    """Command line; its exit status is 1 if a zip that was asked for is missing."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--platform", action="append", choices=PLATFORMS, help="default: all")
+    parser.add_argument(
+        "--blender",
+        action="append",
+        type=_range_argument,
+        metavar="VERSION",
+        help="only the zips that this Blender takes, as in `--blender 4.5`; default: all",
+    )
     parser.add_argument("--output", type=Path, default=ROOT / "dist")
     arguments = parser.parse_args()
-    built = [build(platform, arguments.output) for platform in arguments.platform or PLATFORMS]
+    built = [
+        build(blenders, platform, arguments.output)
+        for blenders in dict.fromkeys(arguments.blender or RANGES)
+        for platform in dict.fromkeys(arguments.platform or PLATFORMS)
+    ]
     for path in built:
         if path is not None:
             print(path)
-    return 0 if any(built) else 1
+    return 0 if all(built) else 1
 
 
 if __name__ == "__main__":

@@ -14,14 +14,19 @@ import sys
 from pathlib import Path
 
 if __package__:
-    from .build_extension import ROOT, stage_sources
+    from .blender_ranges import ROOT, lock_file, pinned
+    from .build_extension import stage_sources
 else:
-    from build_extension import ROOT, stage_sources
+    from blender_ranges import ROOT, lock_file, pinned
+    from build_extension import stage_sources
 
 #: Blender 3.4 of Debian comes without numpy.
 REQUIREMENTS = ("numpy", "numba", "llvmlite", "embreex")
 
-_ASK_SCRIPTS = "import bpy; print('SCRIPTS=' + bpy.utils.user_resource('SCRIPTS', create=True))"
+_ASK = (
+    "import bpy, sys; print('SCRIPTS=' + bpy.utils.user_resource('SCRIPTS', create=True)); "
+    "print('PYTHON=%d.%d' % sys.version_info[:2])"
+)
 _ENABLE = (
     "import addon_utils, bpy, sys; module = addon_utils.enable('neuralguide', default_set=True); "
     "bpy.ops.wm.save_userpref(); print('ENABLED=' + str(module is not None))"
@@ -36,10 +41,10 @@ def _run_in_blender(blender: str, code: str) -> str:
     return done.stdout
 
 
-def user_scripts(blender: str) -> Path:
-    """The folder of the user's scripts, as that Blender names it."""
-    line = next(line for line in _run_in_blender(blender, _ASK_SCRIPTS).splitlines() if line.startswith("SCRIPTS="))
-    return Path(line.partition("=")[2])
+def describe(blender: str) -> tuple[Path, str]:
+    """The folder of the user's scripts, as that Blender names it, and the version of its Python."""
+    facts = dict(line.split("=", 1) for line in _run_in_blender(blender, _ASK).splitlines() if "=" in line)
+    return Path(facts["SCRIPTS"]), facts["PYTHON"]
 
 
 def install(blender: str, *, link: bool = False) -> Path:
@@ -47,7 +52,9 @@ def install(blender: str, *, link: bool = False) -> Path:
 
     With `link` the add-on is a link to this checkout, for whoever works on it.
     """
-    scripts = user_scripts(blender)
+    scripts, python = describe(blender)
+    if not lock_file(python).is_file():
+        raise SystemExit(f"{blender} has Python {python}, for which NeuralGuide pins no packages")
     folder = scripts / "addons" / "neuralguide"
     if folder.is_symlink():
         folder.unlink()
@@ -56,14 +63,11 @@ def install(blender: str, *, link: bool = False) -> Path:
         folder.symlink_to(ROOT)
     else:
         stage_sources(folder)
-    pins = [
-        line
-        for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
-        if line.partition("==")[0] in REQUIREMENTS
-    ]
     modules = scripts / "modules"
+    # Blender's Python, which need not be this one.
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
-    subprocess.run([*command, "--upgrade", "--target", str(modules), *pins], check=True)
+    command += ["--python-version", python, "--only-binary", ":all:", "--upgrade", "--target", str(modules)]
+    subprocess.run([*command, *pinned(python, REQUIREMENTS)], check=True)
     if "ENABLED=True" not in _run_in_blender(blender, _ENABLE):
         raise SystemExit(f"{blender} could not enable the add-on in {folder}")
     return folder

@@ -58,7 +58,7 @@ def _from_srgb(values: Float32Array) -> Float32Array:
 
 def _from_rec1886(values: Float32Array) -> Float32Array:
     """ITU-R BT.1886 with a black of zero."""
-    return np.maximum(values, 0.0) ** 2.4
+    return np.maximum(values, np.float32(0.0)) ** np.float32(2.4)
 
 
 _SPACES: dict[str, tuple[Callable[[Float32Array], Float32Array], str]] = {

@@ -93,7 +93,7 @@ def d65(wavelengths: FloatArray | float) -> FloatArray:
     -------
     float64 (...), relative power, 100 at 560 nm
     """
-    return np.interp(wavelengths, TABLE_WAVELENGTHS, D65.astype(np.float64))
+    return np.asarray(np.interp(wavelengths, TABLE_WAVELENGTHS, D65.astype(np.float64)))
 
 
 def xyz_matching(wavelengths: FloatArray) -> FloatArray:

@@ -71,8 +71,8 @@ def _box(bounds: npt.ArrayLike) -> tuple[Float32Array, Float32Array]:
     if not np.isfinite(corners).all() or (corners[0] > corners[1]).any():
         raise ValueError(f"field bounds must be finite and ordered, not {corners.tolist()}")
     margin = 1e-3 * max(float((corners[1] - corners[0]).max()), 1e-3) + 1e-5 * np.abs(corners).max(0)
-    corners = np.stack([corners[0] - margin, corners[1] + margin]).astype(np.float32)
-    return corners, np.stack([corners[0], corners[0] + (corners[1] - corners[0]).max()])
+    box = np.stack([corners[0] - margin, corners[1] + margin]).astype(np.float32)
+    return box, np.stack([box[0], box[0] + (box[1] - box[0]).max()])
 
 
 def _empty_pool(root: Int32Array) -> QuadPool:
