@@ -211,7 +211,8 @@ def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -
         single.alpha_mode = image.alpha_mode
         exported = _read(context, single)
     finally:
-        bpy.data.images.remove(single)
+        # Nobody uses it. Unlinking it all the same rebuilds view layers, and Blender 5.2 crashes at the next frame.
+        bpy.data.images.remove(single, do_unlink=False)
     if exported is not None:
         exported.name = image.name
     return exported
