@@ -191,6 +191,8 @@ def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
         tree.links.new(path.outputs["Is Camera Ray"], shader.inputs["Thin Wall"])
     else:
         shader.inputs["Thin Wall"].default_value = True
+    assert notices(scene) == []  # Opaque surfaces have no other side.
+    shader.inputs["Transmission Weight"].default_value = 0.5
     found = notices(scene)
     assert [notice.subject for notice in found] == [f"Plane / Paint / {shader.name}"]
     assert found[0].problem == "Thin Wall is not supported"

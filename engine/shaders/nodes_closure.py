@@ -226,7 +226,8 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
     }
     _principled_lobes(builder, weight, distribution, _LOBES, **values)
     _thin_film(builder)
-    if not is_zero(_float(builder, "Thin Wall", 0.0)):
+    has_inside = any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight"))
+    if has_inside and not is_zero(_float(builder, "Thin Wall", 0.0)):
         builder.notice("Thin Wall is not supported", "the surface of a solid")
     if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
         _float(builder, "Subsurface Scale", 0.05)
