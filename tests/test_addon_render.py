@@ -104,7 +104,9 @@ def test_what_appears_or_vanishes_is_shown_as_in_cycles(cube_scene: Any, tmp_pat
         for scene.render.engine in ("NEURALGUIDE", "CYCLES")
     )
     cells = [image[..., :3].mean(axis=-1).reshape(4, 4, 8, 4).mean(axis=(1, 3)) for image in (ours, theirs)]
-    np.testing.assert_allclose(*cells, rtol=0.05, atol=0.005)
+    # Cycles 5.2 drops a last moment at which an object is not there, and spreads the others over the whole shutter.
+    first = 4 if bpy.app.version >= (5, 2) else 0
+    np.testing.assert_allclose(*(cell[:, first:] for cell in cells), rtol=0.05, atol=0.005)
     # The one that vanishes is there, the other is not: half of the picture has more in it.
     for image in (ours, theirs):
         assert image[:, :12, :3].mean() > 1.2 * image[:, 20:, :3].mean()
