@@ -10,6 +10,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .versions import RENAMED_PASSES, is_since
+
 
 class RenderPass(NamedTuple):
     """A pass the engine can write.
@@ -24,8 +26,7 @@ class RenderPass(NamedTuple):
     kind: str
 
 
-# Blender renamed the passes in 5.0; sockets of the compositor follow these names.
-_RENAMED = bpy.app.version >= (5, 0, 0)
+_RENAMED = is_since(RENAMED_PASSES)
 
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
 

@@ -328,7 +328,8 @@ def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, thread
         accelerator.scenes.append(scene)
     if len(instanced):
         key_counts = table[instanced, INSTANCE_KEY_COUNT].astype(np.int64)
-        moving = geometry.motion_transforms.ctypes.data + table[instanced, INSTANCE_FIRST_KEY] * _TRANSFORM_BYTES
+        first_keys = table[instanced, INSTANCE_FIRST_KEY].astype(np.int64)
+        moving = geometry.motion_transforms.ctypes.data + first_keys * _TRANSFORM_BYTES
         standing = geometry.transforms.ctypes.data + instanced * _TRANSFORM_BYTES
         _attach_instances(
             device,

@@ -76,9 +76,13 @@ def _source(tree: Any, vectors: dict[str, Any], value: Any) -> Any:
 
 
 def _bake(node: Any) -> dict[str, Any]:
-    """What the add-on hands to the engine beside a node's own properties: ramps and curves as tables."""
+    """What the add-on hands to the engine beside a node's own properties: ramps and curves as tables, versions."""
     from addon.export.node_tables import bake_curves, bake_ramp
+    from addon.export.node_versions import modernize
+    from engine.scene.description import Node
 
+    if node.bl_idname == "ShaderNodeTexMagic":
+        return modernize(Node(node.bl_idname, node.name), 0)[-1].properties
     if node.bl_idname == "ShaderNodeValToRGB":
         ramp = node.color_ramp
         return {"ramp": bake_ramp(ramp), "interpolate": ramp.interpolation != "CONSTANT"}

@@ -104,10 +104,41 @@ def test_what_appears_or_vanishes_is_shown_as_in_cycles(cube_scene: Any, tmp_pat
         for scene.render.engine in ("NEURALGUIDE", "CYCLES")
     )
     cells = [image[..., :3].mean(axis=-1).reshape(4, 4, 8, 4).mean(axis=(1, 3)) for image in (ours, theirs)]
-    np.testing.assert_allclose(*cells, rtol=0.05, atol=0.005)
+    # Cycles 5.2 drops a last moment at which an object is not there, and spreads the others over the whole shutter.
+    first = 4 if bpy.app.version >= (5, 2) else 0
+    np.testing.assert_allclose(*(cell[:, first:] for cell in cells), rtol=0.05, atol=0.005)
     # The one that vanishes is there, the other is not: half of the picture has more in it.
     for image in (ours, theirs):
         assert image[:, :12, :3].mean() > 1.2 * image[:, 20:, :3].mean()
+
+
+def test_a_world_without_shadows_shines_through_walls(cube_scene: Any, tmp_path: Path) -> None:
+    """In a closed room: only what is sampled of the world gets in, weighed as if scattered rays might find it too.
+
+    The sky has two halves, so that both sides' densities count; channel means agree within 1%.
+    """
+    import bpy
+
+    scene = cube_scene
+    if bpy.app.version < (5, 2):
+        pytest.skip("Blender 5.2 has the switch")
+    bpy.ops.mesh.primitive_cube_add(size=30.0)
+    scene.objects["Sun"].hide_render = True
+    world = scene.world = bpy.data.worlds.new("Sky")
+    tree = world.node_tree
+    gradient, coordinate = tree.nodes.new("ShaderNodeTexGradient"), tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(coordinate.outputs["Generated"], gradient.inputs["Vector"])
+    tree.links.new(gradient.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    scene.neuralguide.samples = scene.cycles.samples = 256
+    scene.neuralguide.guiding_method = "OFF"
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    means = []
+    for world.cycles.use_shadows in (True, False):
+        for scene.render.engine in ("NEURALGUIDE", "CYCLES"):
+            means.append(render(scene, tmp_path / "image.exr")["RGBA"][..., :3].mean(axis=(0, 1)).astype(np.float64))
+    assert not means[0].any() and not means[1].any()
+    assert means[3].min() > 0.05
+    np.testing.assert_allclose(means[2], means[3], rtol=0.01)
 
 
 def test_cancel_is_fast_and_keeps_the_picture(cube_scene: Any, tmp_path: Path, monkeypatch: Any) -> None:

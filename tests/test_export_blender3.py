@@ -8,6 +8,7 @@ import os
 import shutil
 import site
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,14 @@ def blender3() -> str:
     binary = shutil.which("blender")
     if binary is None:
         pytest.skip("no blender binary here")
-    version = subprocess.run([binary, "--version"], capture_output=True, text=True, timeout=60).stdout
-    if "Blender 3." not in version:
+    # With our environment, not that which bpy has set behind Python's back: its colours are none of Blender 3's.
+    environment = dict(os.environ)
+    command = [binary, "-b", "--factory-startup", "--python-expr", "import sys; print('PYTHON', *sys.version_info[:2])"]
+    said = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment).stdout
+    if "Blender 3." not in said:
         pytest.skip("the blender binary here is no Blender 3")
+    if f"PYTHON {sys.version_info.major} {sys.version_info.minor}" not in said:
+        pytest.skip("Blender 3's Python is not ours, so that it cannot use our packages")
     return binary
 
 

@@ -133,7 +133,43 @@ def test_wide_spaces_agree_with_blenders_own_conversion(node: Any, tmp_path: Pat
     np.testing.assert_allclose(image.pixels, expected.reshape(values.shape), atol=2e-3)
 
 
-def test_unknown_space_is_reported(node: Any) -> None:
+#: Of curves, of curves and a matrix, of tables; those of cameras are new in Blender 5.2.
+CONVERTED = [
+    "Filmic sRGB", "ACEScct", "AgX Base sRGB", "S-Log3 S-Gamut3.Cine", "V-Log V-Gamut", "Linear ARRI Wide Gamut 4",
+    "Gamma 2.2 Encoded AdobeRGB",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("space", CONVERTED)
+def test_blender_converts_spaces_that_have_no_formula_here(node: Any, tmp_path: Path, space: str) -> None:
+    """As it converts the same numbers from a file of floats."""
+    import bpy
+
+    if space not in bpy.types.ColorManagedInputColorspaceSettings.bl_rna.properties["name"].enum_items:
+        pytest.skip(f"this Blender does not have {space}")
+    stored = gradient()
+    values = (stored / 255.0).astype(np.float32)
+    opaque = values.copy()
+    opaque[..., 3] = 1.0
+    write(tmp_path / "same.exr", opaque, "OPEN_EXR", is_float=True)
+    reference = bpy.data.images.load(str(tmp_path / "same.exr"))
+    reference.colorspace_settings.name = space
+    expected = np.empty(values.size, np.float32)
+    reference.pixels.foreach_get(expected)
+    count = len(bpy.data.images)
+    node.image = make_image(values, space=space)
+    description = export()
+    image = shown(description)
+    assert image is not None and image.encoding == "LINEAR" and image.pixels.dtype == np.float32
+    np.testing.assert_allclose(image.pixels[..., :3], expected.reshape(values.shape)[..., :3], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(image.pixels[..., 3], values[..., 3], atol=1e-6)
+    assert description.notices == [] and len(bpy.data.images) == count + 1
+
+
+def test_unknown_space_is_reported(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from addon.export import images
+
+    monkeypatch.setattr(images, "_converted_by_blender", lambda pixels, space: None)
     node.image = make_image(gradient() / 255.0, space="Filmic sRGB")
     description = export()
     image = shown(description)

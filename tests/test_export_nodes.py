@@ -457,3 +457,17 @@ def test_replaced_kinds_rename_their_outputs() -> None:
     assert node.kind == "ShaderNodeSeparateColor" and node.properties["mode"] == "RGB"
     assert node.inputs == {"Color": (1.0, 0.5, 0.0, 1.0)}
     assert node.properties["_outputs"]["G"] == "Green"
+
+
+@pytest.mark.parametrize("version", [(3, 4), (5, 0), (5, 1), (5, 2)])
+def test_nodes_do_what_they_do_in_the_version_that_exports(version: tuple[int, int], monkeypatch: Any) -> None:
+    from addon.export import node_versions
+    from engine.scene.description import Node
+
+    monkeypatch.setattr(node_versions, "is_since", lambda since: version >= since)
+    magic, normal = (
+        node_versions.modernize(Node(kind, kind), 0)[-1].properties
+        for kind in ("ShaderNodeTexMagic", "ShaderNodeNormalMap")
+    )
+    assert magic == {"wraps_scaled": version >= (5, 2)}
+    assert normal == {"has_unit_frame": version >= (5, 1)}

@@ -58,6 +58,11 @@ def limit_textures(scene: Any) -> None:
     scene.cycles.texture_limit_render = "1024"
 
 
+def texture_resolution(scene: Any) -> None:
+    scene.render.use_simplify = True
+    scene.cycles.texture_resolution_render = 0.5
+
+
 def panorama(scene: Any) -> None:
     scene.camera.data.type = "PANO"
     scene.camera.data.panorama_type = "FISHEYE_EQUIDISTANT"
@@ -83,9 +88,16 @@ CASES = {
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
     "camera-culling": (cull, "Plane", "culling"),
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
+    "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
+    "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
+    "pixel-jitter": (switch("scene.cycles", "use_pixel_jitter"), "Scene", "pixel jitter"),
     "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
     "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip
+
+
+#: Cases about what Blender 5.2 has and older ones have not.
+NEW = {"texture-resolution", "texture-cache", "pixel-jitter"}
 
 
 def notices(scene: Any) -> list[Any]:
@@ -105,6 +117,10 @@ def test_the_plain_scene_has_no_notices(scene: Any) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_dropped_is_named_once(scene: Any, case: str) -> None:
+    import bpy
+
+    if case in NEW and bpy.app.version < (5, 2):
+        pytest.skip("Blender 5.2 has that")
     change, subject, problem = CASES[case]
     change(scene)
     found = [notice for notice in notices(scene) if problem in notice.problem]
@@ -146,6 +162,39 @@ def test_nodes_that_are_missing_are_named(scene: Any, kind: str) -> None:
     tree.links.new(next(socket for socket in node.outputs if socket.enabled), shader.inputs[to])
     found = notices(scene)
     assert [notice.subject for notice in found] == [f"Plane / Paint / {node.name}"]
+
+
+@pytest.mark.parametrize("socket", ["Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"])
+def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
+    import bpy
+
+    if not hasattr(bpy.types, "ShaderNodeRaycast"):
+        pytest.skip("Blender 5.1 has the node")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new("ShaderNodeRaycast")
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(node.outputs[socket], shader.inputs["Base Color"])
+    found = notices(scene)
+    assert [(notice.subject, notice.fallback) for notice in found] == [(f"Plane / Paint / {node.name}", "0")]
+    assert found[0].problem == "ShaderNodeRaycast is not supported"
+
+
+@pytest.mark.parametrize("is_linked", [False, True])
+def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    if "Thin Wall" not in shader.inputs:
+        pytest.skip("Blender 5.2 has Thin Wall")
+    if is_linked:
+        path = tree.nodes.new("ShaderNodeLightPath")
+        tree.links.new(path.outputs["Is Camera Ray"], shader.inputs["Thin Wall"])
+    else:
+        shader.inputs["Thin Wall"].default_value = True
+    assert notices(scene) == []  # Opaque surfaces have no other side.
+    shader.inputs["Transmission Weight"].default_value = 0.5
+    found = notices(scene)
+    assert [notice.subject for notice in found] == [f"Plane / Paint / {shader.name}"]
+    assert found[0].problem == "Thin Wall is not supported"
 
 
 @pytest.mark.parametrize("where", ["material", "world"])

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 pytest.importorskip("bpy")
+
+import bpy
 
 from tests.node_oracle import NodeCase, node_inputs, render_cases
 from tests.node_runner import run_node
@@ -73,6 +77,9 @@ def _small() -> list[NodeCase]:
         NodeCase("ShaderNodeTexChecker", "Fac", {"Vector": ("A", 3.0), "Scale": "B.x"}),
         NodeCase("ShaderNodeTexMagic", "Color", {"Vector": "A", "Scale": 0.0}),
         NodeCase("ShaderNodeTexMagic", "Fac", {"Vector": ("A", 9.0), "Scale": 1.3, "Distortion": 0.0}),
+        # Coordinates that are wrapped.
+        NodeCase("ShaderNodeTexMagic", "Color", {"Vector": ("A", 9.0), "Scale": 1.3}),
+        NodeCase("ShaderNodeTexMagic", "Color", {"Vector": ("A", 9.0), "Scale": "B.x"}),
     ]
     for kind in ("LINEAR", "QUADRATIC", "EASING", "DIAGONAL", "SPHERICAL", "QUADRATIC_SPHERE", "RADIAL"):
         cases.append(NodeCase("ShaderNodeTexGradient", "Fac", {"Vector": "A"}, {"gradient_type": kind}))
@@ -122,8 +129,29 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[dict[str, n
 def test_texture_is_that_of_cycles(rendered: list[tuple[dict[str, np.ndarray], np.ndarray]], index: int) -> None:
     case = _CASES[index]
     sources, theirs = rendered[index]
-    ours = run_node(case.kind, case.output, node_inputs(case, sources), case.properties)
-    ours = np.broadcast_to(ours, theirs.shape)
+    properties = {**case.properties, **case.baked}
+    inputs = node_inputs(case, sources)
+    ours = np.broadcast_to(run_node(case.kind, case.output, inputs, properties), theirs.shape)
     assert np.isfinite(theirs).all()
     assert theirs.std() > 0.0 or 0.0 in (case.inputs.get("Scale"), case.inputs.get("Distortion"))
-    np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-4)
+    allowance = 1e-4 + 1e-4 * np.abs(theirs)
+    if case.kind == "ShaderNodeTexNoise" and case.output == "Color" and bpy.app.version >= (5, 1):
+        allowance = allowance + _effect_of_rounding(case, inputs, properties)
+    assert (np.abs(ours - theirs) <= allowance).all(), np.abs(ours - theirs).max()
+
+
+def _effect_of_rounding(case: NodeCase, inputs: dict[str, Any], properties: dict[str, Any]) -> np.ndarray:
+    """How far a Noise Texture's colours move where the shifts between its channels differ by their last digit.
+
+    They are between 100 and 200, and Blender 5.2 is compiled without fusing the product and the sum they come from.
+    """
+    digit = np.float32(2.0**-16)
+    ours = run_node(case.kind, case.output, inputs, properties)
+    effect = np.zeros_like(ours)
+    for name in inputs.keys() & {"Vector", "W"}:
+        value = np.asarray(inputs[name], np.float32)
+        for axis in range(3 if name == "Vector" else 1):
+            step = np.zeros_like(value)
+            step[(..., axis) if name == "Vector" else ...] = digit / np.float32(inputs.get("Scale", 5.0))
+            effect += np.abs(run_node(case.kind, case.output, {**inputs, name: value + step}, properties) - ours)
+    return effect

@@ -166,13 +166,33 @@ def render(bpy: Any, engine: str, folder: Path) -> np.ndarray:
 
 
 def test_nodes_agree_with_cycles(blender: Any, sphere: Any, tmp_path: Path) -> None:
+    compare(blender, sphere, tmp_path, CASES)
+
+
+def test_nodes_that_are_new_in_blender_5_2_agree_with_cycles(blender: Any, sphere: Any, tmp_path: Path) -> None:
+    if blender.app.version < (5, 2):
+        pytest.skip("Blender 5.2 has these nodes and settings")
+    blender.context.scene.frame_set(3)
+    cases = {
+        f"normal map directx {space}": node(
+            "ShaderNodeNormalMap", 0, {"Color": SMOOTH_IMAGE}, space=space, convention="DIRECTX"
+        )
+        for space in ("TANGENT", "OBJECT")
+    }
+    cases |= {f"scene time {name}": node("GeometryNodeInputSceneTime", name) for name in ("Seconds", "Frame")}
+    cases["input vector"] = node("FunctionNodeInputVector", vector=(0.3, 0.6, 0.1))
+    cases["input integer"] = node("FunctionNodeInputInt", integer=3)
+    cases["input boolean"] = node("FunctionNodeInputBool", boolean=True)
+    compare(blender, sphere, tmp_path, cases)
+
+
+def compare(bpy: Any, sphere: Any, tmp_path: Path, cases: dict[str, Source]) -> None:
     """19 of 20 pixels of the ball agree to 0.5% of the largest value; the rest may see an edge from the other side.
 
     Both renderers jitter the ray by up to a hundredth of a pixel.
     """
-    bpy = blender
     failures = []
-    for name, source in CASES.items():
+    for name, source in cases.items():
         material = bpy.data.materials.new(name)
         if material.node_tree is None:
             material.use_nodes = True

@@ -140,6 +140,8 @@ def test_attribute_domains(domain: int, data: list, color: tuple[float, ...]) ->
     if domain == layout.DOMAIN_POINT:
         color = (0.25 * 1.0 + 0.25 * 2.0,) * 3
     np.testing.assert_allclose(found, color, rtol=1e-6)
+    vector = output("ShaderNodeAttribute", "Vector", points, geometry, attribute_name="a")[0]
+    np.testing.assert_array_equal(vector, found)
     alpha = output("ShaderNodeAttribute", "Alpha", points, geometry, attribute_name="a")[0, 0]
     assert alpha == (0.5 if domain == layout.DOMAIN_MESH else 1.0)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from engine.scene.description import Camera, Float32Array, Frame
 
 from ..shared_settings import setting_source
+from ..versions import read_setting
 from .context import ExportContext
 
 if TYPE_CHECKING:
@@ -170,16 +171,15 @@ def _focus_distance(camera_object: bpy.types.Object, transform: Float32Array) ->
 
 def _set_panorama(context: ExportContext, camera_object: bpy.types.Object, camera: Camera) -> None:
     data = camera_object.data
-    # Blender 5.0 has these on the camera, earlier versions among Cycles' settings.
-    settings: Any = data if hasattr(data, "panorama_type") else getattr(data, "cycles", None)
-    kind = getattr(settings, "panorama_type", EQUIRECTANGULAR)
+    kind = read_setting(data, "panorama_type")
     camera.kind = "PANO_EQUIRECTANGULAR"
     if kind != EQUIRECTANGULAR:
         context.notice(camera_object.name, f"panorama type {kind} is not supported", "full equirectangular panorama")
         return
     for name in ("latitude_min", "latitude_max", "longitude_min", "longitude_max"):
-        if hasattr(settings, name):
-            setattr(camera, name, getattr(settings, name))
+        value = read_setting(data, name)
+        if value is not None:
+            setattr(camera, name, value)
 
 
 def _camera_of_other_object(

@@ -95,11 +95,6 @@ class ExportContext:
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)
 
-    @property
-    def is_modern(self) -> bool:
-        """Blender 5.0 or later, where materials and worlds always have nodes."""
-        return bpy.app.version >= (5, 0, 0)
-
     def notice(self, subject: str, problem: str, fallback: str) -> None:
         """Record once that something is not exported as it is."""
         self._notices[Notice(subject, problem, fallback)] = None

@@ -113,6 +113,8 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image) -> Image | None
         exported.encoding = "LINEAR"
     else:
         linear = to_scene_linear(raw, space, context.working_space)
+        if linear is None:
+            linear = _converted_by_blender(raw, space)
         if linear is not None:
             exported.pixels, exported.encoding = linear, "LINEAR"
             return exported
@@ -120,6 +122,30 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image) -> Image | None
         exported.encoding = "SRGB"
     exported.pixels = _bytes(raw)
     return exported
+
+
+def _converted_by_blender(pixels: Float32Array, space: str) -> Float32Array | None:
+    """Colours stored in `space` as scene-linear, alpha untouched; None if Blender does not know the space.
+
+    Blender converts images of floats, on loading: so an image is packed, and then said to be in that space.
+    """
+    height, width = pixels.shape[:2]
+    carrier = bpy.data.images.new("NeuralGuide", width, height, alpha=True, float_buffer=True, is_data=True)
+    try:
+        opaque = pixels.copy()
+        opaque[..., 3] = 1.0
+        carrier.pixels.foreach_set(opaque.ravel())
+        carrier.pack()
+        carrier.colorspace_settings.name = space
+        result = np.empty(pixels.size, np.float32)
+        carrier.pixels.foreach_get(result)
+    except (RuntimeError, TypeError):
+        return None
+    finally:
+        bpy.data.images.remove(carrier, do_unlink=False)
+    result = result.reshape(pixels.shape)
+    result[..., 3] = pixels[..., 3]
+    return result
 
 
 def _bytes(pixels: Float32Array) -> np.ndarray:
@@ -211,7 +237,8 @@ def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -
         single.alpha_mode = image.alpha_mode
         exported = _read(context, single)
     finally:
-        bpy.data.images.remove(single)
+        # Nobody uses it. Unlinking it all the same rebuilds view layers, and Blender 5.2 crashes at the next frame.
+        bpy.data.images.remove(single, do_unlink=False)
     if exported is not None:
         exported.name = image.name
     return exported

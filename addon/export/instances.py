@@ -24,6 +24,7 @@ from engine.scene.description import (
     Float32Array,
 )
 
+from ..versions import read_setting
 from .context import ExportContext
 from .materials import MaterialExporter
 from .object_properties import Value, find_property
@@ -197,8 +198,6 @@ def _classify(
     notice_object(context, shown)
     slots = _slots(context, materials, shown) if is_mesh else ()
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
-    if is_mesh and _terminator(shown, "shading_offset", "offset") > 0.0:
-        context.notice(shown.name, "Shadow Terminator Shading Offset is not supported", "0")
     kinds.append(
         Appearance(
             name=shown.name,
@@ -210,7 +209,7 @@ def _classify(
             color=tuple(shown.color),
             is_holdout=is_holdout,
             is_shadow_catcher=shown.is_shadow_catcher or parent.is_shadow_catcher,
-            terminator_offset=_terminator(shown, "geometry_offset", "geometry_offset"),
+            terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
@@ -231,13 +230,6 @@ def _ray_visibility(shown: bpy.types.Object) -> int:
         if getattr(shown, name):
             visibility |= bit
     return visibility
-
-
-def _terminator(shown: Any, name: str, cycles_name: str) -> float:
-    """A Shadow Terminator setting: Blender's own, before it had them Cycles', else 0."""
-    if hasattr(shown, f"shadow_terminator_{name}"):
-        return float(getattr(shown, f"shadow_terminator_{name}"))
-    return float(getattr(getattr(shown, "cycles", None), f"shadow_terminator_{cycles_name}", 0.0))
 
 
 def _slots(context: ExportContext, materials: MaterialExporter, shown: bpy.types.Object) -> tuple[int, ...]:

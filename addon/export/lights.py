@@ -10,6 +10,7 @@ import numpy as np
 
 from engine.scene.description import Float32Array, Light
 
+from ..versions import BRIGHTER_AREA_LIGHTS, is_since, read_setting, uses_nodes
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
 
@@ -42,9 +43,7 @@ def export_light(
     if data.type == "AREA" and cycles_property(data, "is_portal", False):
         context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
         return None
-    graph = None
-    if data.use_nodes and data.node_tree is not None:
-        graph = graphs.export(data.node_tree, name)
+    graph = graphs.export(data.node_tree, name) if uses_nodes(data) else None
     light = Light(
         key=("light", key),
         name=name,
@@ -53,9 +52,9 @@ def export_light(
         color=_color(data),
         temperature=_temperature(data),
         energy=_energy(data),
-        is_normalized=getattr(data, "normalize", True),
-        use_soft_falloff=getattr(data, "use_soft_falloff", True),
-        cast_shadow=_casts_shadow(data),
+        is_normalized=read_setting(data, "normalize"),
+        use_soft_falloff=read_setting(data, "use_soft_falloff"),
+        cast_shadow=bool(read_setting(data, "use_shadow")),
         use_mis=cycles_property(data, "use_multiple_importance_sampling", True),
         max_bounces=cycles_property(data, "max_bounces", 1024),
         visibility=visibility,
@@ -78,29 +77,21 @@ def export_light(
 
 
 def _energy(data: bpy.types.Light) -> float:
-    """[W] as Blender 4.0 and later mean it: the same number made an area light dimmer before."""
-    import bpy
-
-    if data.type == "AREA" and bpy.app.version < (4, 0, 0):
+    """[W] as newer Blenders mean it."""
+    if data.type == "AREA" and not is_since(BRIGHTER_AREA_LIGHTS):
         return data.energy * math.pi / 4.0
     return data.energy
 
 
 def _color(data: bpy.types.Light) -> tuple[float, float, float]:
     color = np.array(data.color, np.float64)
-    if getattr(data, "use_temperature", False):
+    if read_setting(data, "use_temperature"):
         color *= np.array(data.temperature_color, np.float64)
-    color *= 2.0 ** getattr(data, "exposure", 0.0)
+    color *= 2.0 ** read_setting(data, "exposure")
     return float(color[0]), float(color[1]), float(color[2])
 
 
 def _temperature(data: bpy.types.Light) -> float:
     """[K] of lights that have the colour of a black body, 0 of others: tinted ones have another spectrum."""
     is_grey = data.color[0] == data.color[1] == data.color[2]
-    return data.temperature if getattr(data, "use_temperature", False) and is_grey else 0.0
-
-
-def _casts_shadow(data: bpy.types.Light) -> bool:
-    """Cycles kept its own switch until Blender 4.2 made one for all engines."""
-    own = cycles_property(data, "cast_shadow", None)
-    return bool(data.use_shadow if own is None else own)
+    return data.temperature if read_setting(data, "use_temperature") and is_grey else 0.0

@@ -11,6 +11,7 @@ from engine.scene.description import Link, Material, Node, NodeGraph
 from engine.scene.digest import content_digest
 
 from ..dispersion import dispersion_of
+from ..versions import read_setting, uses_nodes
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
 from .unsupported import notice_material
@@ -71,7 +72,7 @@ class MaterialExporter:
 
     def _export(self, material: bpy.types.Material, user: str) -> Material:
         context = self.context
-        if material.node_tree is not None and (context.is_modern or material.use_nodes):
+        if uses_nodes(material):
             graph = self.graphs.export(material.node_tree, f"{user} / {material.name}")
         else:
             graph = _plain_graph(material)
@@ -83,7 +84,7 @@ class MaterialExporter:
             pass_index=material.pass_index,
             use_backface_culling=False,
             use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
-            use_transparent_shadow=_use_transparent_shadow(material),
+            use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             emission_sampling=_emission_sampling(material),
             dispersion=dispersion_of(material),
             user=user,
@@ -155,14 +156,8 @@ def _plain_graph(material: bpy.types.Material) -> NodeGraph:
 
 
 def _emission_sampling(material: bpy.types.Material) -> str:
-    """Before Blender 3.5 there was one switch."""
-    method = cycles_property(material, "emission_sampling", None)
+    """What newer Blenders have five ways for was one switch before."""
+    method = read_setting(material, "cycles.emission_sampling")
     if method is not None:
         return method
     return "AUTO" if cycles_property(material, "sample_as_light", True) else "NONE"
-
-
-def _use_transparent_shadow(material: bpy.types.Material) -> bool:
-    """Cycles kept its own switch until Blender 4.2 made one for all engines."""
-    own = cycles_property(material, "use_transparent_shadow", None)
-    return bool(getattr(material, "use_transparent_shadow", True) if own is None else own)

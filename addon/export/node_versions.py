@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nodes of Blender before 5.0 as the nodes of 5.0, with the adjustments Blender makes to such a file on loading it."""
+"""Nodes of older Blenders as those of 5.2, with the adjustments Blender makes to such a file on loading it."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from engine.scene.description import Link, Node
+
+from ..versions import Version, is_since
 
 #: Principled BSDF before 4.0.
 _PRINCIPLED_INPUTS = {
@@ -60,8 +62,26 @@ _REPLACED: dict[str, tuple[str, dict[str, Any], dict[str, str], dict[str, str]]]
 }
 
 
+#: What nodes lack in older Blenders: settings and inputs, with the value they have there.
+_ADDED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "ShaderNodeBsdfAnisotropic": ({}, {"Anisotropy": 0.0, "Rotation": 0.0}),
+    "ShaderNodeBump": ({}, {"Filter Width": 1.0}),
+    "ShaderNodeTexNoise": ({"noise_type": "FBM", "normalize": True}, {"Lacunarity": 2.0}),
+    "ShaderNodeTexVoronoi": ({"normalize": False}, {"Detail": 0.0, "Roughness": 0.5, "Lacunarity": 2.0}),
+}
+
+#: What nodes do otherwise than in older Blenders, without a setting of their own for it: a property that the engine
+#: reads, and the first version for which it is true.
+_CHANGED: dict[str, tuple[str, Version]] = {
+    # Before, the normal between those of the corners was not normalised.
+    "ShaderNodeNormalMap": ("has_unit_frame", (5, 1)),
+    # Before, coordinates were wrapped first and scaled then.
+    "ShaderNodeTexMagic": ("wraps_scaled", (5, 2)),
+}
+
+
 def modernize(node: Node, index: int) -> list[Node]:
-    """`node` in the terms of Blender 5.0, last in a list with whatever it needs before it.
+    """`node` in the terms of Blender 5.2, last in a list with whatever it needs before it.
 
     Parameters
     ----------
@@ -79,23 +99,17 @@ def modernize(node: Node, index: int) -> list[Node]:
         return _principled(node, index)
     if node.kind == "ShaderNodeBsdfGlossy":
         node.kind = "ShaderNodeBsdfAnisotropic"
-        node.inputs.setdefault("Anisotropy", 0.0)
-        node.inputs.setdefault("Rotation", 0.0)
     if node.properties.get("distribution") == "SHARP":
         node.properties["distribution"] = "GGX"
         node.inputs["Roughness"] = 0.0
-    if node.kind == "ShaderNodeTexNoise":
-        node.properties.setdefault("noise_type", "FBM")
-        node.properties.setdefault("normalize", True)
-        node.inputs.setdefault("Lacunarity", 2.0)
-    elif node.kind == "ShaderNodeTexVoronoi":
-        node.properties.setdefault("normalize", False)
-        for name, value in (("Detail", 0.0), ("Roughness", 0.5), ("Lacunarity", 2.0)):
-            node.inputs.setdefault(name, value)
-    elif node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
+    added_properties, added_inputs = _ADDED.get(node.kind, ({}, {}))
+    node.properties = added_properties | node.properties
+    node.inputs = added_inputs | node.inputs
+    if node.kind in _CHANGED:
+        name, since = _CHANGED[node.kind]
+        node.properties[name] = is_since(since)
+    if node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
         node.properties["aerosol_density"] = node.properties.pop("dust_density")
-    elif node.kind == "ShaderNodeBump":
-        node.inputs.setdefault("Filter Width", 1.0)
     return [node]
 
 

@@ -16,6 +16,7 @@ from engine.scene.description import Link, Node, NodeGraph
 
 from .context import ExportContext
 from .images import ImageExporter
+from .node_defaults import changed_parts
 from .node_tables import bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
@@ -29,6 +30,12 @@ _SIMPLE_PROPERTIES = ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
 _OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld")
 #: Nodes whose value is edited on their own output socket.
 _VALUE_ON_OUTPUT = ("ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal")
+#: Nodes whose value is a property.
+_VALUE_PROPERTY = {
+    "FunctionNodeInputBool": "boolean",
+    "FunctionNodeInputInt": "integer",
+    "FunctionNodeInputVector": "vector",
+}
 #: A node's depth in a chain of nodes is a few Python frames.
 _RECURSION_LIMIT = 100_000
 
@@ -193,7 +200,8 @@ class GraphExporter:
             source = self._input(tree, socket)
             if source is not None:
                 inputs[socket.identifier] = source
-        result = Node(node.bl_idname, node.name, inputs, self._properties(node))
+        properties = self._properties(node)
+        result = Node(node.bl_idname, node.name, inputs, properties, changed_parts(node, properties))
         self._graph.nodes.extend(modernize(result, len(self._graph.nodes)))
         return len(self._graph.nodes) - 1
 
@@ -210,6 +218,10 @@ class GraphExporter:
         idname = node.bl_idname
         if idname in _VALUE_ON_OUTPUT:
             properties["value"] = _socket_value(node.outputs[0])
+        elif idname in _VALUE_PROPERTY:
+            properties["value"] = properties[_VALUE_PROPERTY[idname]]
+        elif idname == "GeometryNodeInputSceneTime":
+            properties.update(_scene_time(self._context.scene))
         elif idname == "ShaderNodeValToRGB":
             properties["ramp"] = bake_ramp(node.color_ramp)
             properties["interpolation"] = node.color_ramp.interpolation
@@ -262,6 +274,11 @@ def _recursion() -> Iterator[None]:
         yield
     finally:
         sys.setrecursionlimit(limit)
+
+
+def _scene_time(scene: bpy.types.Scene) -> dict[str, float]:
+    frame = scene.frame_current + scene.frame_subframe
+    return {"frame": frame, "seconds": frame * scene.render.fps_base / scene.render.fps}
 
 
 def _active_output(tree: bpy.types.NodeTree) -> bpy.types.Node | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.scene.description import Float32Array
 
+from ..versions import read_setting
 from .context import ExportContext, cycles_property
 
 #: Cycles' most times of an object: 2**7 + 1.
@@ -52,10 +53,7 @@ def read_shutter(context: ExportContext) -> Shutter | None:
     scene = context.scene
     frame = scene.frame_current + scene.frame_subframe
     length = scene.render.motion_blur_shutter
-    # Blender has it where Cycles had it before.
-    position = getattr(scene.render, "motion_blur_position", None)
-    if position is None:
-        position = cycles_property(scene, "motion_blur_position", "CENTER")
+    position = read_setting(scene.render, "motion_blur_position", scene)
     offset = {"START": 0.5 * length, "END": -0.5 * length}.get(position, 0.0)
     return Shutter(frame, frame + offset, length)
 

@@ -7,6 +7,7 @@ import bpy
 
 from engine.scene.description import NodeGraph
 
+from ..versions import SETTINGS, is_since, read_setting
 from .context import ExportContext, cycles_property
 
 
@@ -16,11 +17,17 @@ def notice_scene(context: ExportContext) -> None:
     render = scene.render
     if render.use_simplify and cycles_property(scene, "texture_limit_render", "OFF") != "OFF":
         context.notice(scene.name, "a limit on texture sizes is not supported", "textures at full size")
+    if render.use_simplify and read_setting(scene, "cycles.texture_resolution_render") != 1.0:
+        context.notice(scene.name, "another texture resolution is not supported", "textures at full size")
+    if read_setting(render, "use_auto_generate_texture_cache"):
+        context.notice(scene.name, "a texture cache is not supported", "textures at full size, and not prefiltered")
+    if read_setting(scene, "cycles.use_pixel_jitter"):
+        context.notice(scene.name, "pixel jitter is not supported", "the same places in the pixel in every frame")
 
 
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     """What a mesh or light object asks for."""
-    linking = getattr(shown, "light_linking", None)
+    linking = read_setting(shown, "light_linking")
     if linking is not None and linking.receiver_collection is not None:
         context.notice(shown.name, "light linking is not supported", "its light falls on everything")
     if linking is not None and linking.blocker_collection is not None:
@@ -29,10 +36,7 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         if cycles_property(shown.data, "is_caustics_light", False):
             context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")
         return
-    offset = getattr(shown, "shadow_terminator_shading_offset", None)  # from Blender 5.0
-    if offset is None:
-        offset = cycles_property(shown, "shadow_terminator_offset", 0.0)
-    if offset > 0.0:
+    if read_setting(shown, "shadow_terminator_shading_offset") > 0.0:
         context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
     if _is_culled(context.scene, shown):
         context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
@@ -46,10 +50,7 @@ def notice_material(
     """What a material asks for beyond its nodes; `subject` names it and an object that has it."""
     if graph is None or graph.displacement is None:
         return
-    method = getattr(material, "displacement_method", None)  # from Blender 4.1
-    if method is None:
-        method = cycles_property(material, "displacement_method", "BUMP")
-    if method != "BUMP":
+    if read_setting(material, "displacement_method") != "BUMP":
         context.notice(subject, "displacement of the geometry is not supported", "its bump alone")
 
 
@@ -66,8 +67,7 @@ def _is_diced(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:
     modifiers = shown.original.modifiers
     if not modifiers or modifiers[-1].type != "SUBSURF" or not modifiers[-1].show_render:
         return False
-    own = getattr(modifiers[-1], "use_adaptive_subdivision", None)  # from Blender 5.0
-    if own is not None:
-        return bool(own)
-    is_experimental = cycles_property(scene, "feature_set", "SUPPORTED") == "EXPERIMENTAL"
-    return is_experimental and bool(cycles_property(shown, "use_adaptive_subdivision", False))
+    # As long as Cycles had it, it was an experiment.
+    is_offered = is_since(SETTINGS["use_adaptive_subdivision"].since)
+    is_offered = is_offered or cycles_property(scene, "feature_set", "SUPPORTED") == "EXPERIMENTAL"
+    return is_offered and bool(read_setting(modifiers[-1], "use_adaptive_subdivision", shown))

@@ -12,6 +12,7 @@ from engine.scene.description import (
     World,
 )
 
+from ..versions import read_setting, uses_nodes
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
 
@@ -33,10 +34,7 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
     for name, bit in _VISIBILITY:
         if cycles_property(world, name, True, group="cycles_visibility"):
             visibility |= bit
-    graph = None
-    # use_nodes is always on from Blender 5.0, and deprecated there.
-    if world.node_tree is not None and (context.is_modern or world.use_nodes):
-        graph = graphs.export(world.node_tree, world.name)
+    graph = graphs.export(world.node_tree, world.name) if uses_nodes(world) else None
     return World(
         key=("world", world.name_full),
         name=world.name,
@@ -46,4 +44,5 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         sampling=cycles_property(world, "sampling_method", "AUTOMATIC"),
         map_resolution=cycles_property(world, "sample_map_resolution", 1024),
         max_bounces=cycles_property(world, "max_bounces", 1024),
+        cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
     )

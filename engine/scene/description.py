@@ -69,7 +69,7 @@ class Node:
     inputs : dict
         Socket identifier to `Link`, or to its unlinked value: float, or tuple of 3 or 4 floats, int, bool or str.
         A socket of type vector that is unlinked and takes a default from the surface (Normal, texture coordinates)
-        is absent. A socket identifier is Blender 5.0's `socket.identifier` (older hosts translate).
+        is absent. A socket identifier is Blender 5.2's `socket.identifier` (older hosts translate).
     properties : dict
         The node's own settings by their RNA names (`operation`, `blend_type`, `interpolation`, ...); images as an
         index into `SceneDescription.images` under `'image'` (-1 = missing). Ramps as a float32 table `'ramp'` (257, 4)
@@ -77,13 +77,19 @@ class Node:
         combined curve first, then each channel's) and vectors, (257, 1) for Float Curve, sampled evenly from
         `'min_x'` to `'max_x'` (the extent of all curves), with `'extrapolate'`. What RGB, Value and Normal nodes hold
         is `'value'`, as is the resolved value (4 floats) of a view layer's attribute. `'object_matrix'` float32
-        (4, 4), world to object, of a Texture Coordinate node with an object.
+        (4, 4), world to object, of a Texture Coordinate node with an object. `'wraps_scaled'` of a Magic Texture:
+        coordinates are wrapped after scaling (True where it is missing). `'has_unit_frame'` of a Normal Map: the
+        normal between those of the corners is normalised (likewise). `'seconds'` and `'frame'` of a Scene Time.
+    changed : frozenset of str
+        Names of inputs and properties whose value is not that of a new node. Only hosts that may have more than the
+        engine knows fill it in: the engine reports those of them that it does not know.
     """
 
     kind: str
     name: str
     inputs: dict[str, Any] = field(default_factory=dict)
     properties: dict[str, Any] = field(default_factory=dict)
+    changed: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -297,6 +303,8 @@ class World:
     sampling: str = "AUTOMATIC"
     map_resolution: int = 1024
     max_bounces: int = 1024
+    #: False: what is sampled of it shines through everything.
+    cast_shadow: bool = True
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -136,7 +136,8 @@ HEADER_BACKGROUND_VISIBILITY = 6
 HEADER_BACKGROUND_MAX_BOUNCES = 7
 #: Rows of `sources`; -1: light may come from anywhere.
 HEADER_SOURCES = 8
-HEADER_WIDTH = 9
+HEADER_BACKGROUND_SHADOW = 9
+HEADER_WIDTH = 10
 
 #: Steps of `map_guide`; a power of two, so that finding one's own does not round.
 MAP_GUIDE_SIZE = 64

@@ -553,6 +553,7 @@ def build_lights(
     header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
     header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
+    header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
     sources = None
     world_program = program_info.world_program
     world_is_black = world_program < 0 or (

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +24,7 @@ from engine.shaders.blackbody import emission_temperature
 from engine.shaders.camera import camera_matrices
 from engine.shaders.folding import estimate_emission, fold
 from engine.shaders.image_pool import build_image_pool, srgb_table
+from engine.shaders.options import choice
 from engine.shaders.program import (
     Constant,
     ConstantPool,
@@ -33,12 +34,16 @@ from engine.shaders.program import (
     assemble,
 )
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
+from engine.shaders.vocabulary import CLOSURE_INPUTS, unknown_parts
 from engine.spectral.observer import XYZ_TO_REC709
 
 #: Deep chains of nodes recurse a few Python frames per node.
 _RECURSION_LIMIT = 50_000
 
 NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_texture_math.NODES
+
+_BUMP_INPUTS = ("Strength", "Distance", "Filter Width", "Height", "Normal")
+_DISPLACEMENT_INPUTS = ("Height", "Midlevel", "Scale", "Normal")
 
 _LUMINANCE = (0.2126390, 0.7151687, 0.0721923)
 _GREY = Constant((0.8, 0.8, 0.8))
@@ -379,6 +384,8 @@ class _ProgramCompiler:
     def _shader(self, index: int, weight: Value, weights: dict[int, Value]) -> None:
         node = self.graph.nodes[index]
         builder = _Builder(self, index, 0, 0.0)
+        if node.kind in CLOSURE_INPUTS:
+            self._notice_unknown(node, CLOSURE_INPUTS[node.kind])
         if node.kind in (nodes_closure.MIX_SHADER, nodes_closure.ADD_SHADER):
             shares: tuple[Value, Value] = (weight, weight)
             if node.kind == nodes_closure.MIX_SHADER:
@@ -472,6 +479,10 @@ class _ProgramCompiler:
     def _notice(self, node: Node, problem: str, fallback: str) -> None:
         self.scene.notice(f"{self.source.name} / {node.name}", problem, fallback)
 
+    def _notice_unknown(self, node: Node, known_inputs: Collection[str]) -> None:
+        for part in unknown_parts(node, known_inputs):
+            self._notice(node, f"{part} is not supported", "as if it were not there")
+
     def _exists(self, link: Link, reader: str) -> bool:
         if 0 <= link.node < len(self.graph.nodes):
             return True
@@ -509,11 +520,14 @@ class _ProgramCompiler:
         node = self.graph.nodes[index]
         builder = _Builder(self, index, axis, width)
         if node.kind == "ShaderNodeBump":
+            self._notice_unknown(node, _BUMP_INPUTS)
             return {"Normal": (self._bump(node, builder), VECTOR)}
         if node.kind == "ShaderNodeDisplacement":
+            self._notice_unknown(node, _DISPLACEMENT_INPUTS)
             return {"Displacement": (self._displacement_vector(node, builder), VECTOR)}
         separate = nodes_input.OUTPUTS.get(node.kind)
         if separate is not None:
+            self._notice_unknown(node, ())
             return _LazyOutputs(self, node, builder, separate)
         entry = NODES.get(node.kind)
         if entry is None:
@@ -525,10 +539,16 @@ class _ProgramCompiler:
             self._notice(node, problem, fallback)
             return {}
         operation = entry if isinstance(entry, Operation) else entry(node, builder)
+        # What has no instruction has been reported whole, or has no inputs.
+        if operation.opcode >= 0:
+            self._notice_unknown(node, [socket.identifier for socket in operation.inputs])
         values = self._in_working_space(operation, self.emit(operation, builder))
         types = [socket.type for socket in operation.outputs]
         names = [socket.identifier for socket in operation.outputs]
-        return {name: (value, type_) for name, value, type_ in zip(names, values, types, strict=False)}
+        outputs = {name: (value, type_) for name, value, type_ in zip(names, values, types, strict=False)}
+        if node.kind == "ShaderNodeAttribute":
+            outputs["Vector"] = (outputs["Color"][0], VECTOR)
+        return outputs
 
     def _in_working_space(self, operation: Operation, values: tuple[Value, ...]) -> tuple[Value, ...]:
         """Colours that kernels know in Rec.709 only, in the working space."""
@@ -586,7 +606,7 @@ class _ProgramCompiler:
         midlevel = builder.input(Socket("Midlevel", FLOAT, 0.5))
         scale = builder.input(Socket("Scale", FLOAT, 1.0))
         normal = builder.input(Socket("Normal", VECTOR, Implicit.NORMAL))
-        in_object_space = int(node.properties.get("space", "OBJECT") == "OBJECT")
+        in_object_space = choice(node, builder, "space", ("WORLD", "OBJECT"), "OBJECT")
         operands = (height, midlevel, scale, normal)
         instruction = Instruction(ops_input.OP_DISPLACEMENT, operands, (3,), (in_object_space,))
         return self.append(instruction, is_varying=True)[0]

@@ -14,6 +14,7 @@ from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GG
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
 from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+from engine.shaders.options import choice
 from engine.shaders.program import Constant, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
 
@@ -34,11 +35,12 @@ _WHITE = Constant((1.0, 1.0, 1.0))
 
 
 def _distribution(node: Node, builder: Any, roughness: Value, default: str) -> int:
+    kind = choice(node, builder, "distribution", _DISTRIBUTIONS, default)
     name = str(node.properties.get("distribution", default))
     if name in ("BECKMANN", "ASHIKHMIN_SHIRLEY") and not is_zero(roughness):
         title = name.replace("_", " and ").title()
         builder.notice(f"the distribution of {title} is not supported", "GGX of the same roughness is used")
-    return _DISTRIBUTIONS.get(name, GGX)
+    return kind
 
 
 def _normal(builder: Any, identifier: str = "Normal") -> Value:
@@ -224,6 +226,9 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
     }
     _principled_lobes(builder, weight, distribution, _LOBES, **values)
     _thin_film(builder)
+    has_inside = any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight"))
+    if has_inside and not is_zero(_float(builder, "Thin Wall", 0.0)):
+        builder.notice("Thin Wall is not supported", "the surface of a solid")
     if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
         _float(builder, "Subsurface Scale", 0.05)
     ):
@@ -233,7 +238,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
 def metallic(node: Node, weight: Value, builder: Any) -> None:
     """Metallic BSDF, as the metallic part of the Principled BSDF (the same F82 model)."""
     _thin_film(builder)
-    if node.properties.get("fresnel_type", "F82") != "F82":
+    if choice(node, builder, "fresnel_type", ("F82", "PHYSICAL_CONDUCTOR"), "F82"):
         builder.notice("a Metallic BSDF with physical n and k is not supported", "the F82 model with its colours")
     values: dict[str, Value] = {
         "base_color": _color(builder, "Base Color", 0.617),
@@ -253,7 +258,7 @@ def metallic(node: Node, weight: Value, builder: Any) -> None:
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
     """Sheen BSDF, as the sheen of the Principled BSDF over black."""
-    if node.properties.get("distribution") == "ASHIKHMIN":
+    if choice(node, builder, "distribution", ("MICROFIBER", "ASHIKHMIN"), "MICROFIBER"):
         builder.notice("Ashikhmin's sheen is not supported", "microfibre sheen")
     values = {
         "sheen_weight": _ONE,

@@ -10,6 +10,7 @@ from engine.kernels.shader import images as lookup
 from engine.kernels.shader import ops_image as ops
 from engine.scene.description import Node
 from engine.shaders.image_pool import is_associated
+from engine.shaders.options import choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket
 
 _PROJECTIONS = {
@@ -17,6 +18,8 @@ _PROJECTIONS = {
     "BOX": ops.PROJECTION_BOX,
     "SPHERE": ops.PROJECTION_SPHERE,
     "TUBE": ops.PROJECTION_TUBE,
+}
+_ENVIRONMENT_PROJECTIONS = {
     "EQUIRECTANGULAR": ops.PROJECTION_EQUIRECTANGULAR,
     "MIRROR_BALL": ops.PROJECTION_MIRROR_BALL,
 }
@@ -50,21 +53,20 @@ def _lookup(node: Node, builder: Any, projection: int, vector: Implicit, extensi
         Socket("", VECTOR, normal),
         Socket("", FLOAT, float(node.properties.get("projection_blend", 0.0))),
     )
-    interpolation = _INTERPOLATIONS.get(str(node.properties.get("interpolation", "Linear")), 0)
+    interpolation = choice(node, builder, "interpolation", _INTERPOLATIONS, "Linear")
     immediates = (row, projection, interpolation, extension, unassociate)
     opcode = ops.OP_IMAGE if projection < ops.PROJECTION_EQUIRECTANGULAR else ops.OP_ENVIRONMENT
     return Operation(opcode, inputs, _OUTPUTS, immediates, is_varying=True)
 
 
 def _image(node: Node, builder: Any) -> Operation:
-    projection = _PROJECTIONS.get(str(node.properties.get("projection", "FLAT")), ops.PROJECTION_FLAT)
-    extension = _EXTENSIONS.get(str(node.properties.get("extension", "REPEAT")), lookup.EXTENSION_REPEAT)
+    projection = choice(node, builder, "projection", _PROJECTIONS, "FLAT")
+    extension = choice(node, builder, "extension", _EXTENSIONS, "REPEAT")
     return _lookup(node, builder, projection, Implicit.UV, extension)
 
 
 def _environment(node: Node, builder: Any) -> Operation:
-    name = str(node.properties.get("projection", "EQUIRECTANGULAR"))
-    projection = _PROJECTIONS.get(name, ops.PROJECTION_EQUIRECTANGULAR)
+    projection = choice(node, builder, "projection", _ENVIRONMENT_PROJECTIONS, "EQUIRECTANGULAR")
     return _lookup(node, builder, projection, Implicit.POSITION, lookup.EXTENSION_REPEAT)
 
 

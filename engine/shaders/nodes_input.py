@@ -16,6 +16,7 @@ import numpy as np
 from engine.kernels.shader import light_path as lp
 from engine.kernels.shader import ops_input as ops
 from engine.scene.description import Node
+from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.state import (
     RAY_CAMERA,
@@ -123,16 +124,19 @@ def _pointiness(node: Node, builder: Any) -> Operation:
     return constant(0.5)
 
 
+_ATTRIBUTE_OWNERS = ("GEOMETRY", "OBJECT", "INSTANCER", "VIEW_LAYER")
+
+
 def _attribute(node: Node, builder: Any) -> Operation:
     name = str(node.properties.get("attribute_name", ""))
     outputs = (Socket("Color", COLOR), Socket("Fac", FLOAT), Socket("Alpha", FLOAT))
-    kind = node.properties.get("attribute_type", "GEOMETRY")
+    kind = _ATTRIBUTE_OWNERS[choice(node, builder, "attribute_type", _ATTRIBUTE_OWNERS, "GEOMETRY")]
     if kind == "VIEW_LAYER":
         value = tuple(float(x) for x in node.properties.get("value", (0.0, 0.0, 0.0, 0.0)))
         color = Socket("", COLOR, value[:3])
         fac = Socket("", FLOAT, sum(value[:3]) / 3.0)
         inputs = (color, fac, Socket("", FLOAT, value[3]))
-        return Operation(-1, inputs, (*outputs, Socket("Vector", VECTOR)))
+        return Operation(-1, inputs, outputs)
     if kind in ("OBJECT", "INSTANCER"):
         name = f"{kind.lower()}:{name}"
     return attribute(builder, builder.attribute_slot(name) if name else -3, outputs)
@@ -145,11 +149,11 @@ def _color_attribute(node: Node, builder: Any) -> Operation:
     return attribute(builder, slot, outputs, is_color=True)
 
 
-_MAPPINGS = {"POINT": 0, "TEXTURE": 1, "VECTOR": 2, "NORMAL": 3}
+_MAPPINGS = ("POINT", "TEXTURE", "VECTOR", "NORMAL")
 
 
 def _mapping(node: Node, builder: Any) -> Operation:
-    kind = str(node.properties.get("vector_type", "POINT"))
+    code = choice(node, builder, "vector_type", _MAPPINGS, "POINT")
     inputs = (
         Socket("Vector", VECTOR, (0.0, 0.0, 0.0)),
         Socket("Location", VECTOR, (0.0, 0.0, 0.0)),
@@ -159,7 +163,8 @@ def _mapping(node: Node, builder: Any) -> Operation:
     outputs = (Socket("Vector", VECTOR),)
     known = [builder.constant_input(socket) for socket in inputs[1:]]
     if any(value is None for value in known):
-        return Operation(ops.OP_MAPPING, inputs, outputs, (_MAPPINGS.get(kind, 0),))
+        return Operation(ops.OP_MAPPING, inputs, outputs, (code,))
+    kind = _MAPPINGS[code]
     table = builder.add_table(mapping_matrix(kind, *known))
     return Operation(ops.OP_TRANSFORM_POINT, inputs[:1], outputs, (table, int(kind == "NORMAL")))
 
@@ -190,11 +195,12 @@ def mapping_matrix(
     return matrix.astype(np.float32)
 
 
-_SPACES = {"TANGENT": 0, "OBJECT": 1, "WORLD": 2, "BLENDER_OBJECT": 3, "BLENDER_WORLD": 4}
+_SPACES = ("TANGENT", "OBJECT", "WORLD", "BLENDER_OBJECT", "BLENDER_WORLD")
 
 
 def _normal_map(node: Node, builder: Any) -> Operation:
-    space = _SPACES.get(str(node.properties.get("space", "TANGENT")), 0)
+    space = choice(node, builder, "space", _SPACES, "TANGENT")
+    is_green_down = is_choice(node, builder, "convention", "DIRECTX", "OPENGL", "OPENGL")
     name = str(node.properties.get("uv_map", ""))
     tangent_slot = -3
     uv_slot = -1
@@ -204,18 +210,20 @@ def _normal_map(node: Node, builder: Any) -> Operation:
         uv_slot = builder.attribute_slot(name) if name else -1
     builder.mark_bump()
     inputs = (Socket("Color", COLOR, (0.5, 0.5, 1.0)), Socket("Strength", FLOAT, 1.0))
-    return Operation(
-        ops.OP_NORMAL_MAP, inputs, (Socket("Normal", VECTOR),), (space, tangent_slot, uv_slot), is_varying=True
-    )
+    bits = ops.NORMAL_MAP_GREEN_DOWN if is_green_down else 0
+    if flag(node, "has_unit_frame", True):
+        bits |= ops.NORMAL_MAP_UNIT_FRAME
+    immediates = (space, tangent_slot, uv_slot, bits)
+    return Operation(ops.OP_NORMAL_MAP, inputs, (Socket("Normal", VECTOR),), immediates, is_varying=True)
 
 
-_AXES = {"X": 0, "Y": 1, "Z": 2}
+_AXES = ("X", "Y", "Z")
 
 
 def _tangent(node: Node, builder: Any) -> Operation:
     outputs = (Socket("Tangent", VECTOR),)
-    if node.properties.get("direction_type", "RADIAL") == "RADIAL":
-        axis = _AXES.get(str(node.properties.get("axis", "Z")), 2)
+    if is_choice(node, builder, "direction_type", "RADIAL", "UV_MAP", "RADIAL"):
+        axis = choice(node, builder, "axis", _AXES, "Z")
         return Operation(ops.OP_TANGENT, (), outputs, (axis, -3, -3), is_varying=True)
     builder.mark_uv()
     name = str(node.properties.get("uv_map", ""))
@@ -223,16 +231,15 @@ def _tangent(node: Node, builder: Any) -> Operation:
     return Operation(ops.OP_TANGENT, (), outputs, (3, *slots), is_varying=True)
 
 
-_TRANSFORMS = {"VECTOR": 0, "POINT": 1, "NORMAL": 2}
-_FRAMES = {"WORLD": 0, "OBJECT": 1, "CAMERA": 2}
+_TRANSFORMS = ("VECTOR", "POINT", "NORMAL")
+_FRAMES = ("WORLD", "OBJECT", "CAMERA")
 
 
 def _vector_transform(node: Node, builder: Any) -> Operation:
-    get = node.properties.get
     immediates = (
-        _TRANSFORMS.get(str(get("vector_type", "VECTOR")), 0),
-        _FRAMES.get(str(get("convert_from", "WORLD")), 0),
-        _FRAMES.get(str(get("convert_to", "OBJECT")), 1),
+        choice(node, builder, "vector_type", _TRANSFORMS, "VECTOR"),
+        choice(node, builder, "convert_from", _FRAMES, "WORLD"),
+        choice(node, builder, "convert_to", _FRAMES, "OBJECT"),
     )
     inputs = (Socket("Vector", VECTOR, (0.5, 0.5, 0.5)),)
     return Operation(ops.OP_VECTOR_TRANSFORM, inputs, (Socket("Vector", VECTOR),), immediates, is_varying=True)
@@ -262,12 +269,23 @@ def _socket_value(type_: SocketType, identifier: str) -> Callable[[Node, Any], O
     return lower
 
 
+def _scene_time(node: Node, builder: Any) -> Operation:
+    """The frame and its time in seconds, which the host knows."""
+    names = {"Seconds": "seconds", "Frame": "frame"}
+    inputs = tuple(Socket("", FLOAT, float(node.properties.get(name, 0.0))) for name in names.values())
+    return Operation(-1, inputs, tuple(Socket(name, FLOAT) for name in names))
+
+
 _PARTICLE = "particle data is not supported"
 _HAIR = "hair data is not supported on meshes"
 
 NODES: NodeTable = {
     "ShaderNodeValue": _socket_value(FLOAT, "Value"),
     "ShaderNodeRGB": _socket_value(COLOR, "Color"),
+    "FunctionNodeInputBool": _socket_value(FLOAT, "Boolean"),
+    "FunctionNodeInputInt": _socket_value(FLOAT, "Integer"),
+    "FunctionNodeInputVector": _socket_value(VECTOR, "Vector"),
+    "GeometryNodeInputSceneTime": _scene_time,
     "ShaderNodeUVMap": lambda node, builder: _rename(_uv_map(node, builder), "UV"),
     "ShaderNodeAttribute": _attribute,
     "ShaderNodeVertexColor": _color_attribute,

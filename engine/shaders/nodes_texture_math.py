@@ -12,6 +12,7 @@ from engine.kernels.shader.color_math import BLEND_MODES
 from engine.kernels.shader.scalar_math import MATH_OPERATIONS
 from engine.kernels.shader.vector_math import COMPONENT_OPERATIONS, VECTOR_OPERATIONS
 from engine.scene.description import Node
+from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket
 from engine.spectral.observer import CIE_1931_TO_REC709
 
@@ -33,19 +34,6 @@ _VORONOI_METRICS = ("EUCLIDEAN", "MANHATTAN", "CHEBYCHEV", "MINKOWSKI")
 _INTERPOLATIONS = ("LINEAR", "STEPPED", "SMOOTHSTEP", "SMOOTHERSTEP")
 _COLOR_MODELS = ("RGB", "HSV", "HSL")
 _ROTATIONS = ("AXIS_ANGLE", "X_AXIS", "Y_AXIS", "Z_AXIS", "EULER_XYZ")
-
-
-def _choice(node: Node, builder: Any, name: str, choices: tuple[str, ...], default: str) -> int:
-    """Place of the node's enum property in `choices`; an unknown value is reported and replaced by the default."""
-    value = node.properties.get(name, default)
-    if value in choices:
-        return choices.index(value)
-    builder.notice(f"{name} {value!r} is not supported", f"{default!r} is used")
-    return choices.index(default)
-
-
-def _flag(node: Node, name: str, default: bool) -> int:
-    return int(bool(node.properties.get(name, default)))
 
 
 def _constant(node: Node, name: str, default: float) -> Socket:
@@ -73,15 +61,15 @@ def _noise(node: Node, builder: Any) -> Operation:
         ),
         (Socket("Fac", FLOAT), Socket("Color", COLOR)),
         (
-            1 + _choice(node, builder, "noise_dimensions", _DIMENSIONS, "3D"),
-            _choice(node, builder, "noise_type", _NOISE_TYPES, "FBM"),
-            _flag(node, "normalize", True),
+            1 + choice(node, builder, "noise_dimensions", _DIMENSIONS, "3D"),
+            choice(node, builder, "noise_type", _NOISE_TYPES, "FBM"),
+            flag(node, "normalize", True),
         ),
     )
 
 
 def _gradient(node: Node, builder: Any) -> Operation:
-    kind = _choice(node, builder, "gradient_type", _GRADIENT_TYPES, "LINEAR")
+    kind = choice(node, builder, "gradient_type", _GRADIENT_TYPES, "LINEAR")
     return Operation(ops_texture.OP_GRADIENT, (_TEXTURE_VECTOR,), _COLOR_AND_FAC, (kind,))
 
 
@@ -107,20 +95,20 @@ def _voronoi(node: Node, builder: Any) -> Operation:
             Socket("Radius", FLOAT),
         ),
         (
-            1 + _choice(node, builder, "voronoi_dimensions", _DIMENSIONS, "3D"),
-            _choice(node, builder, "feature", _VORONOI_FEATURES, "F1"),
-            _choice(node, builder, "distance", _VORONOI_METRICS, "EUCLIDEAN"),
-            _flag(node, "normalize", False),
+            1 + choice(node, builder, "voronoi_dimensions", _DIMENSIONS, "3D"),
+            choice(node, builder, "feature", _VORONOI_FEATURES, "F1"),
+            choice(node, builder, "distance", _VORONOI_METRICS, "EUCLIDEAN"),
+            flag(node, "normalize", False),
         ),
     )
 
 
 def _wave(node: Node, builder: Any) -> Operation:
-    kind = _choice(node, builder, "wave_type", ("BANDS", "RINGS"), "BANDS")
+    kind = choice(node, builder, "wave_type", ("BANDS", "RINGS"), "BANDS")
     if kind == 0:
-        direction = _choice(node, builder, "bands_direction", (*_AXES, "DIAGONAL"), "X")
+        direction = choice(node, builder, "bands_direction", (*_AXES, "DIAGONAL"), "X")
     else:
-        direction = _choice(node, builder, "rings_direction", (*_AXES, "SPHERICAL"), "X")
+        direction = choice(node, builder, "rings_direction", (*_AXES, "SPHERICAL"), "X")
     return Operation(
         ops_texture.OP_WAVE,
         (
@@ -133,7 +121,7 @@ def _wave(node: Node, builder: Any) -> Operation:
             Socket("Phase Offset", FLOAT, 0.0),
         ),
         _COLOR_AND_FAC,
-        (kind, direction, _choice(node, builder, "wave_profile", ("SIN", "SAW", "TRI"), "SIN")),
+        (kind, direction, choice(node, builder, "wave_profile", ("SIN", "SAW", "TRI"), "SIN")),
     )
 
 
@@ -162,11 +150,11 @@ def _brick(node: Node, builder: Any) -> Operation:
 def _magic(node: Node, builder: Any) -> Operation:
     inputs = (_TEXTURE_VECTOR, Socket("Scale", FLOAT, 5.0), Socket("Distortion", FLOAT, 1.0))
     depth = int(node.properties.get("turbulence_depth", 2))
-    return Operation(ops_texture.OP_MAGIC, inputs, _COLOR_AND_FAC, (depth,))
+    return Operation(ops_texture.OP_MAGIC, inputs, _COLOR_AND_FAC, (depth, flag(node, "wraps_scaled", True)))
 
 
 def _white_noise(node: Node, builder: Any) -> Operation:
-    dimensions = 1 + _choice(node, builder, "noise_dimensions", _DIMENSIONS, "3D")
+    dimensions = 1 + choice(node, builder, "noise_dimensions", _DIMENSIONS, "3D")
     inputs = (Socket("Vector", VECTOR, _BLACK), Socket("W", FLOAT, 0.0))
     return Operation(
         ops_texture.OP_WHITE_NOISE, inputs, (Socket("Value", FLOAT), Socket("Color", COLOR)), (dimensions,)
@@ -182,7 +170,7 @@ def _math(node: Node, builder: Any) -> Operation:
         ops_math.OP_MATH,
         (Socket("Value", FLOAT, 0.5), Socket("Value_001", FLOAT, 0.5), Socket("Value_002", FLOAT, 0.5)),
         (Socket("Value", FLOAT),),
-        (_choice(node, builder, "operation", MATH_OPERATIONS, "ADD"), _flag(node, "use_clamp", False)),
+        (choice(node, builder, "operation", MATH_OPERATIONS, "ADD"), flag(node, "use_clamp", False)),
     )
 
 
@@ -197,14 +185,14 @@ def _vector_math(node: Node, builder: Any) -> Operation:
     if name in COMPONENT_OPERATIONS:
         operation = MATH_OPERATIONS.index(COMPONENT_OPERATIONS[name])
         return Operation(ops_math.OP_VECTOR_COMPONENTS, vectors, outputs, (operation,))
-    operation = _choice(node, builder, "operation", VECTOR_OPERATIONS, "SCALE")
+    operation = choice(node, builder, "operation", VECTOR_OPERATIONS, "SCALE")
     return Operation(ops_math.OP_VECTOR_MATH, (*vectors, Socket("Scale", FLOAT, 1.0)), outputs, (operation,))
 
 
 def _map_range(node: Node, builder: Any) -> Operation:
-    interpolation = _choice(node, builder, "interpolation_type", _INTERPOLATIONS, "LINEAR")
-    immediates = (interpolation, _flag(node, "clamp", True))
-    if node.properties.get("data_type", "FLOAT") == "FLOAT_VECTOR":
+    interpolation = choice(node, builder, "interpolation_type", _INTERPOLATIONS, "LINEAR")
+    immediates = (interpolation, flag(node, "clamp", True))
+    if is_choice(node, builder, "data_type", "FLOAT_VECTOR", "FLOAT", "FLOAT"):
         vectors = (
             Socket("Vector", VECTOR, _BLACK),
             Socket("From_Min_FLOAT3", VECTOR, _BLACK),
@@ -226,7 +214,7 @@ def _map_range(node: Node, builder: Any) -> Operation:
 
 
 def _clamp(node: Node, builder: Any) -> Operation:
-    is_range = node.properties.get("clamp_type", "MINMAX") == "RANGE"
+    is_range = is_choice(node, builder, "clamp_type", "RANGE", "MINMAX", "MINMAX")
     inputs = (Socket("Value", FLOAT, 1.0), Socket("Min", FLOAT, 0.0), Socket("Max", FLOAT, 1.0))
     return Operation(ops_math.OP_CLAMP, inputs, (Socket("Result", FLOAT),), immediates=(int(is_range),))
 
@@ -242,7 +230,7 @@ def _vector_rotate(node: Node, builder: Any) -> Operation:
             Socket("Rotation", VECTOR, _BLACK),
         ),
         (Socket("Vector", VECTOR),),
-        (_choice(node, builder, "rotation_type", _ROTATIONS, "AXIS_ANGLE"), _flag(node, "invert", False)),
+        (choice(node, builder, "rotation_type", _ROTATIONS, "AXIS_ANGLE"), flag(node, "invert", False)),
     )
 
 
@@ -261,17 +249,17 @@ def _float_curve(node: Node, builder: Any) -> Operation:
 
 def _mix(node: Node, builder: Any) -> Operation:
     data_type = node.properties.get("data_type", "FLOAT")
-    clamp_factor = _flag(node, "clamp_factor", True)
+    clamp_factor = flag(node, "clamp_factor", True)
     if data_type == "RGBA":
-        blend_type = _choice(node, builder, "blend_type", BLEND_MODES, "MIX")
+        blend_type = choice(node, builder, "blend_type", BLEND_MODES, "MIX")
         return Operation(
             ops_math.OP_MIX_COLOR,
             (Socket("Factor_Float", FLOAT, 0.5), Socket("A_Color", COLOR, _GREY), Socket("B_Color", COLOR, _GREY)),
             (Socket("Result_Color", COLOR),),
-            (blend_type, clamp_factor, _flag(node, "clamp_result", False)),
+            (blend_type, clamp_factor, flag(node, "clamp_result", False)),
         )
     if data_type == "VECTOR":
-        is_uniform = node.properties.get("factor_mode", "UNIFORM") == "UNIFORM"
+        is_uniform = is_choice(node, builder, "factor_mode", "UNIFORM", "NON_UNIFORM", "UNIFORM")
         factor = Socket("Factor_Float", FLOAT, 0.5) if is_uniform else Socket("Factor_Vector", VECTOR, _GREY)
         return Operation(
             ops_math.OP_MIX_VECTOR,
@@ -294,7 +282,7 @@ def _mix_rgb(node: Node, builder: Any) -> Operation:
         ops_math.OP_MIX_COLOR,
         (Socket("Fac", FLOAT, 0.5), Socket("Color1", COLOR, _GREY), Socket("Color2", COLOR, _GREY)),
         (Socket("Color", COLOR),),
-        (_choice(node, builder, "blend_type", BLEND_MODES, "MIX"), 1, _flag(node, "use_clamp", False)),
+        (choice(node, builder, "blend_type", BLEND_MODES, "MIX"), 1, flag(node, "use_clamp", False)),
     )
 
 
@@ -304,13 +292,13 @@ def _mix_rgb(node: Node, builder: Any) -> Operation:
 
 def _combine_color(node: Node, builder: Any) -> Operation:
     inputs = (Socket("Red", FLOAT, 0.0), Socket("Green", FLOAT, 0.0), Socket("Blue", FLOAT, 0.0))
-    model = _choice(node, builder, "mode", _COLOR_MODELS, "RGB")
+    model = choice(node, builder, "mode", _COLOR_MODELS, "RGB")
     return Operation(ops_math.OP_COMBINE_COLOR, inputs, (Socket("Color", COLOR),), (model,))
 
 
 def _separate_color(node: Node, builder: Any) -> Operation:
     outputs = (Socket("Red", FLOAT), Socket("Green", FLOAT), Socket("Blue", FLOAT))
-    model = _choice(node, builder, "mode", _COLOR_MODELS, "RGB")
+    model = choice(node, builder, "mode", _COLOR_MODELS, "RGB")
     return Operation(ops_math.OP_SEPARATE_COLOR, (Socket("Color", COLOR, _LIGHT),), outputs, (model,))
 
 
@@ -325,7 +313,7 @@ def _ramp(node: Node, builder: Any) -> Operation:
         ops_math.OP_RAMP,
         (Socket("Fac", FLOAT, 0.5),),
         (Socket("Color", COLOR), Socket("Alpha", FLOAT)),
-        (builder.add_table(table), len(table), _flag(node, "interpolate", True)),
+        (builder.add_table(table), len(table), flag(node, "interpolate", True)),
     )
 
 
@@ -341,7 +329,7 @@ def _curve_table(node: Node, builder: Any, width: int) -> tuple[int, int, int]:
         ends = (float(node.properties.get("min_x", 0.0)), float(node.properties.get("max_x", 1.0)))
         table = np.repeat(np.array(ends, np.float32)[:, None], width, axis=1)
     table = np.asarray(table, np.float32).reshape(len(table), -1)[:, :width]
-    return builder.add_table(table), len(table), _flag(node, "extrapolate", True)
+    return builder.add_table(table), len(table), flag(node, "extrapolate", True)
 
 
 def _rgb_curves(node: Node, builder: Any) -> Operation:

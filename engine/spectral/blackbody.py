@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.jit import kernel
-from engine.spectral.observer import D65, GRID, LONGEST, SHORTEST, d65, xyz_matching
+from engine.spectral.observer import D65, GRID, LONGEST, SHORTEST, d65, integrate, xyz_matching
 
 #: Second radiation constant h c / k [nm K].
 RADIATION_CONSTANT = 1.438776877e7
@@ -65,7 +65,7 @@ def blackbody_tables() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]
     luminance = xyz_matching(GRID)[:, 1]
     inverse = np.arange(TEMPERATURE_NODES) / ((TEMPERATURE_NODES - 1) * LOWEST_TEMPERATURE)
     bodies = np.stack([relative_planck(1.0 / t if t > 0.0 else math.inf, GRID) for t in inverse])
-    scale = np.trapz(d65(GRID) / reference * luminance, GRID) / np.trapz(bodies * luminance, GRID, axis=1)
+    scale = integrate(d65(GRID) / reference * luminance, GRID) / integrate(bodies * luminance, GRID, axis=1)
     return (D65 / reference).astype(np.float32), scale.astype(np.float32)
 
 

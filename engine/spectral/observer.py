@@ -14,6 +14,9 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Integral by trapezia, under numpy's name of it: another since numpy 2.
+integrate = np.trapezoid if hasattr(np, "trapezoid") else np.trapz
+
 #: Range of the spectrum [nm].
 SHORTEST = 380.0
 LONGEST = 780.0
@@ -114,7 +117,7 @@ def _unscaled_responses(wavelengths: FloatArray) -> FloatArray:
     return d65(wavelengths)[:, None] * (xyz_matching(wavelengths) @ XYZ_TO_REC709.T.astype(np.float64))
 
 
-_WHITE = np.trapz(_unscaled_responses(GRID), GRID, axis=0)
+_WHITE = integrate(_unscaled_responses(GRID), GRID, axis=0)
 
 
 def rec709_responses(wavelengths: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.jit import kernel
-from engine.spectral.observer import GRID, LONGEST, SHORTEST, rec709_responses
+from engine.spectral.observer import GRID, LONGEST, SHORTEST, integrate, rec709_responses
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def wavelength_density(wavelengths: FloatArray) -> FloatArray:
     reach = int(4.0 * SMOOTHING)
     bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SMOOTHING) ** 2)
     smooth = np.convolve(np.pad(norm, reach), bell, mode="valid")
-    return np.interp(wavelengths, GRID, smooth / np.trapz(smooth, GRID))
+    return np.interp(wavelengths, GRID, smooth / integrate(smooth, GRID))
 
 
 def wavelength_tables() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

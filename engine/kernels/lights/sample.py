@@ -36,6 +36,7 @@ from engine.scene.light_arrays import (
     EMITTER_VISIBILITY,
     HEADER_BACKGROUND_EMITTER,
     HEADER_BACKGROUND_MAX_BOUNCES,
+    HEADER_BACKGROUND_SHADOW,
     LAMP_DIRECTION,
     LAMP_EMITTER,
     LAMP_FLAG_DELTA,
@@ -143,6 +144,7 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
             point = add(v0, add(scale(edge1, u), scale(edge2, v)))
         elif kind == LIGHT_BACKGROUND:
             max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
+            cast_shadow = lights.header[HEADER_BACKGROUND_SHADOW] != 0
             pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
             ng = (-wi[0], -wi[1], -wi[2])
             point = wi

@@ -76,8 +76,11 @@ def fresnel_dielectric(cos_o, eta):
 
 
 @kernel
-def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_slot):
-    """Normal Map node: `color` as a normal in tangent, object or world space, blended by `strength`."""
+def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_slot, has_unit_frame):
+    """Normal Map node: `color` as a normal in tangent, object or world space, blended by `strength`.
+
+    `has_unit_frame`: the normal between those of the corners is normalised, as from Blender 5.1 on.
+    """
     ns = read_point(points, lane, POINT_NS)
     instance = points.integer[lane, POINT_INSTANCE]
     time = points.real[lane, POINT_TIME]
@@ -93,6 +96,8 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
         if sign == 0.0:
             return ns
         normal = blended_object_normal(geometry, points, lane)
+        if has_unit_frame:
+            normal = normalize(normal)
         x *= strength
         y *= strength
         s = min(max(strength, 0.0), 1.0)

@@ -75,7 +75,7 @@ OP_LIGHT_PATH = INPUT_FIRST + 24  # float <- | LIGHT_PATH_*
 OP_OBJECT_VECTOR = INPUT_FIRST + 25  # vector <- | 0 = location, 1 = colour
 OP_OBJECT_FLOAT = INPUT_FIRST + 26  # float <- | OBJECT_*
 OP_CAMERA_DATA = INPUT_FIRST + 27  # vector, depth, distance <-
-OP_NORMAL_MAP = INPUT_FIRST + 30  # normal <- color, strength | space, tangent slot, uv slot (-1 = render UV)
+OP_NORMAL_MAP = INPUT_FIRST + 30  # normal <- color, strength | space, tangent slot, uv slot (-1: render), NORMAL_*
 OP_BUMP = INPUT_FIRST + 31  # normal <- h, hx, hy, strength, distance, normal, width | invert, in object space
 OP_TANGENT = INPUT_FIRST + 32  # tangent <- | 0..2 radial axis or 3 = UV, tangent slot, uv slot
 OP_FRESNEL = INPUT_FIRST + 33  # fac <- ior, normal
@@ -85,6 +85,10 @@ OP_LIGHT_FALLOFF = INPUT_FIRST + 36  # quadratic, linear, constant <- strength, 
 OP_SET_NORMAL = INPUT_FIRST + 37  # <- normal (displacement as bump: the point's shading normal from here on)
 OP_DISPLACEMENT = INPUT_FIRST + 38  # vector <- height, midlevel, scale, normal | in object space
 OP_DOT = INPUT_FIRST + 39  # float <- a, b
+
+#: Of OP_NORMAL_MAP: its green channel grows downwards; the normal of the tangents' frame is a unit vector.
+NORMAL_MAP_GREEN_DOWN = 1
+NORMAL_MAP_UNIT_FRAME = 2
 
 MAPPING_POINT = 0
 MAPPING_TEXTURE = 1
@@ -302,15 +306,19 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         uv_slot = code[pc + 7]
         if uv_slot < 0:
             uv_slot = default_slot(geometry, points.integer[lane, POINT_INSTANCE], MESH_DEFAULT_UV)
+        color = read3(memory, code[pc + 3])
+        if code[pc + 8] & NORMAL_MAP_GREEN_DOWN:
+            color = (color[0], 1.0 - color[1], color[2])
         n = normal_map(
             geometry,
             points,
             lane,
-            read3(memory, code[pc + 3]),
+            color,
             memory[code[pc + 4]],
             code[pc + 5],
             code[pc + 6],
             uv_slot,
+            code[pc + 8] & NORMAL_MAP_UNIT_FRAME,
         )
         write3(memory, code[pc + 2], n)
     elif opcode == OP_BUMP:

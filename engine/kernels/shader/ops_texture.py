@@ -22,7 +22,7 @@ OP_WAVE = TEXTURE_FIRST + 4
 # color, fac <- vector, color1, color2, mortar, scale, mortar size, mortar smooth, bias, brick width, row height,
 #   offset, squash | offset frequency, squash frequency
 OP_BRICK = TEXTURE_FIRST + 5
-OP_MAGIC = TEXTURE_FIRST + 6  # color, fac <- vector, scale, distortion | depth
+OP_MAGIC = TEXTURE_FIRST + 6  # color, fac <- vector, scale, distortion | depth, wraps scaled
 OP_WHITE_NOISE = TEXTURE_FIRST + 7  # value, color <- vector, w | dimensions
 
 
@@ -126,7 +126,8 @@ def run_texture_op(opcode, code, pc, memory, tables):
         write3(memory, code[pc + 2], color)
     elif opcode == OP_MAGIC:
         p = read3(memory, code[pc + 4])
-        color = magic(p[0], p[1], p[2], memory[code[pc + 5]], code[pc + 7], memory[code[pc + 6]])
+        scale = memory[code[pc + 5]]
+        color = magic(p[0], p[1], p[2], scale, code[pc + 7], memory[code[pc + 6]], code[pc + 8] != 0)
         memory[code[pc + 3]] = (color[0] + color[1] + color[2]) / 3.0
         write3(memory, code[pc + 2], color)
     elif opcode == OP_WHITE_NOISE:

@@ -151,8 +151,16 @@ def brick(
 
 
 @kernel
-def magic(x, y, z, scale, depth, distortion):
-    """Blender's Magic texture: sines and cosines of one another, `depth` times; three channels."""
+def magic(x, y, z, scale, depth, distortion, wraps_scaled):
+    """Blender's Magic texture: sines and cosines of one another, `depth` times; three channels.
+
+    Coordinates are wrapped lest large ones lose their digits: `wraps_scaled`, after scaling, as from Blender 5.2 on.
+    """
+    if wraps_scaled:
+        x *= scale
+        y *= scale
+        z *= scale
+        scale = 1.0
     x = np.float32(np.fmod(x, TWO_PI))
     y = np.float32(np.fmod(y, TWO_PI))
     z = np.float32(np.fmod(z, TWO_PI))

@@ -18,6 +18,7 @@ COMPONENT_OPERATIONS = {
     "SIGN": "SIGN",
     "MINIMUM": "MINIMUM",
     "MAXIMUM": "MAXIMUM",
+    "ROUND": "ROUND",
     "FLOOR": "FLOOR",
     "CEIL": "CEIL",
     "FRACTION": "FRACT",
