@@ -15,7 +15,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 #: Integral by trapezia, under numpy's name of it: another since numpy 2.
-integrate = np.trapezoid if hasattr(np, "trapezoid") else np.trapz
+integrate = np.trapezoid if hasattr(np, "trapezoid") else np.trapz  # type: ignore[attr-defined]
 
 #: Range of the spectrum [nm].
 SHORTEST = 380.0
