@@ -187,7 +187,7 @@ def test_neural_resampling_leaves_the_mean_unchanged(unguided):
     assert not [notice for notice in report.notices if "Guiding" in notice.subject]
 
 
-@pytest.mark.parametrize("kind", ["good", "random", "constant", "zero", "nan", "inverted"])
+@pytest.mark.parametrize("kind", ["good", "random", "constant", "zero", "nan", "inverted", "denormal"])
 def test_resampling_is_unbiased_for_any_target(kind):
     """Mean of f / p over many draws against the sum of f, for a discrete domain; Z-test at four standard errors."""
     rng = np.random.default_rng(7)
@@ -199,6 +199,7 @@ def test_resampling_is_unbiased_for_any_target(kind):
         "constant": np.ones(5, np.float32),
         "zero": np.zeros(5, np.float32),
         "nan": np.full(5, np.nan, np.float32),
+        "denormal": np.full(5, 1e-42, np.float32),
         "inverted": 1.0 / (values + np.float32(0.01)),
     }[kind]
     radiance, f_cos, throughput = targets[:, None].copy(), np.ones((5, 1), np.float32), np.ones((1, 1), np.float32)

@@ -14,6 +14,8 @@ NAN = np.float32(np.nan)
 #: From this distance on a light is infinitely far away [m].
 FAR = np.float32(1e29)
 FLOAT_MAX = np.float32(3.4e38)
+#: The inverse of what is smaller may be infinite.
+FLOAT_MIN = np.float32(1.2e-38)
 ONE_MINUS_EPSILON = np.float32(1.0 - 2.0**-24)
 
 #: Rec.709 luminance weights, from the primaries and D65 as Blender's colour configuration has them.

@@ -8,7 +8,7 @@ References: Rath, Manzi et al. 2025, "Neural Resampling with Optimized Candidate
 import math
 
 from engine.jit import kernel
-from engine.kernels.constants import FLOAT_MAX
+from engine.kernels.constants import FLOAT_MAX, FLOAT_MIN
 
 
 @kernel
@@ -79,7 +79,7 @@ def resample(target, source_pdf, is_valid, first, count, alpha, u):
         return -1, 0.0
     share = alpha
     inverse_sum = 0.0
-    if weight_sum > 0.0 and weight_sum < FLOAT_MAX:
+    if weight_sum > FLOAT_MIN and weight_sum < FLOAT_MAX:
         inverse_sum = 1.0 / weight_sum
     else:
         share = 0.0
