@@ -77,6 +77,19 @@ def test_a_floor_under_a_sun_reflects_albedo_over_pi():
     assert (image[..., 3] == 1.0).all()
 
 
+@pytest.mark.parametrize("strength", [2.0, 2e-9])
+def test_shadows_of_transparent_surfaces_do_not_depend_on_the_unit_of_light(strength):
+    """A sheet that lets a tenth through, high above the floor and behind the camera; the sun shines through it."""
+    sheet = np.eye(4, dtype=np.float32)
+    sheet[2, 3] = 20.0
+    clear = material("Clear", (0.1, 0.1, 0.1), "ShaderNodeBsdfTransparent")
+    description = floor_scene(lights=[sun(strength)], transforms=[np.eye(4), sheet], materials=[material(), clear])
+    description.instances.material_offset = np.array([0, 1], np.int32)
+    description.instances.materials = np.array([0, 1], np.int32)
+    image = render(description, light_sampling_threshold=0.0).passes["Combined"]
+    assert np.allclose(image[..., :3], 0.5 / np.pi * 0.1 * strength, rtol=1e-4, atol=0.0)
+
+
 def lit_room():
     """Two facing floors, the upper one small and glowing: paths end in the dark more often than not."""
     upper = np.diag([0.02, 0.02, 1.0, 1.0])

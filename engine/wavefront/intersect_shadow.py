@@ -33,8 +33,6 @@ from engine.state import (
 )
 
 _NO_INSTANCE = np.uint32(0xFFFFFFFF)
-#: A shadow ray dimmer than this is blocked.
-_NEGLIGIBLE = np.float32(1e-7)
 _ROWS_AHEAD = 2
 
 
@@ -110,7 +108,7 @@ def pass_transparent(
                 spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0] + holdout,
                 closures.transparency[row, 1] + holdout, closures.transparency[row, 2] + holdout,
             )
-            if largest < _NEGLIGIBLE:
+            if not largest > 0.0:
                 continue
         while True:
             hit = trace_closest(
@@ -147,7 +145,7 @@ def pass_transparent(
                     spectrum, paths, lane, shadows.radiance, row, program_values[program, VALUE_TRANSPARENCY],
                     program_values[program, VALUE_TRANSPARENCY + 1], program_values[program, VALUE_TRANSPARENCY + 2],
                 )
-                if largest < _NEGLIGIBLE:
+                if not largest > 0.0:
                     break
                 continue
             integer = points.integer
