@@ -21,8 +21,8 @@ from .node_tables import bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
 
-#: Linear Rec.709 luminance: what a colour that is typed in becomes on a float socket, whatever the working space. Blender
-#: makes it so, before Cycles sees it.
+#: Linear Rec.709 luminance: what a typed-in colour becomes on a float socket in any working space. Blender makes it so,
+#: before Cycles sees it.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 _FLOAT_SOCKETS = ("VALUE", "INT", "BOOLEAN")
