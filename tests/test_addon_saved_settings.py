@@ -15,7 +15,6 @@ def settings_of(scene: Any) -> Any:
     return render_settings(scene)
 
 
-
 def save_as_before(blender: Any, path: Path) -> None:
     """Save as the version did that knew nothing of following Cycles."""
     from addon import saved_settings
