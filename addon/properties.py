@@ -42,7 +42,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     use_cycles_settings: BoolProperty(  # type: ignore[valid-type]
         name="Use Cycles' Settings",
         description="Samples, light paths, film and what else Cycles has too are those of the scene's Cycles settings."
-        " Off: settings of their own, which Cycles does not see",
+        " Off: NeuralGuide has settings of its own, which Cycles does not see",
         default=True,
     )
     samples: IntProperty(  # type: ignore[valid-type]
@@ -411,7 +411,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         default=1.0,
     )
     threads: IntProperty(  # type: ignore[valid-type]
-        name="Threads", description="Threads to render with (0 = all)", min=0, max=1024, default=_DEFAULTS.threads
+        name="Threads", description="Threads to render with (0 = Blender's own number)", min=0, max=1024, default=_DEFAULTS.threads
     )
 
 
