@@ -411,7 +411,11 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
         default=1.0,
     )
     threads: IntProperty(  # type: ignore[valid-type]
-        name="Threads", description="Threads to render with (0 = Blender's own number)", min=0, max=1024, default=_DEFAULTS.threads
+        name="Threads",
+        description="Threads to render with (0 = Blender's own number)",
+        min=0,
+        max=1024,
+        default=_DEFAULTS.threads,
     )
 
 
