@@ -67,12 +67,22 @@ facts["numba"] = sys.modules["numba"].__file__
 import addon_utils
 facts["policy"] = {key: value for key, value in addon_utils._extensions_warnings_get().items() if value}
 
+def present():
+    return [hasattr(bpy.types.Scene, "neuralguide"), hasattr(bpy.types, "NEURALGUIDE_PT_sampling")]
+
+module = "bl_ext.user_default.neuralguide"
+addon_utils.disable(module, default_set=True)
+facts["disabled"] = present()
+addon_utils.enable(module, default_set=True)
+facts["enabled_again"] = present()
+facts["kept"] = [scene.neuralguide.samples, scene.neuralguide.use_cycles_settings]
+
 repo_index = [repo.module for repo in bpy.context.preferences.extensions.repos].index("user_default")
 folder = os.path.join(bpy.utils.user_resource("EXTENSIONS"), "user_default", "neuralguide")
 facts["installed"] = os.path.isdir(folder)
 bpy.ops.extensions.package_uninstall(repo_index=repo_index, pkg_id="neuralguide")
 facts["removed"] = not os.path.exists(folder)
-facts["left"] = [hasattr(bpy.types.Scene, "neuralguide"), hasattr(bpy.types, "NEURALGUIDE_PT_sampling")]
+facts["left"] = present()
 print("FACTS" + json.dumps(facts))
 """
 
@@ -195,6 +205,8 @@ def test_a_user_can_install_render_and_remove(
     assert re.search(refusal, output), output[-5000:]
     assert "bl_ext.user_default.neuralguide" not in facts["addons_after_refusal"]
     assert "bl_ext.user_default.neuralguide" in facts["addons"]
+    assert facts["disabled"] == [False, False] and facts["enabled_again"] == [True, True]
+    assert facts["kept"] == [4, True], "the scene's settings were lost, or taken for an old file's"
     assert facts["installed"] and facts["removed"]
     assert facts["left"] == [False, False]
     assert facts["finite"]
