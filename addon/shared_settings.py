@@ -74,6 +74,12 @@ def setting_value(scene: bpy.types.Scene, name: str) -> Any:
     return getattr(owner, own_name)
 
 
+def cycles_value(scene: bpy.types.Scene, name: str) -> Any:
+    """A shared setting as Cycles would render with it, whatever counts for us."""
+    owner_name, their_name = SHARED_SETTINGS[name]
+    return getattr(getattr(scene, owner_name), their_name)
+
+
 def layer_samples(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, samples: int) -> int:
     """Samples of a view layer: its own number where it has one, by the rule of Cycles' Layer Samples.
 
@@ -91,8 +97,11 @@ def layer_samples(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, sampl
 
 def thread_count(scene: bpy.types.Scene) -> int:
     """Threads to render with, 0 = all: our own number, else Blender's."""
-    own = scene.neuralguide.threads
-    return own or (scene.render.threads if scene.render.threads_mode == "FIXED" else 0)
+    return scene.neuralguide.threads or _blender_threads(scene)
+
+
+def _blender_threads(scene: bpy.types.Scene) -> int:
+    return scene.render.threads if scene.render.threads_mode == "FIXED" else 0
 
 
 def copy_cycles_settings(scene: bpy.types.Scene) -> None:
@@ -106,6 +115,6 @@ def copy_cycles_settings(scene: bpy.types.Scene) -> None:
     if not has_cycles(scene):
         raise ValueError("Cycles' settings are not there: enable the Cycles add-on in the preferences")
     ours = scene.neuralguide
-    for name, (owner_name, their_name) in SHARED_SETTINGS.items():
-        setattr(ours, name, getattr(getattr(scene, owner_name), their_name))
-    ours.threads = scene.render.threads if scene.render.threads_mode == "FIXED" else 0
+    for name in SHARED_SETTINGS:
+        setattr(ours, name, cycles_value(scene, name))
+    ours.threads = _blender_threads(scene)

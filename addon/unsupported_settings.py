@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .shared_settings import follows_cycles, setting_value
+from .versions import read_setting
 
 if TYPE_CHECKING:
     from engine.scene.description import Notice
@@ -44,6 +45,11 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
             cycles.film_transparent_glass and setting_value(scene, "film_transparent"),
             "transparent glass is not supported",
             "glass hides the background",
+        ),
+        (
+            read_setting(scene, "cycles.use_pixel_jitter"),
+            "pixel jitter is not supported",
+            "the same places in the pixel in every frame",
         ),
         (cycles.use_fast_gi, "fast global illumination is not supported", "light is followed as far as ever"),
         (cycles.shading_system, "Open Shading Language is not supported", "built-in nodes alone"),

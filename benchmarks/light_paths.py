@@ -23,12 +23,9 @@ def light_paths(scene: Any, settings: Mapping[str, Any] | None = None) -> dict[s
     settings : mapping, optional
         What a rival is told beside the scene's Cycles settings, by its name in `RenderSettings`; it wins.
     """
-    from addon.shared_settings import SHARED_SETTINGS
+    from addon.shared_settings import cycles_value
 
-    found = {}
-    for name in _NAMES:
-        owner, their_name = SHARED_SETTINGS[name]
-        found[name] = getattr(getattr(scene, owner), their_name)
+    found = {name: cycles_value(scene, name) for name in _NAMES}
     return found | {name: value for name, value in (settings or {}).items() if name in found}
 
 

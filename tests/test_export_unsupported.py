@@ -90,14 +90,13 @@ CASES = {
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
     "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
-    "pixel-jitter": (switch("scene.cycles", "use_pixel_jitter"), "Scene", "pixel jitter"),
     "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
     "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip
 
 
 #: Cases about what Blender 5.2 has and older ones have not.
-NEW = {"texture-resolution", "texture-cache", "pixel-jitter"}
+NEW = {"texture-resolution", "texture-cache"}
 
 
 def notices(scene: Any) -> list[Any]:

@@ -21,8 +21,6 @@ def notice_scene(context: ExportContext) -> None:
         context.notice(scene.name, "another texture resolution is not supported", "textures at full size")
     if read_setting(render, "use_auto_generate_texture_cache"):
         context.notice(scene.name, "a texture cache is not supported", "textures at full size, and not prefiltered")
-    if read_setting(scene, "cycles.use_pixel_jitter"):
-        context.notice(scene.name, "pixel jitter is not supported", "the same places in the pixel in every frame")
 
 
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
