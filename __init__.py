@@ -34,7 +34,7 @@ def _addon():
 
 def register():
     """Called by Blender when the add-on is enabled."""
-    _addon().register()
+    _addon().register(__name__)
 
 
 def unregister():

@@ -25,10 +25,19 @@ def _modules() -> list:  # type: ignore[type-arg]
 _registered: list = []  # type: ignore[type-arg]
 
 
-def register() -> None:
-    """Make NeuralGuide available in this process; does nothing where it already is."""
+def register(addon_module: str = "addon") -> None:
+    """Make NeuralGuide available in this process; does nothing where it already is.
+
+    Parameters
+    ----------
+    addon_module : str
+        The module that Blender knows as the add-on, whose preferences ours are.
+    """
     if _registered:
         return
+    from .preferences import NeuralGuidePreferences
+
+    NeuralGuidePreferences.bl_idname = addon_module
     _use_extension_folder()
     for module in _modules():
         module.register()

@@ -15,8 +15,9 @@ import bpy
 
 from . import engine, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
+from .declared_settings import parse_setting, setting_owner
 from .log import log_failure
-from .output_files import is_whole
+from .output_files import was_written
 
 #: Names that Blender's -F knows and RNA spells otherwise.
 _FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
@@ -128,6 +129,10 @@ class CommandLineRenderer:
     def _do_threads(self, value: str) -> None:
         self._threads = int(value)
 
+    def _do_set(self, text: str) -> None:
+        name, value = parse_setting(text)
+        setattr(setting_owner(self._scene, name), name, value)
+
     # -- rendering --------------------------------------------------------------------------------------------------
 
     def _do_render_frame(self, value: str) -> None:
@@ -187,7 +192,7 @@ class CommandLineRenderer:
             raise RenderFailed("Blender cancelled the render")
         if render.engine == engine.NeuralGuideRenderEngine.bl_idname:
             self._check_outcomes(engine.outcomes_since(outcome_count))
-        if not render.is_movie_format and not _was_written(path, started):
+        if not render.is_movie_format and not was_written(path, started):
             raise RenderFailed(f"{path} was not written: is the folder writable, is the disk full?{_keep(path)}")
 
     @staticmethod
@@ -206,14 +211,6 @@ def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
     scene.frame_end = end
 
 
-def _was_written(path: Path, started: float) -> bool:
-    """Whether the file is there, whole, and from this render (clocks of file systems are coarse)."""
-    try:
-        return path.stat().st_mtime >= started - 2.0 and is_whole(path)
-    except OSError:
-        return False
-
-
 def _keep(path: Path) -> str:
     """Save the picture in the folder for temporary files instead; returns a sentence that says so, '' if in vain."""
     rescue = Path(tempfile.gettempdir()) / f"neuralguide_{os.getpid()}_{path.name}"
@@ -222,7 +219,7 @@ def _keep(path: Path) -> str:
         bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
     except (KeyError, RuntimeError):
         return ""
-    if _was_written(rescue, started):
+    if was_written(rescue, started):
         return f" The picture is kept in {rescue}"
     rescue.unlink(missing_ok=True)
     return ""

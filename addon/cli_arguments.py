@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from .declared_settings import parse_setting
+
 #: Blender's MAXFRAME; frames are clamped to 0..MAX_FRAME as there.
 MAX_FRAME = 1048574
 
 USAGE = """\
 usage: python -m addon [file.blend] [options ...]
 
-Renders on top of the bpy module with Blender's own options. They act one after the other, in the order given: put the
-file first, settings next, -f or -a last. Exits with 1 when a frame failed, with 2 when the command line makes no sense.
+Renders on top of the bpy module with Blender's own options and --set. They act one after the other, in the order
+given: put the file first, settings next, -f or -a last. Exits with 1 when a frame failed, with 2 when the command line
+makes no sense.
 
   -b, --background             Accepted and ignored: there is no window
   -E, --engine <engine>        Render engine: NEURALGUIDE, CYCLES, ... ('help' lists them)
@@ -29,6 +32,7 @@ file first, settings next, -f or -a last. Exits with 1 when a frame failed, with
   -e, --frame-end <frame>      Last frame of the animation; +N and -N are relative
   -j, --frame-jump <frames>    Frames to step forward after each one
   -t, --threads <threads>      Threads to render with, 0 = all
+  --set <name>=<value>         A setting of NeuralGuide, as in docs/settings.md: guiding_method=OFF, experiment.strata=8
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
@@ -67,6 +71,7 @@ _OPTIONS = {
     "-v": ("version", False),
 }
 _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPTIONS.values())}
+_OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
 
 
 def parse_arguments(arguments: Sequence[str]) -> list[Action]:
@@ -109,13 +114,14 @@ def _check(argument: str, name: str, value: str) -> None:
         "frame-end": lambda: parse_frame(value, 1, 1),
         "frame-jump": lambda: _parse_int(value, 1, MAX_FRAME),
         "threads": lambda: _parse_int(value, 0, 1024),
+        "set": lambda: parse_setting(value),
     }
     try:
         if name in checks:
             checks[name]()
         elif name == "use-extension" and value not in {"0", "1"}:
             raise CommandLineError("choose 0 or 1")
-    except CommandLineError as error:
+    except ValueError as error:
         raise CommandLineError(f"{argument} {value}: {error}") from None
 
 

@@ -168,7 +168,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._show(self._notices)
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
-        from engine.session import LoadCancelled, Session
+        from engine.render.session import LoadCancelled, Session
 
         if self._session is None:
             self._session = Session(self._settings)
@@ -326,6 +326,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
             ("rays", str(ray_count)),
             ("rejects", str(report.reject_count)),
+            ("rejected_records", str(report.record_reject_count)),
+            ("dropped_records", str(report.record_drop_count)),
             ("guiding", "; ".join(report.guiding.lines)),
             ("peak_memory_mib", f"{megabytes:.0f}"),
             ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in notices)[:4000]),

@@ -36,7 +36,7 @@ class _TerminalHandler(logging.StreamHandler):  # type: ignore[type-arg]
 
 def log_file() -> Path:
     """The file that tracebacks go to: beside the kernel cache, else in the folder for temporary files."""
-    from engine.kernel_cache import cache_root  # imports numba: not while Blender starts
+    from engine.runtime.kernel_cache import cache_root  # imports numba: not while Blender starts
 
     folder = cache_root().parent
     try:

@@ -51,7 +51,7 @@ class NEURALGUIDE_OT_clear_kernel_cache(bpy.types.Operator):  # noqa: N801
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         """Delete the folder that holds them."""
-        from engine.kernel_cache import cache_root
+        from engine.runtime.kernel_cache import cache_root
 
         shutil.rmtree(cache_root(), ignore_errors=True)
         self.report({"INFO"}, f"Cleared {cache_root()}")

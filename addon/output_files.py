@@ -37,6 +37,20 @@ def is_whole(path: Path) -> bool:
     return data_end > 0
 
 
+def was_written(path: Path, started: float) -> bool:
+    """Whether the file is there, whole, and from a render that began then.
+
+    Parameters
+    ----------
+    started : float
+        [s] since the epoch. Up to two seconds earlier counts: clocks of file systems are coarse.
+    """
+    try:
+        return path.stat().st_mtime >= started - 2.0 and is_whole(path)
+    except OSError:
+        return False
+
+
 def _tail(path: Path, size: int) -> bytes:
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - size, 0))

@@ -31,7 +31,7 @@ _RENAMED = is_since(RENAMED_PASSES)
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
 
 #: (property of the view layer, is it ours or Blender's, pass)
-_OPTIONAL = (
+OPTIONAL = (
     ("use_pass_z", False, RenderPass("Depth", "Depth", "Z", "VALUE")),
     ("use_pass_normal", False, RenderPass("Normal", "Normal", "XYZ", "VECTOR")),
     ("use_pass_position", False, RenderPass("Position", "Position", "XYZ", "VECTOR")),
@@ -55,7 +55,7 @@ def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
     """The passes `view_layer` asks for, Combined first."""
     yield COMBINED
     ours = view_layer.neuralguide
-    for switch, is_ours, render_pass in _OPTIONAL:
+    for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):
             yield render_pass
 
@@ -104,7 +104,7 @@ def write_layer(
 
 
 #: Blender's switches for passes that the engine does not have, and their names in the user interface.
-_UNSUPPORTED = {
+UNSUPPORTED = {
     "use_pass_mist": "Mist",
     "use_pass_vector": "Vector",
     "use_pass_uv": "UV",
@@ -128,7 +128,7 @@ _UNSUPPORTED = {
     "use_pass_grease_pencil": "Grease Pencil",
 }
 #: The same among Cycles' own settings of a view layer.
-_UNSUPPORTED_CYCLES = {
+UNSUPPORTED_CYCLES = {
     "use_pass_volume_direct": "Volume Direct",
     "use_pass_volume_indirect": "Volume Indirect",
     "use_pass_volume_scatter": "Volume Scatter",
@@ -142,8 +142,8 @@ _UNSUPPORTED_CYCLES = {
 
 def unsupported_passes(view_layer: bpy.types.ViewLayer) -> list[str]:
     """Names of passes that `view_layer` asks for and will not get."""
-    found = [name for switch, name in _UNSUPPORTED.items() if getattr(view_layer, switch, False)]
+    found = [name for switch, name in UNSUPPORTED.items() if getattr(view_layer, switch, False)]
     cycles = getattr(view_layer, "cycles", None)
-    found += [name for switch, name in _UNSUPPORTED_CYCLES.items() if getattr(cycles, switch, False)]
+    found += [name for switch, name in UNSUPPORTED_CYCLES.items() if getattr(cycles, switch, False)]
     found += [f"Light Group {group.name}" for group in getattr(view_layer, "lightgroups", ())]
     return found + [f"AOV {aov.name}" for aov in view_layer.aovs]

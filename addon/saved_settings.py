@@ -1,27 +1,89 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files keep their pictures: those saved before scenes could follow Cycles' settings go on with their own.
+"""Files keep what they had: settings that have moved since, and whose settings counted.
 
-Such a file has settings of ours, but says nothing of `use_cycles_settings`. A file saved now says it wherever it has
-settings of ours, so that the two can be told apart.
+Settings for experiments lay among the others once; they are moved to `scene.neuralguide.experiment`, with their
+animation. What is there no more stays in the file and does nothing.
+
+Scenes saved before they could follow Cycles' settings go on with their own. Such a scene has settings of ours, but says
+nothing of `use_cycles_settings`. A file saved now says it wherever it has settings of ours, so that the two can be told
+apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import bpy
 
-#: Defaults of that time which are others now.
+from .declared_settings import EXPERIMENT, SCENE_SETTINGS, setting_owner
+
+#: Defaults of scenes from before they could follow Cycles, which are others now.
 _FORMER_DEFAULTS = {"samples": 128, "clamp_indirect": 0.0}
+
+
+def _stored(scene: bpy.types.Scene) -> Any:
+    """What a scene's file holds of `scene.neuralguide`, whatever is registered; None where that is nothing."""
+    # From Blender 5.0 properties of add-ons are apart from those of users.
+    holder = scene.bl_system_properties_get() if hasattr(scene, "bl_system_properties_get") else scene
+    return None if holder is None else holder.get("neuralguide")
+
+
+def _set_stored(group: bpy.types.PropertyGroup, name: str, value: Any) -> None:
+    """Set a property to a value as files hold it: choices by their number, switches as 0 or 1."""
+    kind = group.bl_rna.properties[name]
+    if kind.type == "ENUM":
+        names = [item.identifier for item in kind.enum_items if item.value == value]
+        if names:  # else a number that no version has written
+            setattr(group, name, names[0])
+    else:
+        setattr(group, name, bool(value) if kind.type == "BOOLEAN" else value)
+
+
+def _move_experiments(scenes: Iterable[bpy.types.Scene]) -> None:
+    """Move settings for experiments to where they are now."""
+    names = [setting.name for setting in SCENE_SETTINGS.values() if setting.is_experiment]
+    for scene in scenes:
+        stored = _stored(scene)
+        for name in names:
+            if stored is not None and name in stored:
+                _set_stored(setting_owner(scene, name), name, stored.pop(name))
+
+
+def _curves() -> Iterator[bpy.types.FCurve]:
+    """Animation that may be of a scene: curves of actions, and drivers of scenes."""
+    for action in bpy.data.actions:
+        if hasattr(action, "layers"):  # from Blender 4.4
+            for layer in action.layers:
+                for strip in layer.strips:
+                    for bag in strip.channelbags:
+                        yield from bag.fcurves
+        else:
+            yield from action.fcurves
+    for scene in bpy.data.scenes:
+        if scene.animation_data is not None:
+            yield from scene.animation_data.drivers
+
+
+def _move_animation() -> None:
+    """Have animation of settings for experiments find them where they are now."""
+    moved = {
+        f"neuralguide.{setting.name}": f"neuralguide.{EXPERIMENT}.{setting.name}"
+        for setting in SCENE_SETTINGS.values()
+        if setting.is_experiment
+    }
+    for curve in _curves():
+        if curve.data_path in moved:
+            curve.data_path = moved[curve.data_path]
 
 
 def _is_undecided(scene: bpy.types.Scene) -> bool:
     """Whether a scene has settings of ours without saying whether it follows Cycles."""
-    ours = scene.neuralguide
-    if ours.is_property_set("use_cycles_settings"):
+    stored = _stored(scene)
+    if stored is None or "use_cycles_settings" in stored:
         return False
-    return any(ours.is_property_set(name) for name in ours.bl_rna.properties.keys() if name not in ("rna_type", "name"))
+    # By what is stored, since a setting that is there no more tells as much.
+    return len(stored.get(EXPERIMENT, ())) > 0 or any(name not in (EXPERIMENT, "name") for name in stored.keys())
 
 
 def _keep_pictures(scenes: Iterable[bpy.types.Scene]) -> None:
@@ -35,15 +97,21 @@ def _keep_pictures(scenes: Iterable[bpy.types.Scene]) -> None:
                     setattr(ours, name, value)
 
 
+def _bring_up_to_date(scenes: list[bpy.types.Scene]) -> None:
+    _move_experiments(scenes)
+    _move_animation()
+    _keep_pictures(scenes)
+
+
 @bpy.app.handlers.persistent
 def _after_loading(*_args: Any) -> None:
-    _keep_pictures(bpy.data.scenes)
+    _bring_up_to_date(list(bpy.data.scenes))
 
 
 @bpy.app.handlers.persistent
 def _after_importing(context: Any, *_args: Any) -> None:
     """Scenes that are appended or linked."""
-    _keep_pictures(item.id for item in context.import_items if isinstance(item.id, bpy.types.Scene))
+    _bring_up_to_date([item.id for item in context.import_items if isinstance(item.id, bpy.types.Scene)])
 
 
 @bpy.app.handlers.persistent

@@ -12,8 +12,8 @@ import bpy
 from .log import logger
 
 if TYPE_CHECKING:
-    from engine.guiding.sequence_field import SequenceField
-    from engine.guiding.source_model import TrainedSource
+    from engine.guiding.models.source_model import TrainedSource
+    from engine.guiding.sources.sequence_field import SequenceField
     from engine.scene.description import Notice, SceneDescription
     from engine.settings import RenderSettings
 
@@ -85,8 +85,8 @@ class SequencePlan:
         LoadCancelled
             Soon after `should_cancel()` was true; the next frame begins anew.
         """
+        from engine.render.sequence import TrainingFailed, train_sequence
         from engine.scene.description import Notice
-        from engine.sequence import TrainingFailed, train_sequence
 
         assert self._kept is not None
         descriptions, self._descriptions = self._descriptions, []
@@ -139,9 +139,15 @@ def make_plan(
     scene = depsgraph.scene_eval
     if not scene.neuralguide.sequence_field:
         return None
+    from engine.render.sequence import (
+        has_changing_light,
+        sees_time,
+        sequence_problem,
+        training_frames,
+        training_settings,
+    )
     from engine.scene.description import Notice
     from engine.scene.digest import camera_digest, light_digest
-    from engine.sequence import has_changing_light, sees_time, sequence_problem, training_frames, training_settings
 
     from .export import export_frames
 
@@ -189,7 +195,7 @@ def make_plan(
     plan = SequencePlan(settings)
     plan.follow(kept, span, samples, descriptions)
     if is_changing and not sees_time(settings):
-        problem = "the network does not see the time: choose a Mixture's Encoding, Planes for example"
+        problem = "the network does not see the time: choose experiment.mixture_u, for example Planes"
         plan.notices.append(Notice(_SUBJECT, problem, "one mixture for all frames"))
     if settings.strata > 1:
         problem = "strata are of no use where nothing is learned within a frame"

@@ -8,9 +8,10 @@ add-on is off.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import bpy
+if TYPE_CHECKING:
+    import bpy
 
 #: Name in `scene.neuralguide` and in `RenderSettings`: owner below the scene, and the name there.
 SHARED_SETTINGS: dict[str, tuple[str, str]] = {

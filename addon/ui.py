@@ -8,10 +8,13 @@ from typing import Any
 
 import bpy
 
-from . import warm_up
+from engine.settings import EXPERIMENT_SECTIONS
+
+from . import preferences, warm_up
+from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
-from .shared_settings import follows_cycles, has_cycles, setting_source, setting_value
+from .shared_settings import SHARED_SETTINGS, follows_cycles, has_cycles, setting_source, setting_value
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
 
@@ -79,12 +82,20 @@ class _RenderPanel:
 
 def _draw_shared(layout: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **look: Any) -> None:
     """A setting that Cycles has too: the property that counts, and a way back to Cycles' where ours was set."""
-    ours = scene.neuralguide
     owner, own_name = setting_source(scene, name)
     row = layout.row(align=True)
-    row.prop(owner, own_name, **({"text": ours.bl_rna.properties[name].name} | look))
-    if owner == ours and follows_cycles(scene):
+    row.prop(owner, own_name, **({"text": SCENE_SETTINGS[name].label} | look))
+    if owner == scene.neuralguide and follows_cycles(scene):
         row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = name
+
+
+def _draw_section(layout: bpy.types.UILayout, scene: bpy.types.Scene, section: str) -> None:
+    """A row for each setting of a section."""
+    for setting in settings_of(section):
+        if setting.name in SHARED_SETTINGS:
+            _draw_shared(layout, scene, setting.name)
+        else:
+            layout.prop(setting_owner(scene, setting.name), setting.name)
 
 
 class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Blender's convention)
@@ -117,37 +128,9 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        settings = context.scene.neuralguide
         column = self._column()
-        column.active = settings.guiding_method != "OFF"
-        for name in (
-            "guiding_probability",
-            "learn_guiding_probability",
-            "guiding_trial",
-            "candidate_allocation",
-            "candidate_count",
-            "defensive_alpha",
-            "ris_target",
-            "orca_error",
-            "network_size",
-            "source_field",
-            "mixture_target",
-            "mixture_lobes",
-            "mixture_preset",
-            "u_dimension",
-            "mixture_u",
-            "network_u",
-            "strata",
-            "sequence_field",
-            "sequence_samples",
-            "network_selection",
-            "mis_compensation",
-            "sample_weighting",
-            "radiance_cache",
-            "training_share",
-            "deterministic",
-        ):
-            column.prop(settings, name)
+        column.active = context.scene.neuralguide.guiding_method != "OFF"
+        _draw_section(column, context.scene, "Guiding")
 
 
 class NEURALGUIDE_PT_sampling_lights(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -159,9 +142,7 @@ class NEURALGUIDE_PT_sampling_lights(_RenderPanel, bpy.types.Panel):  # noqa: N8
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        column = self._column()
-        column.prop(context.scene.neuralguide, "use_nee")
-        _draw_shared(column, context.scene, "light_sampling_threshold")
+        _draw_section(self._column(), context.scene, "Lights")
 
 
 class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -178,7 +159,6 @@ class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: 
         row = column.row(align=True)
         _draw_shared(row, scene, "seed")
         _draw_shared(row, scene, "use_animated_seed", text="", icon="TIME")
-        column.prop(scene.neuralguide, "use_russian_roulette")
         for name in ("min_light_bounces", "min_transparent_bounces"):
             _draw_shared(column, scene, name)
         if follows_cycles(scene) and any(layer.samples > 0 for layer in scene.view_layers):
@@ -299,6 +279,26 @@ class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
         column.prop(render, "use_persistent_data")
 
 
+class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Settings for experiments, by section."""
+
+    bl_label = "Experiments"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where the preferences ask for it."""
+        return super().poll(context) and preferences.shows_experiments(context)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        column = self._column()
+        for section in EXPERIMENT_SECTIONS:
+            part = column.column()
+            part.label(text=section)
+            _draw_section(part, context.scene, section)
+
+
 class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """Passes of the view layer."""
 
@@ -404,6 +404,7 @@ _classes = (
     NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
     NEURALGUIDE_PT_performance,
+    NEURALGUIDE_PT_experiments,
     NEURALGUIDE_PT_passes,
     NEURALGUIDE_PT_dispersion,
 )

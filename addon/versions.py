@@ -13,7 +13,7 @@ import bpy
 
 Version = tuple[int, int]
 
-#: The newest Blender whose nodes were gone through (tests/test_node_coverage.py): all are known or reported.
+#: The newest Blender whose nodes were gone through (tests/addon/test_node_coverage.py): all are known or reported.
 NEWEST_KNOWN: Version = (5, 2)
 
 #: Passes have their new names, also as sockets of the compositor.

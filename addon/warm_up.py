@@ -31,7 +31,7 @@ def begin() -> None:
 
 def _load() -> None:
     try:
-        from engine.session import Session  # noqa: F401 (loaded, not used)
+        from engine.render.session import Session  # noqa: F401 (loaded, not used)
     except Exception:
         # Nobody asked for a picture yet. The render that does will stumble over the same thing and say so.
         return

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.chart_commands import CHART_COMMANDS, add_chart_commands, run_chart_command
+from benchmarks.fingerprints import add_arguments as add_fingerprint_arguments
 from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
 from benchmarks.stability import add_arguments as add_stability_arguments
@@ -75,6 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
     gallery.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
     add_stability_arguments(commands.add_parser("stability", help="every method on every way to fail"))
+    text = "hashes of many small pictures, to tell whether a change of code changes any"
+    add_fingerprint_arguments(commands.add_parser("fingerprints", help=text, description=text))
     commands.add_parser("scenes", help="list the scenes built by script")
     return parser
 
@@ -96,11 +99,12 @@ def main(arguments: list[str] | None = None) -> int:
         return run_chart_command(chosen, SHORT_SET)
     from benchmarks.rivals import Budget, find_rival
 
-    if chosen.command == "stability":
+    if chosen.command in ("fingerprints", "stability"):
+        from benchmarks.fingerprints import fingerprints
         from benchmarks.stability import stability
 
         try:
-            return 1 if stability(chosen) else 0
+            return 1 if (fingerprints(chosen) if chosen.command == "fingerprints" else stability(chosen)) else 0
         except ValueError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2

@@ -22,7 +22,7 @@ from benchmarks.scene_files import SceneSource, open_scene
 ENGINES = ("CYCLES", "NEURALGUIDE")
 
 
-def _save(scene: Any, path: Path, samples: int, seed: int) -> None:
+def save_scene(scene: Any, path: Path, samples: int, seed: int) -> None:
     """Save the open scene with samples and seed where Cycles has them."""
     import bpy
 
@@ -69,7 +69,7 @@ def compare_first_clicks(
     images: dict[str, list[Float32Array]] = {engine: [] for engine in ENGINES}
     for seed in range(1, seed_count + 1):
         blend = folder / f"seed{seed}.blend"
-        _save(scene, blend, samples, seed)
+        save_scene(scene, blend, samples, seed)
         for engine in ENGINES:
             images[engine].append(_render(blend, engine, scene.frame_current, threads or environment.thread_count()))
         blend.unlink()

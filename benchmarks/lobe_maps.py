@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from engine.guidance import Guidance
-from engine.guiding.flow.shape import FlowSettings
-from engine.guiding.guide import eval_guide
-from engine.guiding.mixture.shape import MixtureShape
-from engine.guiding.sources import source_shape, source_training
-from engine.jit import kernel
+from engine.builder.scene import Scene
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.sampling.guide import eval_guide
+from engine.guiding.sources import implementation
 from engine.kernels.bsdf import eval_guided, rough_share
 from engine.kernels.path import real_3
-from engine.scene.build import Scene
+from engine.methods import SOURCES
+from engine.render.batch import Batch
+from engine.render.session import Session
+from engine.render.tracer import Tracer
+from engine.runtime.jit import kernel
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -32,10 +34,8 @@ from engine.scene.description import (
     Light,
     SceneDescription,
 )
-from engine.session import Session
-from engine.settings import NETWORK_SOURCES, RenderSettings
-from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_RAY_LENGTH, POINT_WO
-from engine.wavefront.integrator import Batch, Integrator
+from engine.settings import RenderSettings
+from engine.state.lanes import POINT_NG, POINT_NS, POINT_P, POINT_RAY_LENGTH, POINT_WO
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -149,12 +149,12 @@ def look(
     frame = scene.description.frame
     if not (0 <= pixel[0] < frame.width and 0 <= pixel[1] < frame.height):
         raise ValueError(f"pixel {pixel[0]} {pixel[1]}: the image is {frame.width} x {frame.height}")
-    integrator = Integrator(scene, settings)
-    integrator.guidance = guidance
-    batch = Batch(scene, 1, settings, use_features=False, is_guided=True)
+    tracer = Tracer(scene, settings)
+    tracer.guidance = guidance
+    batch = Batch(scene.shaders, 1, settings, use_features=False, is_guided=True)
     # Networks are asked at the point itself.
-    lookups = 1 if settings.source in NETWORK_SOURCES else _LOOKUPS
-    lanes = integrator.look_at(batch, pixel, lookups)
+    lookups = 1 if SOURCES[settings.source].is_network else _LOOKUPS
+    lanes = tracer.look_at(batch, pixel, lookups)
     if len(lanes) == 0:
         raise ValueError("no surface is seen through the pixel: choose another")
     work, lane = batch.work, int(lanes[0])
@@ -173,7 +173,7 @@ def look(
     total = np.zeros(len(directions), np.float32)
     guided = [int(lane) for lane in lanes if work.guided.rough_share[lane] > 0.0]
     for lane in guided:
-        _add_guide(work.guide, lane, directions, total)
+        _add_guide(batch.guidance.guide, lane, directions, total)
     return surface, total.reshape(rows, 2 * rows).astype(np.float64) / max(len(guided), 1)
 
 
@@ -294,21 +294,8 @@ def divergence(truth: Float64Array, density: Float64Array) -> float:
 
 
 def own_target(settings: RenderSettings, surface: Surface) -> str:
-    """Which of `targets` a method aims at, or comes closest to.
-
-    The mixture field multiplies by the cosine of diffuse surfaces, where that is the product. A variance-aware tree
-    learns the root of the product's second moment. A network that is to learn radiance times cosine is compared with
-    the product, too.
-    """
-    if settings.source == "VMM":
-        return "PRODUCT" if surface.is_diffuse else "RADIANCE"
-    if settings.source in ("SDTREE", "SDTREE_VARIANCE"):
-        return "RADIANCE" if settings.source == "SDTREE" else "PRODUCT"
-    shape, training = source_shape(settings), source_training(settings)
-    if isinstance(shape, MixtureShape):
-        return "RADIANCE" if shape.target == "RADIANCE" else "PRODUCT"
-    assert isinstance(training, FlowSettings)
-    return training.target
+    """Which of `targets` a method aims at, or comes closest to."""
+    return implementation(settings.source).target(settings, is_diffuse=surface.is_diffuse)
 
 
 @dataclass(frozen=True)

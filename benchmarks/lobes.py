@@ -20,7 +20,7 @@ from benchmarks import environment
 from benchmarks.lobe_maps import FLOOR, Comparison, compare
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import expand, open_scene
-from engine.settings import SOURCES
+from engine.methods import SOURCES
 
 #: Size of a render where none is asked for [pixels].
 _PIXELS = 37_000

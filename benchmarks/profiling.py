@@ -44,8 +44,8 @@ def profile(
 
     from addon.export import export_scene
     from addon.properties import render_settings
-    from engine.replay import RayRecorder
-    from engine.session import Session
+    from engine.render.replay import RayRecorder
+    from engine.render.session import Session
 
     threads = threads or environment.thread_count()
     for source in sources:

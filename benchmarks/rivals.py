@@ -149,19 +149,19 @@ def _configure_ours(settings: Mapping[str, Any]) -> Callable[[Any, Budget, int, 
 
     def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
         import addon
+        from addon.declared_settings import setting_owner
         from addon.shared_settings import SHARED_SETTINGS
 
         addon.register()
         _configure_common(scene, budget, seed, threads)
         scene.render.engine = "NEURALGUIDE"
-        ours = scene.neuralguide
-        ours.use_cycles_settings = True
+        scene.neuralguide.use_cycles_settings = True
         # What a file has of ours gives way to Cycles'. And rivals take turns on one scene: a variant must not leave
         # its settings to the next.
         for name in {*SHARED_SETTINGS, "threads", *varied} - settings.keys():
-            ours.property_unset(name)
+            setting_owner(scene, name).property_unset(name)
         for name, value in settings.items():
-            setattr(ours, name, value)
+            setattr(setting_owner(scene, name), name, value)
 
     return configure
 
@@ -207,15 +207,16 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
     ValueError
         Naming those there are; or saying which settings make no sense.
     """
-    from engine.settings import GUIDING_METHODS, RenderSettings
+    from engine.methods import METHODS
+    from engine.settings import RenderSettings
 
     settings = dict(settings or {})
     if name in ("cycles", "cycles-guided"):
         if settings:
             raise ValueError(f"{name} has no {', '.join(settings)}: leave it out, or those")
         return Rival(name, False, _configure_cycles(name == "cycles-guided"), _measure_cycles)
-    if name not in GUIDING_METHODS and name not in VARIANTS:
-        known = ("cycles", "cycles-guided", *GUIDING_METHODS, *VARIANTS)
+    if name not in METHODS and name not in VARIANTS:
+        known = ("cycles", "cycles-guided", *METHODS, *VARIANTS)
         raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}")
     settings |= VARIANTS.get(name, {})
     chosen = {"guiding_method": name} | settings

@@ -24,7 +24,7 @@ from benchmarks.scaling_fit import SCALING_FILE, Curve
 from benchmarks.tables import table
 
 if TYPE_CHECKING:
-    from engine.session import RenderReport
+    from engine.render.report import RenderReport
 
 _BASE_SIZE = (128, 96)
 #: Small, so that a short render comes as far as to learn.
@@ -59,7 +59,7 @@ def _reports(effort: Effort, threads: int, size: tuple[int, int] = _BASE_SIZE, *
 
     from addon.export import export_scene
     from addon.properties import render_settings
-    from engine.session import Session
+    from engine.render.session import Session
 
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = size
@@ -171,9 +171,9 @@ def candidate_curves(effort: Effort, threads: int) -> list[Curve]:
 
 def network_curves(effort: Effort, threads: int) -> list[Curve]:
     """Time of asking the radiance network about a direction against its multiplications, on one thread."""
-    from engine.guiding.network import NetworkShape, Snapshot, initial_parameters
-    from engine.guiding.network_query import make_network_field, predict_network
-    from engine.guiding.perceptron import MAX_WIDTH, allocate_scratch
+    from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
+    from engine.guiding.networks.radiance import NetworkShape, Snapshot, initial_parameters
+    from engine.guiding.networks.radiance_query import make_network_field, predict_network
 
     rng = np.random.default_rng(5)
     vertices, per_vertex = 2048, 8
@@ -200,7 +200,7 @@ def network_curves(effort: Effort, threads: int) -> list[Curve]:
         ask()
         seconds = statistics.median(ask() for _ in range(max(int(20 * effort.seconds), 3)))
         # The first layer is shared by a vertex's candidates, but for the directions' nine rows.
-        shared = shape.encoding_width * width / per_vertex
+        shared = shape.position_width * width / per_vertex
         xs.append(shared + 9 * width + (shape.hidden_layers - 1) * width**2 + width * shape.channel_count)
         ys.append(1e9 * seconds / len(owner))
     return [Curve("network size", "NEURAL_RIS", "multiplications a candidate", "ns per candidate", xs, ys)]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m benchmarks.sequence builtin:blur-lamp`: does one field for a sequence pay, at equal samples?
 
-As Dong et al. 2025, "Efficient Neural Path Guiding with 4D Modeling", section 6.2 and Fig. 9, ask it, but with the
+As Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", section 6.2 and Fig. 9, ask it, but with the
 samples of training counted. Times between the scene's keys are rendered as frames without motion blur.
 """
 
@@ -19,8 +19,8 @@ from benchmarks.papers import PROTOCOLS
 from benchmarks.rivals import VARIANTS
 from benchmarks.scene_files import expand, hide_lamps, open_scene
 from benchmarks.tables import geometric_mean, table
-from engine.sequence import train_sequence
-from engine.session import Session
+from engine.render.sequence import train_sequence
+from engine.render.session import Session
 from engine.settings import RenderSettings
 
 #: Settings by name, and whether one field is trained for all frames.

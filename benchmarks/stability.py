@@ -13,22 +13,23 @@ import json
 import math
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import environment
-from benchmarks.bias import BiasTest, find_bias, variance_ratio, worst_pixels
+from benchmarks.bias import find_bias, variance_ratio, worst_pixels
 from benchmarks.images import Float32Array
 from benchmarks.scene_files import BUILTIN, SceneSource
 from benchmarks.stability_cases import Case, describe_case, find_cases, resized
+from benchmarks.stability_figures import Figures, Picture
 from benchmarks.tables import table
+from engine.methods import METHODS
 from engine.scene.description import SceneDescription
-from engine.settings import GUIDING_METHODS, RenderSettings
+from engine.settings import RenderSettings
 
 UNGUIDED = "OFF"
 #: Seeds of the reference, apart from those compared, and its samples over theirs.
@@ -40,95 +41,24 @@ FORCED: Mapping[str, Any] = {"guiding_trial": False, "learn_guiding_probability"
 #: The network is asked nowhere unless candidates are asked for.
 FORCED_RESAMPLING: Mapping[str, Any] = {"candidate_allocation": "FIXED", "candidate_count": 2}
 
-#: A bias that must be seen, and a variance that is too much, over unguided rendering.
-LEAST_BIAS, MOST_VARIANCE = 0.02, 1.2
 
-
-@dataclass
-class Picture:
-    """One render: float32 (height, width, 3), row 0 at the top, and what the engine said of it.
-
-    seconds : of processors, training included: small pictures on a busy machine have no other steady measure
-    """
-
-    image: Float32Array
-    seconds: float
-    path_count: int
-    reject_count: int
-    notices: list[str] = field(default_factory=list)
-    guiding: list[str] = field(default_factory=list)
-    stopped_at: int = 0
-
-
-@dataclass
-class Figures:
-    """What a method did with a case.
-
-    bias : BiasTest
-    variance, variance_error, variance_whole : over unguided rendering at equal samples (`bias.variance_ratio`)
-    worst_pixel : squared error that one pixel in a thousand exceeds, over that of unguided rendering
-    time : processor seconds over those of unguided rendering, medians; training included
-    reject_count : samples that were thrown away, of all seeds; nonfinite_count : values of the pictures
-    stopped : share of the seeds in which guiding was given up
-    """
-
-    case: str
-    method: str
-    seed_count: int
-    bias: BiasTest
-    variance: float
-    variance_error: float
-    variance_whole: float
-    worst_pixel: float
-    time: float
-    reject_count: int
-    nonfinite_count: int
-    stopped: float
-    notices: list[str]
-
-    @property
-    def problems(self) -> list[str]:
-        """Of 'not finite', 'biased', 'noisier', 'blind' (2% of bias would not be seen) and 'noticed' (the engine's)."""
-        found = {
-            "not finite": self.nonfinite_count > 0,
-            "biased": self.bias.is_biased,
-            # Two standard errors: noise alone is no failure.
-            "noisier": self.variance - 2.0 * self.variance_error > MOST_VARIANCE,
-            "blind": not self.bias.detectable <= LEAST_BIAS,
-            "noticed": bool(self.notices),
-        }
-        return [name for name, is_so in found.items() if is_so]
-
-
-def method_settings(method: str, base: RenderSettings, *, forced: bool) -> RenderSettings:
+def method_settings(
+    method: str, base: RenderSettings, *, forced: bool, steps: int = TRAINING_STEPS
+) -> RenderSettings:
     """Settings of a method's render: in step with its training, so that a seed gives one picture."""
-    changes: dict[str, Any] = {"guiding_method": method, "deterministic": True}
+    changes: dict[str, Any] = {"guiding_method": method, "deterministic": True, "training_steps": steps}
     if forced and method != UNGUIDED:
         changes |= FORCED
-        if method in ("TABLE_RIS", "NEURAL_RIS"):
+        if METHODS[method].predictor:
             changes |= FORCED_RESAMPLING
     return replace(base, **changes)
-
-
-@contextmanager
-def training_steps(count: int) -> Iterator[None]:
-    """Train so many steps between iterations."""
-    from engine import learning
-    from engine.guiding import source_model
-
-    before = source_model.DETERMINISTIC_STEPS
-    source_model.DETERMINISTIC_STEPS = learning.DETERMINISTIC_STEPS = count
-    try:
-        yield
-    finally:
-        source_model.DETERMINISTIC_STEPS = learning.DETERMINISTIC_STEPS = before
 
 
 def render_case(
     description: SceneDescription, settings: RenderSettings, earlier_sizes: Sequence[tuple[int, int]] = ()
 ) -> Picture:
     """Render a case once; `earlier_sizes` are rendered before in the same session."""
-    from engine.session import Session
+    from engine.render.session import Session
 
     session = Session(settings)
     try:
@@ -180,9 +110,9 @@ class Store:
         unfinished.replace(path)
 
 
-def _question(case: Case, settings: RenderSettings, steps: int) -> str:
+def _question(case: Case, settings: RenderSettings) -> str:
     asked = json.dumps(
-        [asdict(case), asdict(settings), steps, SceneSource(BUILTIN + case.scene).content_hash(),
+        [asdict(case), asdict(settings), SceneSource(BUILTIN + case.scene).content_hash(),
          environment.sources_hash()],
         sort_keys=True, default=str,
     )  # fmt: skip
@@ -227,11 +157,10 @@ def measure_case(
     description, base = describe_case(case, threads)
 
     def picture(name: str, settings: RenderSettings) -> Picture:
-        question = _question(case, settings, steps)
+        question = _question(case, settings)
         found = store.load(name, question)
         if found is None:
-            with training_steps(steps):
-                found = render_case(description, settings, case.earlier_sizes)
+            found = render_case(description, settings, case.earlier_sizes)
             store.save(name, question, found)
             print(f"  {name}: {found.seconds:.2f} s", flush=True)
         return found
@@ -246,7 +175,7 @@ def measure_case(
     ]  # fmt: skip
     pictures: dict[str, list[Picture]] = {}
     for method in dict.fromkeys([UNGUIDED, *methods]):
-        settings = method_settings(method, base, forced=forced)
+        settings = method_settings(method, base, forced=forced, steps=steps)
         folder = "forced" if forced and method != UNGUIDED else "chosen"
         pictures[method] = [
             picture(f"{folder}/{case.name}/{method}_seed{seed}", replace(settings, seed=seed))
@@ -276,8 +205,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("cases", nargs="*", help="names or patterns (default: all)")
     parser.add_argument(
-        "--methods", nargs="+", default=[name for name in GUIDING_METHODS if name != UNGUIDED],
-        choices=GUIDING_METHODS, metavar="METHOD", help="beside OFF (default: all)",
+        "--methods", nargs="+", default=[name for name in METHODS if name != UNGUIDED],
+        choices=METHODS, metavar="METHOD", help="beside OFF (default: all)",
     )  # fmt: skip
     parser.add_argument("--seeds", type=int, default=0, help="renders per method, 2 or more (default: the case's)")
     parser.add_argument("--samples", type=int, default=0, help="per pixel (default: the case's)")

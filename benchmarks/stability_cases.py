@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from typing import Any
 
+from benchmarks.patterns import matching
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import BUILTIN, SceneSource, open_scene
 from engine.scene.description import SceneDescription
@@ -25,7 +25,7 @@ class Case:
     scene : str
         A built-in scene.
     samples : int
-        Samples per pixel of a render; with `seeds` enough to see a bias of 2% (`tests/test_stability.py`).
+        Samples per pixel of a render; with `seeds` enough to see a bias of 2% (`tests/benchmarks/test_stability.py`).
     seeds : int
         Renders of a statistical method that takes.
     size : (width, height) or None
@@ -105,15 +105,7 @@ def find_cases(patterns: Sequence[str]) -> list[Case]:
     ValueError
         Naming those there are.
     """
-    if not patterns:
-        return list(CASES.values())
-    found: list[Case] = []
-    for pattern in patterns:
-        names = [name for name in CASES if fnmatchcase(name, pattern.removeprefix(PREFIX))]
-        if not names:
-            raise ValueError(f"no case {pattern!r}; there are: {', '.join(CASES)}")
-        found += [CASES[name] for name in names]
-    return list(dict.fromkeys(found))
+    return [CASES[name] for name in matching(CASES, [text.removeprefix(PREFIX) for text in patterns], "case")]
 
 
 def describe_case(case: Case, threads: int = 0) -> tuple[SceneDescription, RenderSettings]:

@@ -17,8 +17,8 @@ from benchmarks.images import Float32Array, auto_exposure, tone_map
 from benchmarks.tables import format_figure, table
 
 if TYPE_CHECKING:
-    from benchmarks.stability import Figures
     from benchmarks.stability_cases import Case
+    from benchmarks.stability_figures import Figures
 
 #: Problem: symbol, colour, what it means; the first that applies is shown. Symbols, since not all see colours.
 SYMBOLS = {

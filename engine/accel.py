@@ -12,7 +12,8 @@ import glob
 import importlib.util
 import os
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
-from engine.jit import kernel
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
@@ -139,10 +140,17 @@ _release = _external("rtcReleaseGeometry", types.void(types.intp))
 
 _NONE = np.uint32(0xFFFFFFFF)
 
+# Words of an RTCRayHit that hold the answer; the distance is the ray's length before.
+_HIT_DISTANCE = 8
+_HIT_U = 15
+_HIT_TRIANGLE = 17  # within its mesh
+_HIT_GEOMETRY = 18
+_HIT_INSTANCE = 19
+
 
 @kernel
 def trace_closest(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """Closest hit along one ray; the answer is read from `ray` and `bits` by `hit_*` columns.
+    """Closest hit along one ray; `read_hit` reads the answer.
 
     Parameters
     ----------
@@ -154,23 +162,43 @@ def trace_closest(scene, ray, bits, address, origin, direction, near, far, time,
     Returns
     -------
     bool
-        True on a hit. Then ray[8] is the distance, ray[12:15] the unnormalised geometric normal (object space for
-        instances), ray[15:17] barycentrics, bits[17] the triangle within its mesh, bits[18] the geometry and bits[19]
-        the instance (all ones at top level).
+        True on a hit.
     """
     ray[0], ray[1], ray[2] = origin
     ray[3] = near
     ray[4], ray[5], ray[6] = direction
     ray[7] = time
-    ray[8] = far
+    ray[_HIT_DISTANCE] = far
     bits[9] = mask
     bits[10] = 0
     bits[11] = 0
-    bits[17] = _NONE
-    bits[18] = _NONE
-    bits[19] = _NONE
+    bits[_HIT_TRIANGLE] = _NONE
+    bits[_HIT_GEOMETRY] = _NONE
+    bits[_HIT_INSTANCE] = _NONE
     _rtc_intersect(scene, address, 0)
-    return bits[18] != _NONE
+    return bits[_HIT_GEOMETRY] != _NONE
+
+
+@kernel
+def read_hit(ray, bits, geometry):
+    """What `trace_closest` has hit.
+
+    Returns
+    -------
+    instance, triangle : int32
+        Rows of `GeometryArrays.instance_table` and `triangles`.
+    distance : float32, in units of the direction's length
+    u, v : float32
+        Barycentrics as Embree has them: P = (1 - u - v) v0 + u v1 + v v2.
+    """
+    # The instance's id, all ones for geometry at top level, which has the id of its instance itself.
+    found = bits[_HIT_INSTANCE]
+    if found == _NONE:
+        found = bits[_HIT_GEOMETRY]
+    instance = np.int32(found)
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    triangle = np.int32(geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE] + np.int32(bits[_HIT_TRIANGLE]))
+    return instance, triangle, ray[_HIT_DISTANCE], ray[_HIT_U], ray[_HIT_U + 1]
 
 
 @kernel
@@ -180,12 +208,12 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
     ray[3] = near
     ray[4], ray[5], ray[6] = direction
     ray[7] = time
-    ray[8] = far
+    ray[_HIT_DISTANCE] = far
     bits[9] = mask
     bits[10] = 0
     bits[11] = 0
     _rtc_occluded(scene, address, 0)
-    return ray[8] < 0.0
+    return ray[_HIT_DISTANCE] < 0.0
 
 
 @kernel
@@ -215,36 +243,107 @@ class RayScratch:
         self.address = self.ray.ctypes.data
 
 
-@dataclass
-class Accelerator:
-    """Embree scenes over `GeometryArrays`, whose buffers they share: keep the arrays alive.
+class _Device:
+    """Embree's memory and build threads; freed with the last of what was built by it."""
 
-    `handle` is the top-level scene's address, for kernels.
-    """
-
-    device: int
-    handle: int
-    scenes: list[int] = field(default_factory=list)
-    keep: list[Any] = field(default_factory=list)
-
-    def release(self) -> None:
-        """Free Embree's memory; the handle is invalid afterwards."""
-        for scene in reversed(self.scenes):
-            _lib.rtcReleaseScene(scene)
-        self.scenes.clear()
-        if self.device:
-            _lib.rtcReleaseDevice(self.device)
-        self.device = self.handle = 0
-        self.keep.clear()
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        # One thread would leave TBB's worker spinning for as long as the device lives.
+        self.address = _lib.rtcNewDevice(f"threads={max(threads, 2)}".encode() if threads else b"")
+        if not self.address:
+            raise RuntimeError("Embree could not create a device")
+        if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_RAY_MASK):
+            raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
 
     def __del__(self) -> None:
-        self.release()
+        if self.address:
+            _lib.rtcReleaseDevice(self.address)
+
+    def check(self) -> None:
+        """Raise what Embree has reported since the last call."""
+        error = _lib.rtcGetDeviceError(self.address)
+        if error:
+            reason = ", out of memory" if error == 4 else ""
+            raise RuntimeError(f"Embree could not build the scene (error {error}{reason})")
 
 
-def _triangle_geometry(device: int, geometry: GeometryArrays, mesh: int, indices: np.ndarray) -> int:
+class _EmbreeScene:
+    """A hierarchy, and the arrays whose memory it shares."""
+
+    def __init__(self, device: _Device, geometry: GeometryArrays) -> None:
+        self._device = device
+        self._shared = geometry.vertices, geometry.triangles
+        self.address = _lib.rtcNewScene(device.address)
+        _lib.rtcSetSceneFlags(self.address, _SCENE_ROBUST)
+        _lib.rtcSetSceneBuildQuality(self.address, _BUILD_QUALITY_HIGH)
+
+    def __del__(self) -> None:
+        _lib.rtcReleaseScene(self.address)
+
+
+class MeshHierarchies:
+    """Hierarchies of instanced meshes, by key, for as long as their shapes stay: builds of a scene share them.
+
+    Parameters
+    ----------
+    threads : int
+        Build threads, 0 = all.
+
+    Raises
+    ------
+    RuntimeError
+        When Embree has no device, or was built without ray masks.
+    """
+
+    def __init__(self, threads: int = 0) -> None:
+        self.threads = threads
+        self.device = _Device(threads)
+        self.scenes: dict[Hashable, _EmbreeScene] = {}
+
+    def keep_only(self, keys: Iterable[Hashable]) -> None:
+        """Forget all but these, so that their memory is free before others are built."""
+        kept = set(keys)
+        self.scenes = {key: scene for key, scene in self.scenes.items() if key in kept}
+
+    def of(self, key: Hashable, geometry: GeometryArrays, mesh: int) -> _EmbreeScene:
+        """The hierarchy of one mesh in object space."""
+        if key not in self.scenes:
+            scene = _EmbreeScene(self.device, geometry)
+            inner = _triangle_geometry(self.device, geometry, mesh)
+            _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
+            _lib.rtcCommitGeometry(inner)
+            _lib.rtcAttachGeometryByID(scene.address, inner, 0)
+            _lib.rtcReleaseGeometry(inner)
+            _lib.rtcCommitScene(scene.address)
+            self.scenes[key] = scene
+        return self.scenes[key]
+
+
+@dataclass
+class Accelerator:
+    """Embree scenes over `GeometryArrays`, whose buffers they share.
+
+    Attributes
+    ----------
+    top : _EmbreeScene
+        Triangles that are stored in world space, and instances of meshes.
+    meshes : list of _EmbreeScene
+        Of the instanced meshes.
+    """
+
+    top: _EmbreeScene
+    meshes: list[_EmbreeScene]
+
+    @property
+    def handle(self) -> int:
+        """The top-level scene's address, for kernels; valid as long as this object lives."""
+        return self.top.address
+
+
+def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> int:
     row = geometry.mesh_table[mesh]
-    handle = _lib.rtcNewGeometry(device, _GEOMETRY_TRIANGLE)
-    vertices = geometry.vertices
+    handle = _lib.rtcNewGeometry(device.address, _GEOMETRY_TRIANGLE)
+    vertices, indices = geometry.vertices, geometry.triangles
     # Vertex numbers in `triangles` are global, so the whole vertex array is the buffer and nothing is copied.
     # So are those of a mesh's steps, seen from so far before that its numbers fit.
     count = int(row[MESH_FIRST_VERTEX] + row[MESH_VERTEX_COUNT])
@@ -274,7 +373,10 @@ def _triangle_geometry(device: int, geometry: GeometryArrays, mesh: int, indices
     return handle
 
 
-def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, threads: int = 0) -> Accelerator:
+def build_accelerator(
+    geometry: GeometryArrays, shadow_masks: np.ndarray, hierarchies: MeshHierarchies,
+    mesh_keys: Sequence[Hashable] | None = None,
+) -> Accelerator:
     """Build the two-level acceleration structure.
 
     Parameters
@@ -282,70 +384,52 @@ def build_accelerator(geometry: GeometryArrays, shadow_masks: np.ndarray, thread
     geometry : GeometryArrays
     shadow_masks : uint32 (I,)
         MASK_SHADOW_* bits of each instance (0 = casts no shadow); other mask bits come from its visibility.
-    threads : int
-        Build threads, 0 = all.
+    hierarchies : MeshHierarchies
+        Those of instanced meshes are taken from here, or built and left here.
+    mesh_keys : sequence of hashable (M,), optional
+        Meshes of equal keys have the same shape, whenever they are built. None: each mesh is its own.
 
     Raises
     ------
     RuntimeError
-        When Embree reports an error, or was built without ray masks.
+        When Embree reports an error.
     """
-    # One thread would leave TBB's worker spinning for as long as the device lives.
-    device = _lib.rtcNewDevice(f"threads={max(threads, 2)}".encode() if threads else b"")
-    if not device:
-        raise RuntimeError("Embree could not create a device")
-    if not _lib.rtcGetDeviceProperty(device, _DEVICE_PROPERTY_RAY_MASK):
-        _lib.rtcReleaseDevice(device)
-        raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
-    top = _lib.rtcNewScene(device)
-    accelerator = Accelerator(device, top, [top], [geometry])
-    _lib.rtcSetSceneFlags(top, _SCENE_ROBUST)
-    _lib.rtcSetSceneBuildQuality(top, _BUILD_QUALITY_HIGH)
+    device = hierarchies.device
+    top = _EmbreeScene(device, geometry)
     table = geometry.instance_table
     masks = (table[:, INSTANCE_VISIBILITY].astype(np.uint32) & np.uint32(31)) | shadow_masks.astype(np.uint32)
     has_triangles = geometry.mesh_table[table[:, INSTANCE_MESH], MESH_TRIANGLE_COUNT] > 0
     wanted = has_triangles & (masks != 0)
     is_baked = (table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED) != 0
     for index in np.flatnonzero(wanted & is_baked):
-        handle = _triangle_geometry(device, geometry, int(table[index, INSTANCE_MESH]), geometry.triangles)
+        handle = _triangle_geometry(device, geometry, int(table[index, INSTANCE_MESH]))
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
         _lib.rtcCommitGeometry(handle)
-        _lib.rtcAttachGeometryByID(top, handle, int(index))
+        _lib.rtcAttachGeometryByID(top.address, handle, int(index))
         _lib.rtcReleaseGeometry(handle)
     instanced = np.flatnonzero(wanted & ~is_baked)
-    mesh_scenes = np.zeros(len(geometry.mesh_table), np.intp)
-    for mesh in np.unique(table[instanced, INSTANCE_MESH]):
-        scene = _lib.rtcNewScene(device)
-        _lib.rtcSetSceneFlags(scene, _SCENE_ROBUST)
-        _lib.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_HIGH)
-        inner = _triangle_geometry(device, geometry, int(mesh), geometry.triangles)
-        _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
-        _lib.rtcCommitGeometry(inner)
-        _lib.rtcAttachGeometryByID(scene, inner, 0)
-        _lib.rtcReleaseGeometry(inner)
-        _lib.rtcCommitScene(scene)
-        mesh_scenes[mesh] = scene
-        accelerator.scenes.append(scene)
+    meshes: list[_EmbreeScene] = []
+    addresses = np.zeros(len(geometry.mesh_table), np.intp)
+    for mesh in np.unique(table[instanced, INSTANCE_MESH]).tolist():
+        meshes.append(hierarchies.of(mesh if mesh_keys is None else mesh_keys[mesh], geometry, mesh))
+        addresses[mesh] = meshes[-1].address
     if len(instanced):
         key_counts = table[instanced, INSTANCE_KEY_COUNT].astype(np.int64)
         first_keys = table[instanced, INSTANCE_FIRST_KEY].astype(np.int64)
         moving = geometry.motion_transforms.ctypes.data + first_keys * _TRANSFORM_BYTES
         standing = geometry.transforms.ctypes.data + instanced * _TRANSFORM_BYTES
         _attach_instances(
-            device,
-            top,
+            device.address,
+            top.address,
             instanced,
-            mesh_scenes[table[instanced, INSTANCE_MESH]],
+            addresses[table[instanced, INSTANCE_MESH]],
             np.where(key_counts > 0, moving, standing).astype(np.intp),
             np.maximum(key_counts, 1),
             masks[instanced],
         )
-    _lib.rtcCommitScene(top)
-    error = _lib.rtcGetDeviceError(device)
-    if error:
-        accelerator.release()
-        raise RuntimeError(f"Embree could not build the scene (error {error}{', out of memory' if error == 4 else ''})")
-    return accelerator
+    _lib.rtcCommitScene(top.address)
+    device.check()
+    return Accelerator(top, meshes)
 
 
 def library_path() -> str:

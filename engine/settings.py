@@ -1,53 +1,154 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user may choose: one frozen dataclass, the same names as `scene.neuralguide` in Blender."""
+"""What a user may choose: each setting is declared once, as a field of `RenderSettings`.
+
+Default, limits, choices and sentence are said there and nowhere else. The check of values, Blender's properties and
+panels, the command line and docs/settings.md come from the declarations (`SETTINGS`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple, TypeVar
 
-#: What directions can be drawn from.
-SOURCES = ("VMM", "SDTREE", "SDTREE_VARIANCE", "NPM", "NPM_PRODUCT", "NASG", "FLOW")
-#: Sources that are networks of their own.
-NETWORK_SOURCES = ("NPM", "NPM_PRODUCT", "NASG", "FLOW")
-#: Networks that give mixtures.
-MIXTURE_SOURCES = ("NPM", "NPM_PRODUCT", "NASG")
-#: Drawing from a source alone, or resampling what it proposes by something learned.
-#: AUTO compares them while it renders, unguided rendering included.
-GUIDING_METHODS = ("OFF", "AUTO", *SOURCES, "VMM_RIS", "TABLE_RIS", "NEURAL_RIS")
-#: What `NASG` is proportional to: incident radiance, that times the cosine, or times the whole BSDF.
-MIXTURE_TARGETS = ("RADIANCE", "COSINE", "PRODUCT")
-#: Lobes of neural mixtures: those of the method's paper, or others.
-MIXTURE_LOBES = ("OWN", "VMF", "NASG", "SG")
-#: Sizes of neural mixtures: the paper's, those of its authors' program, or without grids, for renders of few records.
-MIXTURE_PRESETS = ("PAPER", "OFFICIAL", "COMPACT")
-#: What a network may know of a path besides where it is, u in [0, 1]: AUTO is the time where something moves, else the
-#: wavelength where a material disperses. Asked for where there is nothing of the kind, it is NONE.
-U_DIMENSIONS = ("NONE", "AUTO", "TIME", "WAVELENGTH")
-#: How it sees that: as frequencies, by learned planes over a coordinate and u, or by learned grids over position and u.
-U_ENCODINGS = ("NONE", "FREQUENCY", "PLANES", "HASH4D")
-#: The same of the network that weighs candidates. AUTO is what has been found to pay (docs/benchmarks.md): octaves of
-#: the wavelength, and nothing of the time.
-NETWORK_U_ENCODINGS = ("AUTO", "NONE", "FREQUENCY", "PLANES")
+from engine.methods import METHODS, SOURCES, Method
+
+#: Sections of settings for experiments.
+EXPERIMENT_SECTIONS = ("Learning", "Candidates", "Neural Mixtures", "Time and Wavelengths", "Paths")
 #: Most parts of u that a render goes through one by one.
 MAX_STRATA = 64
-CANDIDATE_ALLOCATIONS = ("ORCA", "FIXED")
-#: Whether resampling weighs colour channels by the path's throughput, or the mean of everything.
-RIS_TARGETS = ("COLOR", "SCALAR")
-#: Whether ORCA minimises the error relative to the pixel's value, or the plain one.
-#: Sizes of the radiance network: of what a render on a processor can train, and the paper's.
-NETWORK_SIZES = ("COMPACT", "PAPER")
-ORCA_ERRORS = ("RELATIVE", "ABSOLUTE")
-SAMPLE_WEIGHTINGS = ("ITERATION", "UNIFORM")
 #: Most candidates of a vertex.
 MAX_CANDIDATES = 32
-#: Whether paths carry wavelengths: AUTO where a material disperses.
-SPECTRAL_MODES = ("OFF", "ON", "AUTO")
-PIXEL_FILTERS = ("BOX", "GAUSSIAN", "BLACKMAN_HARRIS")
-
-#: Samples a pixel from which on AUTO guides: of fewer, too many are spent on learning (docs/experiments.md).
+#: Samples a pixel from which on AUTO guides: of fewer, too many are spent on learning
+#: (docs/decisions/trial-and-choice.md).
 LEAST_GUIDED_SAMPLES = 16
 #: More samples than this overflow the sampler's index.
 MAX_SAMPLES = 1 << 24
+#: Largest seed: Blender's integers have 32 bits with a sign.
+MAX_SEED = 2**31 - 1
+#: Blender holds floats as float32, so that a limit comes back changed by up to this share.
+_FLOAT32_ROUNDING = 1e-7
+
+_T = TypeVar("_T", bool, int, float, str)
+
+
+class Choice(NamedTuple):
+    """A value of a setting that has names for values; files hold its place among the choices, so new ones go last."""
+
+    name: str
+    label: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What there is to know of a setting.
+
+    Attributes
+    ----------
+    name : str
+        In `RenderSettings`, and in `scene.neuralguide` or `scene.neuralguide.experiment`.
+    default : bool, int, float or str
+        Of a program, and of a scene unless `scene_default` says otherwise. Its type is the setting's.
+    label : str
+        As panels show it.
+    sentence : str
+        For users, without a full stop at its end, as Blender wants descriptions.
+    section : str
+        Panel and heading under which it is found; those of `EXPERIMENT_SECTIONS` hold what is for experiments.
+    scene_default : bool, int, float or str, optional
+        Of a scene in Blender. Where Cycles has the setting it is Cycles' default.
+    minimum, maximum : float, optional
+        Limits, themselves allowed.
+    scene_minimum : float, optional
+        Where a scene may hold less than `minimum`, so that a render names the value instead of changing it.
+    choices : tuple of Choice
+        All values, of a str.
+    unit : str
+        's' or 'pixels', '' without.
+    """
+
+    name: str
+    default: Any
+    label: str
+    sentence: str
+    section: str
+    scene_default: Any = None
+    minimum: float | None = None
+    maximum: float | None = None
+    scene_minimum: float | None = None
+    choices: tuple[Choice, ...] = ()
+    unit: str = ""
+
+    def check(self, value: Any) -> None:
+        """Raise where `value` is none that the setting may have.
+
+        Raises
+        ------
+        ValueError
+            Naming the setting and what to choose.
+        """
+        if self.choices:
+            if value not in _names(self.choices):
+                raise ValueError(f"{self.name} {value!r}: choose one of {', '.join(_names(self.choices))}")
+            return
+        low = None if self.minimum is None else self.minimum - _FLOAT32_ROUNDING * abs(self.minimum)
+        high = None if self.maximum is None else self.maximum + _FLOAT32_ROUNDING * abs(self.maximum)
+        # So written that NaN fails.
+        if not ((low is None or value >= low) and (high is None or value <= high)):
+            raise ValueError(f"{self.name} is {value}: choose {self.limits}")
+
+    @property
+    def is_experiment(self) -> bool:
+        """Whether it is for experiments rather than for users."""
+        return self.section in EXPERIMENT_SECTIONS
+
+    @property
+    def limits(self) -> str:
+        """The limits in words, '' where there are none."""
+        if self.minimum is None:
+            return ""
+        return f"{self.minimum} or more" if self.maximum is None else f"{self.minimum} to {self.maximum}"
+
+
+def _names(choices: tuple[Choice, ...]) -> tuple[str, ...]:
+    return tuple(choice.name for choice in choices)
+
+
+def _declare(default: _T, label: str, sentence: str, section: str, **facts: Any) -> _T:
+    """A field of `RenderSettings`, with what `Setting` knows of it."""
+    return field(default=default, metadata={"label": label, "sentence": sentence, "section": section} | facts)
+
+
+_SOURCE_CHOICES = tuple(Choice(source.name, source.label, source.sentence) for source in SOURCES.values())
+_METHOD_CHOICES = tuple(Choice(method.name, method.label, method.sentence) for method in METHODS.values())
+
+_U_ENCODING_CHOICES = (
+    Choice("NONE", "None", "Not at all: one mixture for all times and wavelengths"),
+    Choice("FREQUENCY", "Frequencies", "By sines and cosines: cheap, and enough where little changes"),
+    Choice("PLANES", "Planes", "By learned planes over each coordinate and the fourth"),
+    Choice("HASH4D", "4D Grids", "By learned grids over all four, hashed"),
+)
+#: How a neural mixture sees u.
+U_ENCODINGS = _names(_U_ENCODING_CHOICES)
+
+_NETWORK_U_CHOICES = (
+    # What has been found to pay: docs/decisions/time-and-wavelengths.md.
+    Choice("AUTO", "Automatic", "The wavelength by frequencies, the time not at all: what has been found to pay"),
+    Choice("NONE", "None", "Not at all: one radiance for all times and wavelengths"),
+    Choice("FREQUENCY", "Frequencies", "By sines and cosines"),
+    Choice("PLANES", "Planes", "By learned planes over each coordinate and the fourth"),
+)
+#: The same of the network that weighs candidates.
+NETWORK_U_ENCODINGS = _names(_NETWORK_U_CHOICES)
+
+_WEIGHTING_CHOICES = (
+    Choice("ITERATION", "Later More", "Early samples count less"),
+    Choice("UNIFORM", "Equal", "All samples count the same"),
+)
+SAMPLE_WEIGHTINGS = _names(_WEIGHTING_CHOICES)
+
+#: Cycles' limits of bounces.
+_BOUNCES = {"minimum": 0, "maximum": 1024}
 
 
 @dataclass(frozen=True)
@@ -60,95 +161,240 @@ class RenderSettings:
         Naming the setting and what to do.
     """
 
-    samples: int = 128
-    time_limit: float = 0.0  # [s], 0 = none
-    seed: int = 0
-    max_bounces: int = 12
-    diffuse_bounces: int = 4
-    glossy_bounces: int = 4
-    transmission_bounces: int = 12
-    transparent_max_bounces: int = 8
-    min_light_bounces: int = 0
-    min_transparent_bounces: int = 0
-    guiding_method: str = "OFF"  # Blender's users begin with AUTO
-    guiding_probability: float = 0.5  # share of candidates that the guide proposes, the BSDF the others
-    learn_guiding_probability: bool = True  # by region, from guiding_probability on
-    guiding_trial: bool = True  # compare with unguided samples, and go on without guiding where it does not pay
-    candidate_allocation: str = "ORCA"
-    candidate_count: int = 8  # with the allocation FIXED
-    defensive_alpha: float = 0.5  # share of resampling by the learned target, against the source density
-    ris_target: str = "COLOR"
-    orca_error: str = "RELATIVE"
-    network_size: str = "COMPACT"
-    network_u: str = "AUTO"
-    source_field: str = "VMM"  # what directions are drawn from before they are resampled
-    mixture_target: str = "PRODUCT"
-    mixture_lobes: str = "OWN"
-    mixture_preset: str = "COMPACT"
-    u_dimension: str = "AUTO"
-    mixture_u: str = "NONE"
-    strata: int = 0  # parts of u that a neural mixture learns one by one
-    network_selection: bool = False  # let a neural mixture learn how often to guide, vertex by vertex
-    mis_compensation: bool = False  # learn what BSDF sampling leaves over
-    sample_weighting: str = "ITERATION"
-    radiance_cache: bool = False  # biased: end paths at the first rough surface, by what was learned
-    training_share: float = 0.25  # of the processors' time
-    deterministic: bool = False
-    spectral: str = "AUTO"
-    use_nee: bool = True
-    use_russian_roulette: bool = True
-    use_caustics_reflective: bool = True
-    use_caustics_refractive: bool = True
-    light_sampling_threshold: float = 0.01
-    filter_glossy: float = 1.0
-    clamp_direct: float = 0.0
-    clamp_indirect: float = 0.0
-    pixel_filter: str = "BLACKMAN_HARRIS"
-    filter_width: float = 1.5  # [pixels]
-    film_transparent: bool = False
-    threads: int = 0
+    samples: int = _declare(
+        128, "Samples",
+        "Paths traced for every pixel. A view layer's own number counts first, as Cycles' Layer Samples says",
+        "Sampling", scene_default=4096, minimum=1, maximum=MAX_SAMPLES, scene_minimum=0,
+    )
+    time_limit: float = _declare(
+        0.0, "Time Limit", "Stop after this many seconds, even if samples are left (0 = no limit)", "Sampling",
+        minimum=0, unit="s",
+    )
+    guiding_method: str = _declare(
+        "OFF", "Guiding", "How directions are chosen where light is hard to find", "Sampling", scene_default="AUTO",
+        choices=_METHOD_CHOICES,
+    )
+    spectral: str = _declare(
+        "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
+        choices=(
+            Choice("AUTO", "Automatic", "Where a material disperses light"),
+            Choice("ON", "On", "In every scene"),
+            Choice("OFF", "Off", "Never: what disperses light does not"),
+        ),
+    )
+    guiding_trial: bool = _declare(
+        True, "Trial", "Render a few samples without guiding too, and go on without it where it does not pay",
+        "Guiding",
+    )
+    training_share: float = _declare(
+        0.25, "Training Share", "Share of the processors' time that training a network may take", "Guiding",
+        minimum=0.01, maximum=1,
+    )
+    deterministic: bool = _declare(
+        False, "Deterministic",
+        "The same image every time: rendering waits for the training of networks and does not read the clock",
+        "Guiding",
+    )
+    light_sampling_threshold: float = _declare(
+        0.01, "Light Threshold", "Skip, at random, light samples dimmer than this (0 = skip none)", "Lights", minimum=0,
+        maximum=1,
+    )
+    seed: int = _declare(
+        0, "Seed", "The same seed gives the same image, noise included", "Advanced", minimum=0, maximum=MAX_SEED,
+    )
+    min_light_bounces: int = _declare(
+        0, "Min Light Bounces", "Russian roulette leaves this many bounces alone", "Advanced", **_BOUNCES,
+    )
+    min_transparent_bounces: int = _declare(
+        0, "Min Transparent Bounces", "Russian roulette leaves this many transparent surfaces alone", "Advanced",
+        **_BOUNCES,
+    )
+    max_bounces: int = _declare(
+        12, "Total", "Most bounces of a path", "Light Paths", **_BOUNCES,
+    )
+    diffuse_bounces: int = _declare(
+        4, "Diffuse", "Most diffuse bounces", "Light Paths", **_BOUNCES,
+    )
+    glossy_bounces: int = _declare(
+        4, "Glossy", "Most glossy bounces", "Light Paths", **_BOUNCES,
+    )
+    transmission_bounces: int = _declare(
+        12, "Transmission", "Most bounces through refractive surfaces", "Light Paths", **_BOUNCES,
+    )
+    transparent_max_bounces: int = _declare(
+        8, "Transparent", "Most transparent surfaces a ray passes straight through", "Light Paths", **_BOUNCES,
+    )
+    clamp_direct: float = _declare(
+        0.0, "Clamp Direct", "Most light a sample may carry straight from a light (0 = off). Loses energy",
+        "Light Paths", minimum=0,
+    )
+    clamp_indirect: float = _declare(
+        0.0, "Clamp Indirect", "Most light a sample may carry after a bounce (0 = off). Loses energy", "Light Paths",
+        scene_default=10.0, minimum=0,
+    )
+    filter_glossy: float = _declare(
+        1.0, "Filter Glossy", "Blur glossy surfaces seen by blurry bounces, to lower noise (0 = off)", "Light Paths",
+        minimum=0, maximum=10,
+    )
+    use_caustics_reflective: bool = _declare(
+        True, "Reflective Caustics", "Follow light from diffuse surfaces over glossy reflections", "Light Paths",
+    )
+    use_caustics_refractive: bool = _declare(
+        True, "Refractive Caustics", "Follow light from diffuse surfaces through refractions", "Light Paths",
+    )
+    film_transparent: bool = _declare(
+        False, "Transparent", "Leave the background out of the picture; alpha says where it was", "Film",
+    )
+    pixel_filter: str = _declare(
+        "BLACKMAN_HARRIS", "Pixel Filter",
+        "How far the samples of a pixel spread over its neighbours, and with which weights", "Film",
+        choices=(
+            Choice("BOX", "Box", "One pixel, no overlap"),
+            Choice("GAUSSIAN", "Gaussian", "Soft"),
+            Choice("BLACKMAN_HARRIS", "Blackman-Harris", "Sharp without ringing"),
+        ),
+    )
+    filter_width: float = _declare(
+        1.5, "Width", "Width of the pixel filter, unless that is a box", "Film", minimum=0.01, maximum=10,
+        unit="pixels",
+    )
+    threads: int = _declare(
+        0, "Threads", "Threads to render with (0 = Blender's own number)", "Performance", minimum=0, maximum=1024,
+    )
+    guiding_probability: float = _declare(
+        0.5, "Guiding Probability",
+        "Share of directions that what was learned proposes, at first; the material proposes the others", "Learning",
+        minimum=0, maximum=0.95,  # below one, so that the BSDF covers what the guide has not seen
+    )
+    learn_guiding_probability: bool = _declare(
+        True, "Learn Probability",
+        "Learn the share by region, none where guiding does not pay; off: the same everywhere", "Learning",
+    )
+    mis_compensation: bool = _declare(
+        False, "MIS Compensation", "Learn what sampling the material leaves over", "Learning",
+    )
+    sample_weighting: str = _declare(
+        "ITERATION", "Sample Weighting", "How samples from before much was learned count", "Learning",
+        choices=_WEIGHTING_CHOICES,
+    )
+    training_steps: int = _declare(
+        64, "Training Steps", "Steps that a network is trained between two iterations of a deterministic render",
+        "Learning", minimum=1, maximum=1 << 20,
+    )
+    source_field: str = _declare(
+        "VMM", "Source", "What the directions are drawn from that are resampled", "Candidates", choices=_SOURCE_CHOICES,
+    )
+    candidate_allocation: str = _declare(
+        "ORCA", "Candidates", "How many directions are weighed at each surface", "Candidates",
+        choices=(
+            Choice("ORCA", "Optimized", "As many as pay for themselves there"),
+            Choice("FIXED", "Fixed", "The same number everywhere"),
+        ),
+    )
+    candidate_count: int = _declare(
+        8, "Candidate Count",
+        "Directions weighed at each surface where their number is fixed, and always by resampled mixtures",
+        "Candidates", minimum=1, maximum=MAX_CANDIDATES,
+    )
+    defensive_alpha: float = _declare(
+        0.5, "Trust", "Share of the choice that goes by what was learned; the rest keeps mistakes of it bounded",
+        "Candidates", minimum=0, maximum=0.99,
+    )
+    ris_target: str = _declare(
+        "COLOR", "Target", "Whether directions are weighed by colour", "Candidates",
+        choices=(
+            Choice("COLOR", "Color", "By colour channel"),
+            Choice("SCALAR", "Gray", "By mean values, for comparisons"),
+        ),
+    )
+    network_size: str = _declare(
+        "COMPACT", "Network", "Size of the radiance network, which weighs directions", "Candidates",
+        choices=(
+            Choice("COMPACT", "Compact", "What a processor can train while it renders"),
+            Choice("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
+        ),
+    )
+    radiance_cache: bool = _declare(
+        False, "Radiance Cache",
+        "Biased: end paths at the first rough surface with the light that was learned, less noise but blotches. "
+        "With TABLE_RIS and NEURAL_RIS",
+        "Candidates",
+    )
+    mixture_preset: str = _declare(
+        "COMPACT", "Preset", "Sizes and training of neural mixtures", "Neural Mixtures",
+        choices=(
+            Choice("PAPER", "Paper", "As published"),
+            Choice("OFFICIAL", "Program", "As in the authors' program"),
+            Choice("COMPACT", "Compact", "Without grids, for renders of few samples"),
+        ),
+    )
+    mixture_target: str = _declare(
+        "PRODUCT", "Target", "What anisotropic neural mixtures are proportional to", "Neural Mixtures",
+        choices=(
+            Choice("RADIANCE", "Light", "Incident light"),
+            Choice("COSINE", "Light and Cosine", "Incident light times the cosine"),
+            Choice("PRODUCT", "Product", "Incident light times the material"),
+        ),
+    )
+    mixture_lobes: str = _declare(
+        "OWN", "Lobes", "Lobes of neural mixtures", "Neural Mixtures",
+        choices=(
+            Choice("OWN", "Own", "Those of the method"),
+            Choice("VMF", "Round", "Von Mises-Fisher"),
+            Choice("NASG", "Stretched", "Normalized anisotropic spherical Gaussians"),
+            Choice("SG", "Round, More", "Fourteen spherical Gaussians"),
+        ),
+    )
+    network_selection: bool = _declare(
+        False, "Network's Share", "Let a neural mixture learn how often to guide, instead of a share by region",
+        "Neural Mixtures",
+    )
+    u_dimension: str = _declare(
+        "AUTO", "Fourth Dimension",
+        "What networks may know of a path besides where it is; none where the scene has nothing of the kind",
+        "Time and Wavelengths",
+        choices=(
+            Choice("NONE", "None", "The place alone"),
+            Choice(
+                "AUTO",
+                "Automatic",
+                "The time where something but the camera moves, else the wavelength where a material disperses",
+            ),
+            Choice("TIME", "Time", "The time, where something moves while the shutter is open"),
+            Choice("WAVELENGTH", "Wavelength", "The wavelength, where a material disperses"),
+        ),
+    )
+    mixture_u: str = _declare(
+        "NONE", "Mixture's Encoding", "How a neural mixture sees the fourth dimension", "Time and Wavelengths",
+        choices=_U_ENCODING_CHOICES,
+    )
+    network_u: str = _declare(
+        "AUTO", "Network's Encoding", "How the network that weighs candidates sees the fourth dimension",
+        "Time and Wavelengths", choices=_NETWORK_U_CHOICES,
+    )
+    strata: int = _declare(
+        0, "Strata",
+        "Render the shutter, or the wavelengths, in so many parts, one after the other, and let a neural mixture learn "
+        "each from the last. For long renders where the light changes fast; 0 or 1 turn it off, others become a power "
+        "of two",
+        "Time and Wavelengths", minimum=0, maximum=MAX_STRATA,
+    )
+    use_nee: bool = _declare(
+        True, "Sample Lights", "Next-event estimation: send a ray to a light from every hit. Off only for experiments",
+        "Paths",
+    )
+    use_russian_roulette: bool = _declare(
+        True, "Russian Roulette", "End dim paths early, at random. Off only for experiments", "Paths",
+    )
 
     def __post_init__(self) -> None:
-        if not 1 <= self.samples <= MAX_SAMPLES:
-            raise ValueError(f"samples is {self.samples}: choose 1 to {MAX_SAMPLES}")
-        if self.time_limit < 0.0:
-            raise ValueError(f"time_limit is {self.time_limit} s: choose 0 (none) or more")
-        if self.guiding_method not in GUIDING_METHODS:
-            raise ValueError(f"guiding_method {self.guiding_method!r}: choose one of {', '.join(GUIDING_METHODS)}")
-        for name, choices in (
-            ("pixel_filter", PIXEL_FILTERS),
-            ("candidate_allocation", CANDIDATE_ALLOCATIONS),
-            ("ris_target", RIS_TARGETS),
-            ("network_size", NETWORK_SIZES),
-            ("network_u", NETWORK_U_ENCODINGS),
-            ("source_field", SOURCES),
-            ("mixture_target", MIXTURE_TARGETS),
-            ("mixture_lobes", MIXTURE_LOBES),
-            ("mixture_preset", MIXTURE_PRESETS),
-            ("u_dimension", U_DIMENSIONS),
-            ("mixture_u", U_ENCODINGS),
-            ("orca_error", ORCA_ERRORS),
-            ("sample_weighting", SAMPLE_WEIGHTINGS),
-            ("spectral", SPECTRAL_MODES),
-        ):
-            if getattr(self, name) not in choices:
-                raise ValueError(f"{name} {getattr(self, name)!r}: choose one of {', '.join(choices)}")
-        if not 0 <= self.strata <= MAX_STRATA:
-            raise ValueError(f"strata is {self.strata}: choose 0 (none) to {MAX_STRATA}")
-        if not 1 <= self.candidate_count <= MAX_CANDIDATES:
-            raise ValueError(f"candidate_count is {self.candidate_count}: choose 1 to {MAX_CANDIDATES}")
-        if not 0.0 <= self.guiding_probability <= 0.95:
-            # Below one, so that the BSDF covers what the guide has not seen.
-            raise ValueError(f"guiding_probability is {self.guiding_probability}: choose 0 to 0.95")
-        if not 0.0 <= self.defensive_alpha <= 0.99:
-            raise ValueError(f"defensive_alpha is {self.defensive_alpha}: choose 0 to 0.99")
-        if not 0.0 < self.training_share <= 1.0:
-            raise ValueError(f"training_share is {self.training_share}: choose more than 0, at most 1")
-        if self.threads < 0:
-            raise ValueError(f"threads is {self.threads}: choose 0 (all) or more")
-        for name in ("max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} is {getattr(self, name)}: choose 0 or more")
+        for setting in SETTINGS.values():
+            setting.check(getattr(self, setting.name))
+
+    @property
+    def method(self) -> Method:
+        """The record of the guiding method."""
+        return METHODS[self.guiding_method]
 
     @property
     def is_guided(self) -> bool:
@@ -169,4 +415,8 @@ class RenderSettings:
     @property
     def source(self) -> str:
         """What directions are drawn from, one of SOURCES."""
-        return self.guiding_method if self.guiding_method in SOURCES else self.source_field
+        return self.method.source or self.source_field
+
+
+#: All settings of a render by name, in the order of panels and page.
+SETTINGS = {item.name: Setting(item.name, item.default, **item.metadata) for item in fields(RenderSettings)}

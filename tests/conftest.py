@@ -23,6 +23,14 @@ def blender() -> Iterator[Any]:
 
 
 @pytest.fixture
+def forget_outcomes() -> None:
+    """No renders of earlier tests among the outcomes that the engine keeps."""
+    from addon import engine
+
+    engine.outcomes.clear()
+
+
+@pytest.fixture
 def cube_scene(blender: Any) -> Any:
     """A cube, a camera that sees it and a sun: the scene, 32 x 16 pixels, rendered by NeuralGuide to float EXR."""
     bpy = blender

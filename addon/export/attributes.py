@@ -7,7 +7,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import Attribute, Float32Array
+from engine.array_types import Float32Array
+from engine.scene.description import Attribute
 
 from .topology import Topology, gather
 

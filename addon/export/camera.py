@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from engine.scene.description import Camera, Float32Array, Frame
+from engine.array_types import Float32Array
+from engine.scene.description import Camera, Frame
 
 from ..shared_settings import setting_source
 from ..versions import read_setting

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from engine.scene.description import Float32Array
+from engine.array_types import Float32Array
 
 # Primaries and white as CIE xy: red, green, blue, white.
 _D65 = (0.3127, 0.3290)

@@ -10,7 +10,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import Float32Array, Mesh, SceneDescription
+from engine.array_types import Float32Array
+from engine.scene.description import Mesh, SceneDescription
 
 from .context import ExportContext
 from .geometry import read_normals, read_positions

@@ -6,7 +6,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from engine.scene.description import Attribute, Float32Array, Int32Array, Mesh
+from engine.array_types import Float32Array, Int32Array
+from engine.scene.description import Attribute, Mesh
 
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext

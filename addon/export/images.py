@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from engine.scene.description import Float32Array, Image
+from engine.array_types import Float32Array
+from engine.scene.description import Image
 
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext

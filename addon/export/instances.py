@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from engine.array_types import Float32Array
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -21,7 +22,6 @@ from engine.scene.description import (
     VISIBLE_SHADOW,
     VISIBLE_TRANSMISSION,
     VISIBLE_VOLUME,
-    Float32Array,
 )
 
 from ..versions import read_setting
@@ -71,7 +71,6 @@ class Appearance:
     pass_index: int
     color: tuple[float, ...]
     is_holdout: bool
-    is_shadow_catcher: bool
     #: Shadow Terminator Geometry Offset.
     terminator_offset: float
     is_instance: bool
@@ -208,7 +207,6 @@ def _classify(
             pass_index=shown.pass_index,
             color=tuple(shown.color),
             is_holdout=is_holdout,
-            is_shadow_catcher=shown.is_shadow_catcher or parent.is_shadow_catcher,
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
             materials=slots,
@@ -219,7 +217,7 @@ def _classify(
         kinds[-1].motion_step_count = motion_step_count(shown, parent)
         kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
         kinds[-1].is_particle = item.particle_system is not None
-    if kinds[-1].is_shadow_catcher and is_mesh:
+    if is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher):
         context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
     return len(kinds) - 1
 

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.scene.description import Float32Array, Light
+from engine.array_types import Float32Array
+from engine.scene.description import Light
 
 from ..versions import BRIGHTER_AREA_LIGHTS, is_since, read_setting, uses_nodes
 from .context import ExportContext, cycles_property
@@ -44,7 +46,7 @@ def export_light(
         context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
         return None
     graph = graphs.export(data.node_tree, name) if uses_nodes(data) else None
-    light = Light(
+    return Light(
         key=("light", key),
         name=name,
         kind=data.type,
@@ -60,20 +62,29 @@ def export_light(
         visibility=visibility,
         graph=graph,
         random=random,
+        **_SHAPES[data.type](data),
     )
-    if data.type in ("POINT", "SPOT"):
-        light.radius = data.shadow_soft_size
-    if data.type == "SPOT":
-        light.spot_angle = data.spot_size
-        light.spot_blend = data.spot_blend
-    elif data.type == "SUN":
-        light.angle = data.angle
-    elif data.type == "AREA":
-        light.shape = data.shape
-        light.size_x = data.size
-        light.size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
-        light.spread = data.spread
-    return light
+
+
+def _point(data: bpy.types.PointLight | bpy.types.SpotLight) -> dict[str, Any]:
+    return {"radius": data.shadow_soft_size}
+
+
+def _spot(data: bpy.types.SpotLight) -> dict[str, Any]:
+    return _point(data) | {"spot_angle": data.spot_size, "spot_blend": data.spot_blend}
+
+
+def _sun(data: bpy.types.SunLight) -> dict[str, Any]:
+    return {"angle": data.angle}
+
+
+def _area(data: bpy.types.AreaLight) -> dict[str, Any]:
+    size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
+    return {"shape": data.shape, "size_x": data.size, "size_y": size_y, "spread": data.spread}
+
+
+#: By kind: the fields of `Light` that only this kind has.
+_SHAPES: dict[str, Callable[[Any], dict[str, Any]]] = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}
 
 
 def _energy(data: bpy.types.Light) -> float:

@@ -82,7 +82,6 @@ class MaterialExporter:
             name=material.name,
             graph=graph,
             pass_index=material.pass_index,
-            use_backface_culling=False,
             use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             emission_sampling=_emission_sampling(material),

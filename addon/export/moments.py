@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import Float32Array, Int32Array
+from engine.array_types import Float32Array, Int32Array
 
 from .context import ExportContext
 

@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import Camera, Float32Array, Instances, SceneDescription
+from engine.array_types import Float32Array
+from engine.scene.description import Camera, Instances, SceneDescription
 
 from .camera import export_camera
 from .context import ExportContext

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from engine.scene.description import Float32Array
+from engine.array_types import Float32Array
 
 #: Entries of a table: Cycles 5.0 samples 256 intervals, both ends included.
 TABLE_SIZE = 257

@@ -221,7 +221,6 @@ def _export_instances(
         name=[names[row] for row in kind_of.tolist()],
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
-        is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
     )
     return meshes, instances, chosen

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from engine.scene.description import Float32Array
+from engine.array_types import Float32Array
 
 from ..versions import read_setting
 from .context import ExportContext, cycles_property

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.scene.description import Attribute, Float32Array, Mesh
+from engine.array_types import Float32Array
+from engine.scene.description import Attribute, Mesh
 
 
 def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:

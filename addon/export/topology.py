@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import Int32Array, Uint32Array
+from engine.array_types import Int32Array, Uint32Array
 
 
 @dataclass

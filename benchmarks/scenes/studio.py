@@ -123,6 +123,24 @@ def quad(name: str, surface: Any, size_x: float = 2.0, size_y: float = 2.0) -> A
     return mesh(name, corners, [(0, 1, 2, 3)], surface, [(0, 0), (1, 0), (1, 1), (0, 1)])
 
 
+def sort_faces(data: Any) -> None:
+    """Put a mesh's faces in the order of their vertices.
+
+    Blender makes the faces of a UV sphere in the order of their addresses in memory, which is another one in each
+    process; with it the triangles' numbers and the rounding of normals differ.
+    """
+    import bmesh
+
+    grid = bmesh.new()
+    grid.from_mesh(data)
+    order = sorted(grid.faces, key=lambda face: [vertex.index for vertex in face.verts])
+    for index, face in enumerate(order):
+        face.index = index
+    grid.faces.sort()
+    grid.to_mesh(data)
+    grid.free()
+
+
 def sphere(name: str, surface: Any, radius: float = 1.0, segments: int = 48, rings: int = 24) -> Any:
     """A UV sphere with a UV map."""
     import bmesh
@@ -133,6 +151,7 @@ def sphere(name: str, surface: Any, radius: float = 1.0, segments: int = 48, rin
     created = bpy.data.meshes.new(name)
     grid.to_mesh(created)
     grid.free()
+    sort_faces(created)
     created.materials.append(surface)
     created.polygons.foreach_set("use_smooth", [True] * len(created.polygons))
     return created

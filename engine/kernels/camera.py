@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import TWO_PI
 from engine.kernels.motion import apply_direction, apply_point, matrix_between
 from engine.kernels.vector import add, normalize, scale, subtract, transform_direction, transform_point
-from engine.scene.camera import (
+from engine.runtime.jit import kernel
+from engine.state.camera import (
     CAMERA_BLADE_ROTATION,
     CAMERA_BLADES,
     CAMERA_CLIP_END,

@@ -11,7 +11,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 
 @intrinsic

@@ -11,7 +11,8 @@ INV_TWO_PI = np.float32(0.5 / np.pi)
 INV_FOUR_PI = np.float32(0.25 / np.pi)
 INFINITY = np.float32(np.inf)
 NAN = np.float32(np.nan)
-#: From this distance on a light is infinitely far away [m].
+#: Distance to everything at infinity, and from which on a distance is taken for that [m].
+DISTANT = np.float32(1e30)
 FAR = np.float32(1e29)
 FLOAT_MAX = np.float32(3.4e38)
 #: The inverse of what is smaller may be infinite.

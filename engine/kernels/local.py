@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from engine.bundle import RowsType
+from engine.runtime.bundle import RowsType
 
 #: Floats that `local_floats` has room for.
 LOCAL_COUNT = 8

@@ -2,14 +2,14 @@
 """Where things are at a path's time: transforms and triangles of what moves while the shutter is open.
 
 Positions lie on straight lines between evenly spaced keys, exactly as Embree intersects them; turns have enough keys
-(`engine.scene.motion`). What stands still costs one test of a flag. Time runs from 0, the shutter's opening, to 1.
+(`engine.builder.motion`). What stands still costs one test of a flag. Time runs from 0, the shutter's opening, to 1.
 """
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.vector import load, transform_direction, transform_normal, transform_point
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_MOVING,
     INSTANCE_FLAGS,

@@ -3,11 +3,12 @@
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
+from engine.kernels.path_depths import count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     POINT_NG,
     POINT_NS,
     POINT_P,
@@ -35,6 +36,7 @@ _RESET = ~(
     | RAY_TRANSPARENT
     | RAY_MIS_SKIP
     | RAY_MIS_HAD_TRANSMISSION
+    | RAY_TRANSPARENT_BACKGROUND
 )
 _INFINITE = np.float32(np.inf)
 
@@ -50,9 +52,8 @@ def pass_through(options, paths, points, lane):
     """Go on behind a transparent surface as the same ray: kind, MIS density and origin stay the last scattering's."""
     distance = paths.hit_distance[lane]
     paths.hit_distance[lane] = _INFINITE
-    paths.transparent_depth[lane] += 1
     flags = paths.flags[lane] | RAY_TRANSPARENT
-    if paths.transparent_depth[lane] >= options.max_transparent_depth:
+    if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
     paths.mis_distance[lane] += distance
@@ -88,24 +89,9 @@ def scatter_path(options, paths, points, closures, lane, wi, label, pdf, bsdf_pd
     if not label & RAY_SINGULAR:
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
 
-    depth = paths.depth[lane] + 1
-    paths.depth[lane] = depth
-    ends = depth >= options.max_depth
+    ends = count_scattering(options, paths, lane, label)
     flags = paths.flags[lane] & _RESET
-    if label & RAY_REFLECT:
-        flags |= RAY_REFLECT
-        flags &= ~RAY_TRANSPARENT_BACKGROUND
-        if label & RAY_DIFFUSE:
-            paths.diffuse_depth[lane] += 1
-            ends |= paths.diffuse_depth[lane] >= options.max_diffuse_depth
-        else:
-            paths.glossy_depth[lane] += 1
-            ends |= paths.glossy_depth[lane] >= options.max_glossy_depth
-    else:
-        flags |= RAY_TRANSMIT
-        flags &= ~RAY_TRANSPARENT_BACKGROUND
-        paths.transmission_depth[lane] += 1
-        ends |= paths.transmission_depth[lane] >= options.max_transmission_depth
+    flags |= RAY_REFLECT if label & RAY_REFLECT else RAY_TRANSMIT
     if label & RAY_DIFFUSE:
         flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
     elif label & RAY_SINGULAR:

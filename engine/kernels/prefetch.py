@@ -12,8 +12,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from engine.bundle import RowsType
-from engine.jit import kernel
+from engine.runtime.bundle import RowsType
+from engine.runtime.jit import kernel
 
 _READ, _KEEP, _DATA = 0, 3, 1
 #: Bytes of a cache line.
@@ -68,7 +68,7 @@ def lane_ahead(lanes, k, lane_count):
     return np.int64(lanes[min(k + _LANES_AHEAD, lane_count - 1)])
 
 
-# What follows knows where the cache lines of `engine.state` begin.
+# What follows knows where the cache lines of `engine.state.lanes` begin.
 
 
 @kernel

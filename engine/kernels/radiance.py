@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adding light to a path: the power heuristic and clamping, shared by every stage that finds light."""
+"""Where light ends on a path: MIS weight, clamping and passes, shared by every stage that finds light."""
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.kernels.spectrum import to_rgb
+from engine.runtime.jit import kernel
+from engine.state.lanes import RAY_TRANSPARENT_BACKGROUND, RGB
 
 
 @kernel
@@ -19,14 +21,14 @@ def power_heuristic(pdf, other_pdf):
 
 
 @kernel
-def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indirect, weight):
+def add_radiance(options, paths, lane, contribution, row, depth, weight):
     """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does, `weight` times.
 
     `depth` counts scatterings before the light's last one: 0 is direct light. The limits are on the sum of channels,
     as many times the user's setting as there are; 0 = none. They are on the contribution before it is weighted, so that
     they take the same share of the light however seldom it is sampled.
     """
-    limit = clamp_indirect if depth > 0 else clamp_direct
+    limit = options.clamp_indirect if depth > 0 else options.clamp_direct
     factor = limit * 0.0 + 1.0
     if limit > 0.0:
         total = 0.0 * limit
@@ -37,3 +39,36 @@ def add_radiance(paths, lane, contribution, row, depth, clamp_direct, clamp_indi
             factor = limit / total
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] += factor * weight * contribution[row, c]
+
+
+@kernel
+def add_found(options, paths, lane, contribution):
+    """Add light that the path's last scattering has found: row `lane` of `contribution`, MIS weight included."""
+    add_radiance(options, paths, lane, contribution, lane, paths.depth[lane] - 1, 1.0)
+
+
+@kernel
+def add_sampled(options, paths, lane, shadows, row):
+    """Add the light sample of a shadow ray, row `row` of `shadows`, that nothing has blocked."""
+    add_radiance(options, paths, lane, shadows.radiance, row, paths.depth[lane], shadows.weight[row])
+
+
+@kernel
+def add_emission(options, spectrum, paths, lane, emission, mis_weight, film, feature, use_features):
+    """Add what the surface or the background along the path's ray emits, and show it in its pass.
+
+    Parameters
+    ----------
+    emission : float32 (L, C)
+        Radiance by lane, replaced by the contribution.
+    feature : int
+        Column FEATURE_* of the film's pass, which gets the light that only transparent surfaces lie before, if
+        `use_features`.
+    """
+    for c in range(len(paths.channels)):
+        emission[lane, c] *= paths.throughput[lane, c] * mis_weight
+    add_found(options, paths, lane, emission)
+    if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
+        color = to_rgb(spectrum, paths, lane, emission, lane)
+        for c in range(RGB):
+            film.features[paths.pixel[lane], feature + c] += color[c]

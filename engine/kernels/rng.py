@@ -15,7 +15,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 # Named sets of four numbers. The camera uses two, each vertex of a path SETS_PER_VERTEX.
 SET_FILTER_LENS = 0

@@ -7,13 +7,13 @@ Everything that shaders and lights say is RGB. It becomes values at the waveleng
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.shader.color_math import luminance
+from engine.runtime.jit import kernel
 from engine.spectral.blackbody import blackbody_over_d65
 from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
 from engine.spectral.wavelengths import rgb_weight, rotate_hero
-from engine.state import RGB
+from engine.state.lanes import RGB
 
 
 @kernel

@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.motion import move_surface, normals_at, triangle_at
 from engine.kernels.vector import (
     add,
@@ -17,7 +16,8 @@ from engine.kernels.vector import (
     transform_normal,
     transform_point,
 )
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAG_MOVING,
@@ -26,7 +26,7 @@ from engine.scene.arrays import (
     INSTANCE_MESH,
     MESH_FIRST_NORMAL,
 )
-from engine.state import (
+from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,

@@ -9,12 +9,12 @@ The height and where it is used are Cycles', so that its pictures come out; the 
 References: Hanika 2021, "Hacking the Shadow Terminator" (Ray Tracing Gems II, chapter 4), for the linear envelope.
 """
 
-from engine.jit import kernel
 from engine.kernels.constants import FAR
 from engine.kernels.motion import direction_to_world, normals_at, triangle_at
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import add, dot, length, negate, normalize, scale, subtract
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
     INSTANCE_MESH,

@@ -3,7 +3,7 @@
 
 import math
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 
 @kernel

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.bundle import Bundle
-from engine.scene.arrays import Float32Array, Int32Array, Uint8Array
+from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.runtime.bundle import Bundle
 from engine.settings import MAX_CANDIDATES as MAX_CANDIDATES
-from engine.state import value_width
+from engine.state.lanes import value_width
 
 #: Rows of a thread's batch: a neural query of this many stays in cache.
 CANDIDATE_ROWS = 4096
@@ -19,7 +19,7 @@ class Candidates(Bundle):
 
     vertex : int64, which of the chunk's vertices proposed it
     direction : float32 (N, 3), unit, world
-    f_cos : float32 (N, `engine.state.value_width`), BSDF times cosine [sr^-1]
+    f_cos : float32 (N, `engine.state.lanes.value_width`), BSDF times cosine [sr^-1]
     radiance : float32 (N, C), predicted incident radiance; a common factor does not matter
     source_pdf : float32 [sr^-1], Eq. (7), with the probability of not taking a delta lobe
     bsdf_pdf, guide_pdf : float32 [sr^-1]

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from engine.bundle import Bundle
-from engine.jit import kernel
+from engine.array_types import Float32Array
 from engine.ris.candidates import MAX_CANDIDATES
-from engine.scene.arrays import Float32Array
+from engine.runtime.bundle import Bundle
+from engine.runtime.jit import kernel
 
 #: Candidates a vertex of a recorded path gets on average without a reason for more: enough resampling to keep the
 #: estimates coming. Others bring none, and get one.
 FLOOR = np.float32(1.125)
 #: Variance that a candidate must save, over what its cost is worth: savings along a path do not add up, and samples
-#: spread evenly over a pixel have less to save than single ones (docs/experiments.md).
+#: spread evenly over a pixel have less to save than single ones (docs/decisions/candidates.md).
 LEAST_RETURN = 2.0
 #: Added to the squared pixel value (over the image's mean) in the relative error.
 RELATIVE_EPSILON = np.float32(0.01)
@@ -99,7 +99,8 @@ def least_count(costs: CandidateCosts) -> float:
 
     Resampling `c` candidates saves (1 - 1 / c) of the variance delta for c K0 + K1, and source sampling costs Ks, so it
     pays from the c with c^2 - 2 c = (K1 - Ks) / K0 on. Eq. (22), c = sqrt(K1 / K0), leaves out the candidates' own cost
-    and that of source sampling; with it vertices were resampled that cost more than they saved (docs/experiments.md).
+    and that of source sampling; with it vertices were resampled that cost more than they saved
+    (docs/decisions/candidates.md).
     """
     return 1.0 + math.sqrt(max(1.0 + (costs.per_vertex - costs.per_source_sample) / costs.per_candidate, 0.0))
 
@@ -151,7 +152,7 @@ def mean_by_region(leaf: np.ndarray, estimate: np.ndarray, region_count: int) ->
     return mean.astype(np.float32)
 
 
-def pixel_weights(mean: np.ndarray, *, is_relative: bool) -> np.ndarray:
+def pixel_weights(mean: np.ndarray) -> np.ndarray:
     """Weight of each pixel's variance: 1 / (filtered value^2 + 0.01), values over the image's mean.
 
     Parameters
@@ -160,13 +161,11 @@ def pixel_weights(mean: np.ndarray, *, is_relative: bool) -> np.ndarray:
 
     Returns
     -------
-    float32 (height * width,); ones times 1 / mean^2 without `is_relative`, so that both are free of units
+    float32 (height * width,), times 1 / mean^2, so that variances times these have no unit
     """
     value = mean.mean(axis=2, dtype=np.float64)
     scale = max(float(value.mean()), 1e-20)
     value = value / scale
-    if not is_relative:
-        return np.full(value.size, 1.0 / scale**2, np.float32)
     padded = np.pad(value, 2, mode="edge")
     height, width = value.shape
     smooth = np.zeros_like(value)

@@ -7,8 +7,8 @@ References: Rath, Manzi et al. 2025, "Neural Resampling with Optimized Candidate
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import FLOAT_MAX, FLOAT_MIN
+from engine.runtime.jit import kernel
 
 
 @kernel

@@ -3,7 +3,7 @@
 
 World space is right-handed with z up; matrices are float32 (4, 4), object to world, acting on column vectors; colours
 are linear in the scene's working space (Rec.709 unless the host says otherwise); row 0 of an image is its bottom.
-`engine.scene.build` validates a `SceneDescription` and flattens it into the arrays that kernels read.
+`engine.builder.scene` validates a `SceneDescription` and flattens it into the arrays that kernels read.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Float32Array = npt.NDArray[np.float32]
-Int32Array = npt.NDArray[np.int32]
-Uint32Array = npt.NDArray[np.uint32]
+from engine.array_types import Float32Array, Int32Array, Uint32Array
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -113,7 +111,6 @@ class Material:
     name: str
     graph: NodeGraph | None
     pass_index: int = 0
-    use_backface_culling: bool = False
     use_bump_map_correction: bool = True
     use_transparent_shadow: bool = True
     #: 'AUTO', 'NONE', 'FRONT', 'BACK', 'FRONT_BACK': whether emission is sampled as a light.
@@ -220,7 +217,6 @@ class Instances:
     #: (N, 3) Generated and UV coordinates of the instancer (particles, geometry nodes), zero elsewhere.
     dupli_generated: Float32Array
     dupli_uv: Float32Array  # (N, 2)
-    is_shadow_catcher: npt.NDArray[np.bool_]  # (N,)
     #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
     #: 0 = never; None = 0 for all.
     terminator_offset: Float32Array | None = None
@@ -230,7 +226,7 @@ class Instances:
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Lights: Blender's units; engine.scene.lights converts.
+# Lights: Blender's units; engine.builder.lamps converts.
 
 
 @dataclass
@@ -313,7 +309,7 @@ class World:
 
 @dataclass
 class Camera:
-    """Blender's camera; `engine.scene.camera` turns it into rays as Cycles does.
+    """Blender's camera; `engine.builder.camera` turns it into rays as Cycles does.
 
     transform : float32 (4, 4), camera to world, looking along local -z, without scale.
     """

@@ -7,35 +7,29 @@ import math
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from engine.array_types import Float32Array
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
 from engine.kernels.shader import ops_closure, ops_image, ops_input, ops_math
-from engine.scene.arrays import Float32Array
-from engine.scene.description import Camera, Frame, Image, Link, Node, NodeGraph, Notice
-from engine.shaders import arrays as layout
+from engine.scene.content import Kept
+from engine.scene.description import Image, Link, Node, NodeGraph, Notice
+from engine.scene.digest import content_digest
 from engine.shaders import nodes_closure, nodes_image, nodes_input, nodes_texture_math
-from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY, ShaderArrays
 from engine.shaders.blackbody import emission_temperature
-from engine.shaders.camera import camera_matrices
 from engine.shaders.folding import estimate_emission, fold
-from engine.shaders.image_pool import build_image_pool, srgb_table
+from engine.shaders.image_pool import ImagePool, ImagePoolCache, srgb_table
 from engine.shaders.options import choice
-from engine.shaders.program import (
-    Constant,
-    ConstantPool,
-    Instruction,
-    InstructionList,
-    Value,
-    assemble,
-)
+from engine.shaders.program import Constant, ConstantPool, Instruction, InstructionList, Value, assemble
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.shaders.vocabulary import CLOSURE_INPUTS, unknown_parts
 from engine.spectral.observer import XYZ_TO_REC709
+from engine.state import shaders as layout
+from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY, ShaderArrays, identity_camera
 
 #: Deep chains of nodes recurse a few Python frames per node.
 _RECURSION_LIMIT = 50_000
@@ -50,6 +44,11 @@ _GREY = Constant((0.8, 0.8, 0.8))
 _ZERO = Constant((0.0,))
 _ONE = Constant((1.0,))
 _BLACK = Constant((0.0, 0.0, 0.0))
+_NO_PIXELS = np.zeros((0, 0, 4), np.uint8)
+#: Instructions that read `ShaderArrays.camera`.
+_CAMERA_OPCODES = frozenset({
+    ops_input.OP_CAMERA_COORDINATE, ops_input.OP_WINDOW, ops_input.OP_CAMERA_DATA, ops_input.OP_VECTOR_TRANSFORM
+})
 
 
 @dataclass(frozen=True)
@@ -81,16 +80,20 @@ class ProgramSource:
 def compile_programs(
     sources: Sequence[ProgramSource],
     images: Sequence[Image],
-    camera: Camera | None = None,
-    frame: Frame | None = None,
+    camera: Float32Array | None = None,
     to_xyz: Float32Array | None = None,
+    cache: ProgramCache | None = None,
 ) -> tuple[ShaderArrays, list[str], list[Notice]]:
     """Compile one program per source, in their order.
 
     Parameters
     ----------
+    camera : float32 (CAMERA_ROWS, 12), optional
+        Spaces of the camera, as `ShaderArrays.camera`; None: all are the world.
     to_xyz : float32 (3, 3), optional
         From the working space to CIE XYZ (D65); None for Rec.709.
+    cache : ProgramCache, optional
+        Updated: programs and images that have not changed are not made again.
 
     Returns
     -------
@@ -102,10 +105,22 @@ def compile_programs(
     notices : list of Notice
         What is not supported, with `'name / node'` as subject.
     """
+    cache = ProgramCache() if cache is None else cache
     scene = _SceneCompiler(images, to_xyz)
     with _recursion():
-        compiled = [_ProgramCompiler(scene, source).compile() for source in sources]
-    return scene.finish(sources, compiled, camera, frame)
+        compiled = cache.compile(scene, sources)
+    camera = identity_camera() if camera is None else camera
+    pool = cache.images.get(images)
+    # An estimate of emission may see the camera.
+    seen = camera.tobytes() if any(program.emission is None and program.sees_camera for program in compiled) else b""
+    # Names and graphs of sources are in the programs.
+    numbers = tuple((source.kind, source.pass_index, source.dispersion) for source in sources)
+    arrays = cache.arrays.get(
+        (compiled, numbers, cache.images.version, seen), lambda: scene.assemble(sources, compiled, pool, camera)
+    )
+    if not np.array_equal(arrays.camera, camera):
+        arrays = arrays._replace(camera=camera)
+    return arrays, scene.attribute_names, scene.notices + pool.notices
 
 
 @contextmanager
@@ -118,9 +133,12 @@ def _recursion() -> Iterator[None]:
         sys.setrecursionlimit(limit)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Compiled:
-    """A program before it has an address: its instructions, the roots each mode runs, and facts."""
+    """A program before it has an address: its instructions, the roots each mode runs, and facts.
+
+    `asked` is what it took from the pools that it shares with other programs, in order: method, argument and answer.
+    """
 
     instructions: list[Instruction]
     roots: dict[int, list[int]]
@@ -129,13 +147,47 @@ class _Compiled:
     transparency: tuple[float, ...] | None
     lambertian: tuple[float, ...] | None
     ahead: tuple[int, int]
+    temperature: float
+    asked: list[tuple[str, Any, Any]]
+    notices: list[Notice]
+
+    @property
+    def sees_camera(self) -> bool:
+        """Whether what it gives depends on where the camera is."""
+        return any(instruction.opcode in _CAMERA_OPCODES for instruction in self.instructions)
+
+
+class ProgramCache:
+    """Programs and images of a session, kept while they stay the same."""
+
+    def __init__(self) -> None:
+        self._programs: dict[str, _Compiled] = {}
+        #: Those of the newest description, in order of its sources: equal objects are equal programs.
+        self.compiled: list[_Compiled] = []
+        self.images = ImagePoolCache()
+        self.arrays: Kept[ShaderArrays] = Kept()
+
+    def compile(self, scene: _SceneCompiler, sources: Sequence[ProgramSource]) -> list[_Compiled]:
+        """Programs of the sources: those at hand, where the pools that all share answer them as before."""
+        programs: dict[str, _Compiled] = {}
+        compiled = []
+        for source in sources:
+            digest = content_digest((source, scene.to_xyz))
+            program = self._programs.get(digest)
+            if program is None or not scene.answers(program):
+                program = _ProgramCompiler(scene, source).compile()
+            programs[digest] = program
+            compiled.append(program)
+        self._programs, self.compiled = programs, compiled
+        return compiled
 
 
 class _SceneCompiler:
     """Pools shared by all programs."""
 
     def __init__(self, images: Sequence[Image], to_xyz: Float32Array | None) -> None:
-        self.images = images
+        self._images = images
+        self.to_xyz = to_xyz
         #: Luminance of the working space's primaries, and the matrix to it from Rec.709; None where it is Rec.709.
         self.luminance: tuple[float, ...] | None = None
         self.from_rec709: npt.NDArray[np.float64] | None = None
@@ -148,18 +200,40 @@ class _SceneCompiler:
         self._table_size = len(self._tables[0])
         self._known_tables: dict[bytes, int] = {}
         self._joined: Float32Array | None = None
+        #: What the program in work has asked for, and what it reports.
+        self._asked: list[tuple[str, Any, Any]] = []
+        self._found: list[Notice] = []
+
+    def begin(self) -> tuple[list[tuple[str, Any, Any]], list[Notice]]:
+        """Begin a program: lists of what it will have asked for, and reported."""
+        self._asked, self._found = [], []
+        return self._asked, self._found
+
+    def answers(self, program: _Compiled) -> bool:
+        """Give a finished program what it asked for once more; whether all answers are the same."""
+        self.begin()
+        is_same = all(getattr(self, method)(argument) == answer for method, argument, answer in program.asked)
+        if is_same:
+            for notice in program.notices:
+                self._report(notice)
+        return is_same
+
+    def _report(self, notice: Notice) -> None:
+        if notice not in self.notices:
+            self.notices.append(notice)
 
     def notice(self, subject: str, problem: str, fallback: str) -> None:
         """Report once."""
-        notice = Notice(subject, problem, fallback)
-        if notice not in self.notices:
-            self.notices.append(notice)
+        self._found.append(Notice(subject, problem, fallback))
+        self._report(self._found[-1])
 
     def attribute_slot(self, name: str) -> int:
         """Slot of a mesh attribute."""
         if name not in self.attribute_names:
             self.attribute_names.append(name)
-        return self.attribute_names.index(name)
+        slot = self.attribute_names.index(name)
+        self._asked.append(("attribute_slot", name, slot))
+        return slot
 
     def add_table(self, values: npt.ArrayLike) -> int:
         """Index of the table's first float in the pool."""
@@ -170,7 +244,16 @@ class _SceneCompiler:
             self._tables.append(table)
             self._table_size += len(table)
             self._joined = None
+        self._asked.append(("add_table", table, self._known_tables[key]))
         return self._known_tables[key]
+
+    def image(self, index: int) -> Image | None:
+        """An image without its pixels, None if it is missing."""
+        image = None
+        if 0 <= index < len(self._images):
+            image = replace(self._images[index], key=None, pixels=_NO_PIXELS)
+        self._asked.append(("image", index, image))
+        return image
 
     def tables(self) -> Float32Array:
         """The pool so far."""
@@ -178,13 +261,13 @@ class _SceneCompiler:
             self._joined = np.concatenate(self._tables)
         return self._joined
 
-    def finish(
+    def assemble(
         self,
         sources: Sequence[ProgramSource],
         compiled: Sequence[_Compiled],
-        camera: Camera | None,
-        frame: Frame | None,
-    ) -> tuple[ShaderArrays, list[str], list[Notice]]:
+        images: ImagePool,
+        camera: Float32Array,
+    ) -> ShaderArrays:
         """Assemble all programs into arrays."""
         pool = ConstantPool()
         pool.index(_ZERO)
@@ -212,13 +295,12 @@ class _SceneCompiler:
                 values[row, layout.VALUE_LAMBERTIAN : layout.VALUE_LAMBERTIAN + 3] = program.lambertian
         words = np.array(code or [0], np.int32)
         words[constant_words] += register_count
-        table, pixels_byte, pixels_float, image_notices = build_image_pool(self.images)
         pass_index = np.zeros(max(count, 1), np.float32)
         pass_index[:count] = [source.pass_index for source in sources]
         dispersion = np.zeros(max(count, 1), np.float32)
         dispersion[:count] = [source.dispersion if math.isfinite(source.dispersion) else 0.0 for source in sources]
         temperature = np.zeros(max(count, 1), np.float32)
-        temperature[:count] = [emission_temperature(source.graph) for source in sources]
+        temperature[:count] = [program.temperature for program in compiled]
         shaders = ShaderArrays(
             code=words,
             constants=np.array(pool.values, np.float32),
@@ -227,11 +309,11 @@ class _SceneCompiler:
             program_pass_index=pass_index,
             program_dispersion=dispersion,
             program_temperature=temperature,
-            images=table,
-            pixels_byte=pixels_byte,
-            pixels_float=pixels_float,
+            images=images.table,
+            pixels_byte=images.pixels_byte,
+            pixels_float=images.pixels_float,
             tables=self.tables(),
-            camera=camera_matrices(camera, frame),
+            camera=camera,
             register_count=np.array([register_count], np.int64),
         )
         varying = [row for row, program in enumerate(compiled) if program.emission is None]
@@ -239,7 +321,7 @@ class _SceneCompiler:
             kinds = [sources[row].kind for row in varying]
             estimates = estimate_emission(shaders, varying, kinds, len(self.attribute_names))
             values[varying, layout.VALUE_EMISSION : layout.VALUE_EMISSION + 3] = estimates
-        return shaders, self.attribute_names, self.notices + image_notices
+        return shaders
 
 
 class _ProgramCompiler:
@@ -263,6 +345,7 @@ class _ProgramCompiler:
 
     def compile(self) -> _Compiled:
         """Walk the graph from its surface output."""
+        asked, notices = self.scene.begin()
         self._surface()
         instructions = self.code.instructions
         emission = self._constant_emission()
@@ -291,7 +374,11 @@ class _ProgramCompiler:
         if lambertian is not None:
             self.flags |= layout.PROGRAM_IS_LAMBERTIAN
         ahead = self._foreseen_image()
-        return _Compiled(instructions, self._roots, self.flags, emission, transparency, lambertian, ahead)
+        temperature = emission_temperature(self.source.graph)
+        return _Compiled(
+            instructions, self._roots, self.flags, emission, transparency, lambertian, ahead, temperature, asked,
+            notices,
+        )
 
     def _foreseen_image(self) -> tuple[int, int]:
         """PROGRAM_AHEAD_IMAGE and PROGRAM_AHEAD_SLOT."""
@@ -445,7 +532,6 @@ class _ProgramCompiler:
         # What follows must read the point again.
         self.code.forget()
         self._finished.clear()
-        self.flags |= layout.PROGRAM_HAS_BUMP
 
     # -----------------------------------------------------------------------------------------------------------------
     # Facts
@@ -595,7 +681,6 @@ class _ProgramCompiler:
             heights.append(at_axis.input(Socket("Height", FLOAT, 1.0)))
         if len(set(heights)) == 1:
             return normal
-        self.flags |= layout.PROGRAM_HAS_BUMP
         operands = (*heights, strength, distance, normal, width)
         immediates = (int(bool(node.properties.get("invert", False))), 0)
         return self.append(Instruction(ops_input.OP_BUMP, operands, (3,), immediates), is_varying=True)[0]
@@ -701,20 +786,11 @@ class _Builder:
         return self._compiler.scene.attribute_slot(name)
 
     def image(self, index: int) -> tuple[int, Image] | None:
-        """Row and description of an image, None if it is missing."""
-        images = self._compiler.scene.images
-        if 0 <= index < len(images):
-            return index, images[index]
-        self.notice("has no image", "magenta, as Cycles shows it")
-        return None
-
-    def mark_uv(self) -> None:
-        """Record that the program reads UV maps."""
-        self._compiler.flags |= layout.PROGRAM_NEEDS_UV
-
-    def mark_bump(self) -> None:
-        """Record that the program perturbs normals."""
-        self._compiler.flags |= layout.PROGRAM_HAS_BUMP
+        """Row of an image and what it is but for its pixels, None if it is missing."""
+        image = self._compiler.scene.image(index)
+        if image is None:
+            self.notice("has no image", "magenta, as Cycles shows it")
+        return None if image is None else (index, image)
 
     def multiply(self, a: Value, b: Value) -> Value:
         """Product of two scalars."""

@@ -8,12 +8,34 @@ from functools import cache
 
 import numpy as np
 
-from engine import state
+from engine.array_types import Float32Array
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader.interpreter import evaluate_shaders
-from engine.scene import arrays as layout
-from engine.scene.arrays import Float32Array, GeometryArrays
-from engine.shaders.arrays import (
+from engine.shaders.program import Constant, Instruction
+from engine.state import geometry as layout
+from engine.state.geometry import GeometryArrays
+from engine.state.lanes import (
+    POINT_INSTANCE,
+    POINT_LIGHT,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_PROGRAM,
+    POINT_RAY_FLAGS,
+    POINT_RAY_LENGTH,
+    POINT_TRIANGLE,
+    POINT_U,
+    POINT_V,
+    POINT_WO,
+    RAY_DIFFUSE,
+    RAY_EMISSION,
+    RAY_REFLECT,
+    Closures,
+    ShadePoints,
+    allocate_closures,
+    allocate_points,
+)
+from engine.state.shaders import (
     CAMERA_ROWS,
     FIRST_REGISTER,
     IMAGE_WIDTH,
@@ -25,7 +47,6 @@ from engine.shaders.arrays import (
     ShaderArrays,
     allocate_memory,
 )
-from engine.shaders.program import Constant, Instruction
 
 _SIDE = 16
 
@@ -64,10 +85,10 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
 
 
 @cache
-def _one_lane() -> tuple[GeometryArrays, state.ShadePoints, state.Closures, np.ndarray]:
-    points = state.allocate_points(1)
-    points.integer[0, state.POINT_INSTANCE] = -1
-    return stand_in_geometry(1), points, state.allocate_closures(1), np.zeros(1, np.int32)
+def _one_lane() -> tuple[GeometryArrays, ShadePoints, Closures, np.ndarray]:
+    points = allocate_points(1)
+    points.integer[0, POINT_INSTANCE] = -1
+    return stand_in_geometry(1), points, allocate_closures(1), np.zeros(1, np.int32)
 
 
 def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]:
@@ -122,8 +143,8 @@ def estimate_emission(
     all directions.
     """
     sample_count = _SIDE * _SIDE
-    points = state.allocate_points(sample_count)
-    closures = state.allocate_closures(sample_count)
+    points = allocate_points(sample_count)
+    closures = allocate_closures(sample_count)
     lanes = np.arange(sample_count, dtype=np.int32)
     geometry = stand_in_geometry(attribute_count)
     memory = allocate_memory(shaders)
@@ -133,9 +154,9 @@ def estimate_emission(
             _spread_over_square(points)
         else:
             _spread_over_sphere(points)
-        points.integer[:, state.POINT_RAY_FLAGS] = state.RAY_DIFFUSE | state.RAY_REFLECT | state.RAY_EMISSION
-        points.integer[:, state.POINT_LIGHT] = 0 if kind == "LIGHT" else -1
-        points.integer[:, state.POINT_PROGRAM] = program
+        points.integer[:, POINT_RAY_FLAGS] = RAY_DIFFUSE | RAY_REFLECT | RAY_EMISSION
+        points.integer[:, POINT_LIGHT] = 0 if kind == "LIGHT" else -1
+        points.integer[:, POINT_PROGRAM] = program
         evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, sample_count, memory, MODE_EMISSION)
         emission = np.nan_to_num(closures.emission[:, :3].astype(np.float64), posinf=0.0, neginf=0.0)
         result[row] = np.maximum(emission, 0.0).mean(axis=0)
@@ -148,32 +169,32 @@ def _grid() -> tuple[np.ndarray, np.ndarray]:
     return x.ravel(), y.ravel()
 
 
-def _spread_over_square(points: state.ShadePoints) -> None:
+def _spread_over_square(points: ShadePoints) -> None:
     x, y = _grid()
     real, integer = points.real, points.integer
     real[:] = 0.0
-    real[:, state.POINT_P] = x
-    real[:, state.POINT_P + 1] = y
-    for column in (state.POINT_WO, state.POINT_NG, state.POINT_NS):
+    real[:, POINT_P] = x
+    real[:, POINT_P + 1] = y
+    for column in (POINT_WO, POINT_NG, POINT_NS):
         real[:, column + 2] = 1.0
     # Triangle 0 has corners 00, 10, 11: x = u + v, y = v. Triangle 1 has 00, 11, 01: x = u, y = u + v.
     lower = y <= x
-    real[:, state.POINT_U] = np.where(lower, x - y, x)
-    real[:, state.POINT_V] = np.where(lower, y, y - x)
-    real[:, state.POINT_RAY_LENGTH] = 1.0
+    real[:, POINT_U] = np.where(lower, x - y, x)
+    real[:, POINT_V] = np.where(lower, y, y - x)
+    real[:, POINT_RAY_LENGTH] = 1.0
     integer[:] = 0
-    integer[:, state.POINT_TRIANGLE] = np.where(lower, 0, 1)
+    integer[:, POINT_TRIANGLE] = np.where(lower, 0, 1)
 
 
-def _spread_over_sphere(points: state.ShadePoints) -> None:
+def _spread_over_sphere(points: ShadePoints) -> None:
     x, y = _grid()
     z = 2.0 * y - 1.0
     r = np.sqrt(1.0 - z * z)
     direction = np.stack([r * np.cos(2.0 * np.pi * x), r * np.sin(2.0 * np.pi * x), z], axis=1)
     points.real[:] = 0.0
-    points.real[:, state.POINT_P : state.POINT_P + 3] = direction
-    for column in (state.POINT_WO, state.POINT_NG, state.POINT_NS):
+    points.real[:, POINT_P : POINT_P + 3] = direction
+    for column in (POINT_WO, POINT_NG, POINT_NS):
         points.real[:, column : column + 3] = -direction
-    points.real[:, state.POINT_RAY_LENGTH] = 1.0
+    points.real[:, POINT_RAY_LENGTH] = 1.0
     points.integer[:] = 0
-    points.integer[:, state.POINT_INSTANCE] = -1
+    points.integer[:, POINT_INSTANCE] = -1

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from engine.scene.arrays import Float32Array, Int64Array, Uint8Array
+from engine.array_types import Float32Array, Int64Array, Uint8Array
+from engine.scene.content import same_content, snapshot
 from engine.scene.description import Image, Notice
-from engine.shaders.arrays import (
+from engine.state.shaders import (
     IMAGE_IS_ASSOCIATED,
     IMAGE_IS_FLOAT,
     IMAGE_IS_SRGB,
@@ -35,7 +37,17 @@ def is_associated(image: Image) -> bool:
     return image.encoding != "RAW" and image.alpha_mode in _ASSOCIATING
 
 
-def build_image_pool(images: Sequence[Image]) -> tuple[Int64Array, Uint8Array, Float32Array, list[Notice]]:
+@dataclass(frozen=True)
+class ImagePool:
+    """Table of images (`ShaderArrays.images`), the two pools of pixels, and what was found on the way."""
+
+    table: Int64Array
+    pixels_byte: Uint8Array
+    pixels_float: Float32Array
+    notices: list[Notice]
+
+
+def build_image_pool(images: Sequence[Image]) -> ImagePool:
     """Table of images and the two pools; an image without pixels becomes one transparent black texel.
 
     Images that stand in a pool as they are get their pixels from there, so that they are in memory once.
@@ -63,7 +75,28 @@ def build_image_pool(images: Sequence[Image]) -> tuple[Int64Array, Uint8Array, F
         table[row, IMAGE_IS_FLOAT] = is_float[row]
         table[row, IMAGE_IS_SRGB] = image.encoding == "SRGB"
         table[row, IMAGE_IS_ASSOCIATED] = is_associated(image)
-    return table, byte_pool, float_pool, notices
+    return ImagePool(table, byte_pool, float_pool, notices)
+
+
+class ImagePoolCache:
+    """The pool of a session's images, kept while they stay the same; `version` grows when it is made anew."""
+
+    def __init__(self) -> None:
+        self._pool: ImagePool | None = None
+        #: The images it was made of, with their pixels in the pool where they stand in it as they are.
+        self._images: list[Image] = []
+        self.version = 0
+
+    def get(self, images: Sequence[Image]) -> ImagePool:
+        """The pool of these images, `build_image_pool`'s or the one at hand."""
+        if self._pool is None or not same_content(self._images, list(images)):
+            self._pool, self._images = None, []
+            self.version += 1
+            self._pool = build_image_pool(images)
+            self._images = [snapshot(image) for image in images]
+        for image, known in zip(images, self._images, strict=True):
+            image.pixels = known.pixels
+        return self._pool
 
 
 def _usable(image: Image, notices: list[Notice]) -> np.ndarray:

@@ -13,10 +13,10 @@ from typing import Any
 from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
-from engine.shaders.arrays import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 from engine.shaders.options import choice
 from engine.shaders.program import Constant, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
+from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
 Emit = Callable[[Node, Value, Any], None]
 

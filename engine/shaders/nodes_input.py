@@ -18,7 +18,7 @@ from engine.kernels.shader import ops_input as ops
 from engine.scene.description import Node
 from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
-from engine.state import (
+from engine.state.lanes import (
     RAY_CAMERA,
     RAY_DIFFUSE,
     RAY_GLOSSY,
@@ -76,7 +76,6 @@ def uv(name: str) -> Callable[[Node, Any], Operation]:
     """UV map `name`, '' = the render-active one."""
 
     def lower(node: Node, builder: Any) -> Operation:
-        builder.mark_uv()
         slot = builder.attribute_slot(name) if name else DEFAULT_UV_SLOT
         return attribute(builder, slot, _UNNAMED)
 
@@ -205,10 +204,8 @@ def _normal_map(node: Node, builder: Any) -> Operation:
     tangent_slot = -3
     uv_slot = -1
     if space == 0:
-        builder.mark_uv()
         tangent_slot = builder.attribute_slot(f"{name}.tangent")
         uv_slot = builder.attribute_slot(name) if name else -1
-    builder.mark_bump()
     inputs = (Socket("Color", COLOR, (0.5, 0.5, 1.0)), Socket("Strength", FLOAT, 1.0))
     bits = ops.NORMAL_MAP_GREEN_DOWN if is_green_down else 0
     if flag(node, "has_unit_frame", True):
@@ -225,7 +222,6 @@ def _tangent(node: Node, builder: Any) -> Operation:
     if is_choice(node, builder, "direction_type", "RADIAL", "UV_MAP", "RADIAL"):
         axis = choice(node, builder, "axis", _AXES, "Z")
         return Operation(ops.OP_TANGENT, (), outputs, (axis, -3, -3), is_varying=True)
-    builder.mark_uv()
     name = str(node.properties.get("uv_map", ""))
     slots = (builder.attribute_slot(f"{name}.tangent"), builder.attribute_slot(name) if name else -1)
     return Operation(ops.OP_TANGENT, (), outputs, (3, *slots), is_varying=True)

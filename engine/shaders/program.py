@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.shaders.arrays import FIRST_REGISTER, SINK
+from engine.state.shaders import FIRST_REGISTER, SINK
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ Value = Constant | Register
 
 @dataclass(frozen=True)
 class Instruction:
-    """See engine.shaders.arrays for the layout it will take."""
+    """See engine.state.shaders for the layout it will take."""
 
     opcode: int
     inputs: tuple[Value, ...]

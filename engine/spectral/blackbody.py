@@ -8,7 +8,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 from engine.spectral.observer import D65, GRID, LONGEST, SHORTEST, d65, integrate, xyz_matching
 
 #: Second radiation constant h c / k [nm K].

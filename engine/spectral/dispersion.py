@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 #: Fraunhofer's lines F, d and C [nm].
 LINE_F = 486.1

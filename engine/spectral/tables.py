@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from engine.bundle import Bundle
+from engine.runtime.bundle import Bundle
 from engine.spectral.blackbody import blackbody_tables
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.spectral.upsampling import TABLE_SHAPE

@@ -29,7 +29,7 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 #: Nodes of the table: largest channel, each ratio.
 VALUE_COUNT = 10

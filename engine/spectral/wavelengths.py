@@ -15,7 +15,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 from engine.spectral.observer import GRID, LONGEST, SHORTEST, integrate, rec709_responses
 
 FloatArray = npt.NDArray[np.float64]

@@ -3,22 +3,27 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.spectrum import to_rgb
-from engine.state import RGB
+from engine.runtime.jit import kernel
+from engine.state.lanes import RGB
+from engine.wavefront.columns import REJECTS
 
 
 @kernel
-def accumulate(spectrum, paths, active, active_count, free, free_count, film):
-    """Keep living lanes in `active`; add the others to the film.
+def accumulate(scene, unit, work, queue):
+    """Keep living lanes in the queue; add the others to the film and free them.
 
     A sample with a NaN or infinite channel counts as black and as a reject.
 
-    Returns
-    -------
-    active_count, free_count, reject_count : int
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.active`.
     """
+    spectrum, paths, film = scene.spectrum, work.paths, unit.film
+    active, active_count = queue.lanes, queue.count[0]
+    free, free_count = work.free.lanes, work.free.count[0]
     kept = 0
     reject_count = 0
     for k in range(active_count):
@@ -46,4 +51,6 @@ def accumulate(spectrum, paths, active, active_count, free, free_count, film):
         film.count[pixel] += 1
         free[free_count] = lane
         free_count += 1
-    return kept, free_count, reject_count
+    queue.count[0] = kept
+    work.free.count[0] = free_count
+    work.counts[REJECTS] += reject_count

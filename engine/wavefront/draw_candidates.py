@@ -5,20 +5,24 @@ import math
 
 import numpy as np
 
-from engine.guiding.guide import ask_for_guide
-from engine.guiding.scattering import propose
-from engine.jit import kernel
+from engine.guiding.sampling.guide import ask_for_guide
+from engine.guiding.sampling.scattering import propose
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
-from engine.kernels.prefetch import (
-    ask_for_closures,
-    ask_for_point,
-    ask_for_throughput,
-    lane_ahead,
-)
+from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import store
-from engine.state import POINT_P, POINT_TIME, RGB
+from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_P, POINT_TIME, RGB
+from engine.wavefront.columns import (
+    CANDIDATES,
+    GUIDED_VERTICES,
+    NEXT_LANE,
+    RESAMPLED_CANDIDATES,
+    RESAMPLED_VERTICES,
+    ROWS,
+    VERTICES,
+)
 
 #: Offset of a vertex's candidates among the path's dimensions, far from those of its vertices.
 SET_CANDIDATES = 1 << 16
@@ -43,8 +47,12 @@ def rotated(u0, u1, u2, u3, j):
 
 
 @kernel
-def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, first, lane_count):
-    """Fill `candidates` for lanes from the `first`-th on, as many as fit (see `engine.guiding.scattering.propose`).
+def draw_candidates(scene, unit, guidance, work, queue):
+    """Fill `work.candidates` for the lanes of the queue that are not done, as many as fit (see
+    `engine.guiding.sampling.scattering.propose`).
+
+    `work.counts` holds the first lane that is not done (NEXT_LANE), and then how many vertices and rows are in use
+    (VERTICES, ROWS).
 
     The candidates of a vertex are one point of a set, stratified over the samples of its pixel, moved on around the
     unit cube (Cranley and Patterson 1976) by steps that spread them evenly; each alone is uniform, which is all that
@@ -52,18 +60,15 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
 
     Parameters
     ----------
-    lanes : int32 (>= lane_count,)
+    queue : LaneQueue
         Lanes to resample, with at least one candidate each.
-
-    Returns
-    -------
-    next_lane : int
-        Where to go on.
-    vertex_count, row_count : int
     """
+    paths, points, closures, guided, guide = work.paths, work.points, work.closures, work.guided, guidance.guide
+    candidates, counts = work.candidates, work.counts
+    lanes, lane_count = queue.lanes, queue.count[0]
     row = 0
     vertex = 0
-    k = first
+    k = counts[NEXT_LANE]
     capacity = candidates.label.shape[0]
     while k < lane_count and row + guided.candidate_count[lanes[k]] <= capacity:
         lane = lanes[k]
@@ -96,4 +101,10 @@ def draw_candidates(paths, points, closures, guided, guide, candidates, lanes, f
             candidates.is_valid[row] = 1 if is_valid else 0
             row += 1
         vertex += 1
-    return k, vertex, row
+    counts[NEXT_LANE] = k
+    counts[VERTICES] = vertex
+    counts[ROWS] = row
+    counts[GUIDED_VERTICES] += vertex
+    counts[CANDIDATES] += row
+    counts[RESAMPLED_VERTICES] += vertex
+    counts[RESAMPLED_CANDIDATES] += row

@@ -6,7 +6,7 @@ It lives with the other kernels because the shader compiler folds constants with
 """
 
 from engine.kernels.shader.interpreter import evaluate_shaders
-from engine.shaders.arrays import (
+from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_EMISSION,
     MODE_NO_REFLECTIVE_CAUSTICS,

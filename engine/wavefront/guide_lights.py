@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: the guide's part in the source density of every light sample, for its MIS weight."""
 
-from engine.guiding.guide import ask_for_guide, eval_guide
-from engine.jit import kernel
+from engine.guiding.sampling.guide import ask_for_guide, eval_guide
 from engine.kernels.prefetch import lane_ahead, prefetch
 from engine.kernels.vector import load
+from engine.runtime.jit import kernel
 
 
 @kernel
-def guide_lights(guided, guide, samples, lit, lit_count):
+def guide_lights(scene, unit, guidance, work, queue):
     """Fill `guide_pdf` and `bsdf_share` of the light samples.
 
     The density of what resampling returns is unknown: both techniques' weights use the source density, Eq. (7), so that
@@ -16,9 +16,11 @@ def guide_lights(guided, guide, samples, lit, lit_count):
 
     Parameters
     ----------
-    lit : int32 (>= lit_count,)
+    queue : LaneQueue
         Lanes that have a light sample.
     """
+    guided, guide, samples = work.guided, guidance.guide, work.samples
+    lit, lit_count = queue.lanes, queue.count[0]
     for k in range(lit_count):
         lane = lit[k]
         ahead = lane_ahead(lit, k, lit_count)

@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: pick one of each vertex's candidates and send the path on."""
 
-from engine.guiding.scattering import send_on
-from engine.guiding.vertices import SMOOTH_ROUGHNESS
-from engine.jit import kernel
+from engine.guiding.records.vertices import SMOOTH_ROUGHNESS
+from engine.guiding.sampling.scattering import send_on
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance
 from engine.kernels.vector import load
 from engine.ris.resample import product_target, resample
+from engine.runtime.jit import kernel
+from engine.wavefront.columns import ROWS, VERTICES
 
 
 @kernel
-def guide_resample(
-    guiding, options, paths, points, closures, guided, guide, samples, log, pixel_weight, candidates, vertex_count,
-    row_count, before,
-):
+def guide_resample(scene, unit, guidance, work, queue):
     """Resample (see `engine.ris.resample`) and send the paths on.
 
     With the radiance cache they end at rough surfaces instead, with what is predicted along the chosen direction
@@ -25,11 +23,13 @@ def guide_resample(
 
     Parameters
     ----------
-    guiding : GuidingOptions
-    candidates : Candidates
-        With `radiance` predicted.
-    pixel_weight, before : see `engine.guiding.scattering.send_on`
+    queue : LaneQueue
+        The lanes that `draw_candidates` was given: what it has drawn, and `predict_radiance` has predicted, is used.
     """
+    options, guiding, pixel_weight = scene.options, guidance.options, unit.pixel_weight
+    paths, points, closures, guided, guide = work.paths, work.points, work.closures, work.guided, guidance.guide
+    samples, log, candidates, before = work.samples, work.log, work.candidates, work.f_cos
+    vertex_count, row_count = work.counts[VERTICES], work.counts[ROWS]
     for vertex in range(vertex_count):
         lane = candidates.lane[vertex]
         ahead = lane_ahead(candidates.lane, vertex, vertex_count)
@@ -60,9 +60,7 @@ def guide_resample(
                 is_known = is_known and radiance >= 0.0 and radiance < FLOAT_MAX
                 before[lane, c] = paths.throughput[lane, c] * candidates.f_cos[row, c] * weight * radiance
             if is_known:
-                add_radiance(
-                    paths, lane, before, lane, paths.depth[lane] + 1, options.clamp_direct, options.clamp_indirect, 1.0
-                )
+                add_radiance(options, paths, lane, before, lane, paths.depth[lane] + 1, 1.0)
                 paths.alive[lane] = 0
                 continue
         source_pdf = candidates.source_pdf[row]

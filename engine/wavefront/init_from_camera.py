@@ -5,15 +5,27 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.camera import generate_ray, sample_table, time_of_row
 from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.kernels.path_depths import reset_depths
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.vector import add, scale, store
+from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, rotate_hero, wavelength_at
-from engine.state import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
-from engine.work import ALL_STRATA
+from engine.state.lanes import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
+from engine.state.unit import ALL_STRATA
+from engine.wavefront.columns import (
+    NEXT_PATH,
+    SCENE_WIDTH,
+    UNIT_DIVIDES_WAVELENGTHS,
+    UNIT_PATH_COUNT,
+    UNIT_RECORD_THRESHOLD,
+    UNIT_SAMPLE_FIRST,
+    UNIT_SEED,
+    UNIT_STRATA,
+    UNIT_STRATUM,
+)
 
 _LANES_AHEAD = 4
 
@@ -40,7 +52,7 @@ def place_in_stratum(u, piece_count, stratum, strata):
     piece_count : int
         Equal parts of [0, 1), each of which has a piece of every stratum. Numbers stay in their part.
     stratum, strata : int
-        As `init_from_camera` takes them.
+        As in `UnitView.header`.
 
     Returns
     -------
@@ -55,38 +67,27 @@ def place_in_stratum(u, piece_count, stratum, strata):
 
 
 @kernel
-def init_from_camera(
-    camera, motion, shutter, spectrum, filter_table, seed, unit, full_width, stratum, strata, divides_wavelengths,
-    sample_first, path_count, next_path, paths, log, record_threshold, active, active_count, free, free_count,
-):
+def init_from_camera(scene, unit, work, queue):
     """Fill free lanes with the unit's next paths.
+
+    A pixel's numbers go by its place in the full image, so that a border does not change them. Paths whose hash is
+    below the unit's UNIT_RECORD_THRESHOLD are recorded: 0 none, 2**32 all.
 
     Parameters
     ----------
-    camera : float32 (CAMERA_WIDTH,); motion, shutter, filter_table : float32, as `engine.scene.camera.CameraArrays`
-    spectrum : SpectralTables
-    seed : int
-    unit : int32 (P, 2)
-        Column and row of the unit's pixels in the full image (so that a border does not change the numbers drawn).
-    full_width : int
-    stratum, strata : int
-        Part of the shutter that times lie in, of so many; or ALL_STRATA, and a path belongs to its pixel's row
-        of the stratum that its time is in.
-    divides_wavelengths : int
-        Not 0: strata are parts of what a path's wavelengths have in common, their offset from a quarter of [0, 1).
-    sample_first, path_count, next_path : int
-        First sample, number of paths of the unit (pixels x samples) and how many were started.
-    log : VertexLog
-    record_threshold : int
-        Paths whose hash is below are recorded: 0 none, 2**32 all.
-    active, active_count, free, free_count
-        Lists of lanes: `free` is a stack, `active` grows.
-
-    Returns
-    -------
-    next_path, active_count, free_count
+    queue : LaneQueue
+        `work.free`, a stack; `work.active` grows.
     """
-    pixel_count = unit.shape[0]
+    camera, motion, shutter, filter_table = scene.camera, scene.camera_motion, scene.shutter, scene.pixel_filter
+    spectrum, full_width = scene.spectrum, scene.header[SCENE_WIDTH]
+    paths, log, header, pixels = work.paths, work.log, unit.header, unit.pixels
+    seed, sample_first, path_count = header[UNIT_SEED], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT]
+    stratum, strata, divides_wavelengths = header[UNIT_STRATUM], header[UNIT_STRATA], header[UNIT_DIVIDES_WAVELENGTHS]
+    record_threshold = header[UNIT_RECORD_THRESHOLD]
+    free, free_count = queue.lanes, queue.count[0]
+    active, active_count = work.active.lanes, work.active.count[0]
+    next_path = work.counts[NEXT_PATH]
+    pixel_count = pixels.shape[0]
     while free_count > 0 and next_path < path_count:
         free_count -= 1
         lane = free[free_count]
@@ -97,8 +98,8 @@ def init_from_camera(
         pixel = next_path % pixel_count
         sample = sample_first + next_path // pixel_count
         next_path += 1
-        column = unit[pixel, 0]
-        row = unit[pixel, 1]
+        column = pixels[pixel, 0]
+        row = pixels[pixel, 1]
         rng = pixel_hash(seed, row * full_width + column)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, hero, _, _ = sample_4d(rng, sample, SET_TIME)
@@ -138,14 +139,12 @@ def init_from_camera(
         paths.spread[lane] = spread
         paths.alpha[lane] = 1.0
         paths.flags[lane] = RAY_CAMERA | RAY_MIS_SKIP | RAY_TRANSPARENT_BACKGROUND
-        paths.depth[lane] = 0
-        paths.diffuse_depth[lane] = 0
-        paths.glossy_depth[lane] = 0
-        paths.transmission_depth[lane] = 0
-        paths.transparent_depth[lane] = 0
+        reset_depths(paths, lane)
         paths.alive[lane] = 1
         log.count[lane] = 0
         log.is_recording[lane] = 1 if np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold else 0
         active[active_count] = lane
         active_count += 1
-    return next_path, active_count, free_count
+    work.counts[NEXT_PATH] = next_path
+    work.active.count[0] = active_count
+    queue.count[0] = free_count

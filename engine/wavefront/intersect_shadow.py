@@ -5,21 +5,15 @@ Opaque blockers end a shadow ray at once. Transparent ones dim it: where their t
 kernel, else the ray waits in `pending` until `evaluate_shaders` has run the program at the blocker.
 """
 
-import numpy as np
-
-from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, trace_closest, trace_occluded
-from engine.jit import kernel
+from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, read_hit, trace_closest, trace_occluded
+from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
-from engine.kernels.radiance import add_radiance
+from engine.kernels.radiance import add_sampled
 from engine.kernels.spectrum import filter_by
 from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import load, store
-from engine.scene.arrays import INSTANCE_MESH, MESH_FIRST_TRIANGLE
-from engine.shaders.arrays import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, VALUE_TRANSPARENCY
-from engine.state import (
-    POINT_DEPTH,
-    POINT_DIFFUSE_DEPTH,
-    POINT_GLOSSY_DEPTH,
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     POINT_NG,
     POINT_P,
     POINT_PROGRAM,
@@ -27,25 +21,34 @@ from engine.state import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    POINT_TRANSMISSION_DEPTH,
-    POINT_TRANSPARENT_DEPTH,
     RAY_SHADOW,
 )
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, VALUE_TRANSPARENCY
+from engine.wavefront.columns import (
+    SCENE_HANDLE,
+    SCENE_HAS_TRANSPARENT_SHADOWS,
+    SHADOW_RAYS,
+    SHADOW_ROWS,
+    TRANSPARENT_SHADOW_RAYS,
+)
 
-_NO_INSTANCE = np.uint32(0xFFFFFFFF)
 _ROWS_AHEAD = 2
 
 
 @kernel
-def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_count, has_transparent, pending):
+def intersect_shadow(scene, unit, work, queue):
     """Trace all shadow rays and add the light of those that pass.
 
-    Rays that meet transparent blockers only are listed in `pending` (rows of `shadows`) instead.
-
-    Returns
-    -------
-    pending_count : int
+    Parameters
+    ----------
+    queue : LaneQueue
+        Filled with the rows of `work.shadows` whose rays meet transparent blockers only.
     """
+    handle, options, paths, shadows = scene.header[SCENE_HANDLE], scene.options, work.paths, work.shadows
+    ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
+    has_transparent, shadow_count = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] != 0, work.counts[SHADOW_ROWS]
+    work.counts[SHADOW_RAYS] += shadow_count
+    pending = queue.lanes
     pending_count = 0
     # Most rays meet nothing at all, and this way need no second look.
     mask = MASK_SHADOW_OPAQUE | (MASK_SHADOW_TRANSPARENT if has_transparent else 0)
@@ -56,53 +59,47 @@ def intersect_shadow(scene, ray, bits, address, options, paths, shadows, shadow_
         ask_for_throughput(paths, ahead)
         if not shadows.distance[row] > 0.0:
             # A light that casts no shadow, or one touching the surface.
-            add_radiance(
-                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect,
-                shadows.weight[row],
-            )
+            add_sampled(options, paths, lane, shadows, row)
             continue
         origin = load(shadows.origin, row)
         direction = load(shadows.direction, row)
         far = shadows.distance[row]
-        blocked = trace_occluded(scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
+        blocked = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
         if not blocked:
-            add_radiance(
-                paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct, options.clamp_indirect,
-                shadows.weight[row],
-            )
+            add_sampled(options, paths, lane, shadows, row)
         elif has_transparent and not trace_occluded(
-            scene, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
+            handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
         ):
             shadows.transparent_depth[row] = paths.transparent_depth[lane]
             pending[pending_count] = row
             pending_count += 1
-    return pending_count
+    queue.count[0] = pending_count
 
 
 @kernel
-def pass_transparent(
-    scene, ray, bits, address, options, spectrum, geometry, programs, program_values, paths, shadows, points, closures,
-    pending, pending_count, is_evaluated,
-):
+def pass_transparent(scene, unit, work, queue):
     """Take every pending shadow ray to its next transparent blocker that needs its program run.
+
+    By row of `work.shadows`, `work.light_points` are where to evaluate, and `work.light_shaded` is what came of it.
 
     Parameters
     ----------
-    spectrum : SpectralTables
-    points, closures : ShadePoints, Closures (as shaders see them)
-        By row of `shadows`: where to evaluate, and on the next call what came of it (`is_evaluated`).
-
-    Returns
-    -------
-    pending_count : int
-        Rays still waiting; the others have been blocked or have delivered their light.
+    queue : LaneQueue
+        Rows of `work.shadows`. Those that still wait stay; the others have been blocked or have delivered their light.
     """
+    handle, options, spectrum, geometry = scene.header[SCENE_HANDLE], scene.options, scene.spectrum, scene.geometry
+    programs, program_values = scene.shaders.programs, scene.shaders.program_values
+    ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
+    paths, shadows, points, closures = work.paths, work.shadows, work.light_points, work.light_shaded
+    pending, pending_count = queue.lanes, queue.count[0]
+    work.counts[TRANSPARENT_SHADOW_RAYS] += pending_count
     kept = 0
     for k in range(pending_count):
         row = pending[k]
         lane = shadows.lane[row]
         direction = load(shadows.direction, row)
-        if is_evaluated:
+        # A ray that has passed something since `intersect_shadow` waited for its program.
+        if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
             holdout = closures.holdout[row]
             largest = filter_by(
                 spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0] + holdout,
@@ -112,27 +109,16 @@ def pass_transparent(
                 continue
         while True:
             hit = trace_closest(
-                scene, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
+                handle, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
                 paths.time[lane], MASK_SHADOW_TRANSPARENT,
             )
             if not hit:
-                add_radiance(
-                    paths, lane, shadows.radiance, row, paths.depth[lane], options.clamp_direct,
-                    options.clamp_indirect, shadows.weight[row],
-                )
+                add_sampled(options, paths, lane, shadows, row)
                 break
             shadows.transparent_depth[row] += 1
             if shadows.transparent_depth[row] > options.max_transparent_depth:
                 break
-            distance = ray[8]
-            u = ray[15]
-            v = ray[16]
-            top = bits[19]
-            if top == _NO_INSTANCE:
-                top = bits[18]
-            instance = np.int32(top)
-            mesh = geometry.instance_table[instance, INSTANCE_MESH]
-            triangle = geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE] + np.int32(bits[17])
+            instance, triangle, distance, u, v = read_hit(ray, bits, geometry)
             error = prepare_point(geometry, points, row, instance, triangle, u, v, direction, paths.time[lane])
             real = points.real
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
@@ -151,15 +137,11 @@ def pass_transparent(
             integer = points.integer
             integer[row, POINT_PROGRAM] = program
             integer[row, POINT_RAY_FLAGS] = RAY_SHADOW
-            integer[row, POINT_DEPTH] = paths.depth[lane]
-            integer[row, POINT_DIFFUSE_DEPTH] = paths.diffuse_depth[lane]
-            integer[row, POINT_GLOSSY_DEPTH] = paths.glossy_depth[lane]
-            integer[row, POINT_TRANSMISSION_DEPTH] = paths.transmission_depth[lane]
-            integer[row, POINT_TRANSPARENT_DEPTH] = shadows.transparent_depth[row]
+            store_depths(paths, lane, shadows.transparent_depth[row], points, row)
             real[row, POINT_RAY_LENGTH] = distance
             real[row, POINT_RADIUS] = 0.0
             real[row, POINT_RANDOM] = paths.random[lane, 2]
             pending[kept] = row
             kept += 1
             break
-    return kept
+    queue.count[0] = kept

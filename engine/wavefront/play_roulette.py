@@ -2,26 +2,26 @@
 """Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
 
 The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
-the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.scattering`); the throughput is
-divided by it in `shade_emission`, behind the emission that is found either way. Nothing of it depends on what the ray
-will hit, so it comes before the tracing: a path that ends at the next surface can only find emission there, and needs
-no ray where there is none along its line.
+the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.sampling.scattering`); the throughput
+is divided by it in `shade_emission`, behind the emission that is found either way. Nothing of it depends on what the
+ray will hit, so it comes before the tracing: a path that ends at the next surface can only find emission there, and
+needs no ray where there is none along its line.
 """
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import SET_BSDF, sample_4d
 from engine.kernels.vector import dot, load
-from engine.scene.light_arrays import HEADER_SOURCES
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
 )
+from engine.state.lights import HEADER_SOURCES
 
 
 @kernel
@@ -39,20 +39,14 @@ def _meets_source(sources, source_count, origin, direction):
 
 
 @kernel
-def play_roulette(lights, options, paths, log, active, active_count, traced):
+def play_roulette(scene, unit, work, queue):
     """Decide which paths end at the next surface, and which rays are worth tracing.
 
-    Parameters
-    ----------
-    log : VertexLog
-        Rays of recorded paths are all traced: how far they get is part of a record.
-    traced : int32 (L,)
-        Filled with the lanes to be traced. The others have ended.
-
-    Returns
-    -------
-    traced_count : int
+    `work.traced` is filled with the lanes to be traced. The others have ended. Rays of recorded paths are all traced:
+    how far they get is part of a record.
     """
+    lights, options, paths, log = scene.lights, scene.options, work.paths, work.log
+    active, active_count, traced = queue.lanes, queue.count[0], work.traced.lanes
     traced_count = 0
     source_count = lights.header[HEADER_SOURCES]
     for k in range(active_count):
@@ -100,4 +94,4 @@ def play_roulette(lights, options, paths, log, active, active_count, traced):
             continue
         traced[traced_count] = lane
         traced_count += 1
-    return traced_count
+    work.traced.count[0] = traced_count

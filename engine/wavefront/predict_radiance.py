@@ -3,26 +3,34 @@
 
 import numpy as np
 
-from engine.guiding.guide import predict_guide
-from engine.guiding.network_query import predict_network
-from engine.guiding.table import predict_table
-from engine.jit import kernel
+from engine.guiding.fields.table import predict_table
+from engine.guiding.networks.radiance_query import predict_network
+from engine.guiding.sampling.guide import predict_guide
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
+from engine.runtime.jit import kernel
+from engine.wavefront.columns import ROWS
 
 #: Part of the mixture in what is predicted where something finer is learned too. Where that says too little, samples
 #: are rare and heavy; two fields seldom err alike, and the mixture's density is part of the candidates' own
-#: (docs/experiments.md).
+#: (docs/decisions/candidates.md).
 _MIXTURE_SHARE = np.float32(0.5)
 
 
 @kernel
-def predict_radiance(table, network, latent, hidden, guide, guided, candidates, row_count):
-    """Fill `candidates.radiance` from the network, else from the region's table, else from the (grey) mixture."""
+def predict_radiance(radiance, guidance, work):
+    """Fill `candidates.radiance` from the network, else from the region's table, else from the (grey) mixture.
+
+    Parameters
+    ----------
+    radiance : RadianceView
+    """
+    table, network = radiance.table, radiance.network
+    guide, guided, candidates, row_count = guidance.guide, work.guided, work.candidates, work.counts[ROWS]
     if network.is_ready[0] != 0:
         predict_network(
             network, candidates.position, candidates.time, candidates.hero, candidates.vertex, candidates.direction,
-            row_count, latent, hidden, candidates.radiance,
+            row_count, work.latent, work.hidden, candidates.radiance,
         )
         return
     has_table = table.values.shape[0] > 0
@@ -31,14 +39,15 @@ def predict_radiance(table, network, latent, hidden, guide, guided, candidates, 
         if has_table:
             predict_table(table, guided.region[lane], load(candidates.direction, row), candidates.radiance, row)
             continue
-        radiance = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
+        mean = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
         for c in range(candidates.radiance.shape[1]):
-            candidates.radiance[row, c] = radiance
+            candidates.radiance[row, c] = mean
 
 
 @kernel
-def blend_with_mixture(guide, candidates, row_count):
+def blend_with_mixture(guidance, work):
     """Give the lane's mixture its share of `candidates.radiance`; what is negative, infinite or NaN there is black."""
+    guide, candidates, row_count = guidance.guide, work.candidates, work.counts[ROWS]
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
         mixture = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])

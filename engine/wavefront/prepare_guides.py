@@ -3,15 +3,15 @@
 
 import numpy as np
 
-from engine.guiding.guide import query_guides, ready_guide
-from engine.guiding.vmm.query import find_region, locate_leaf
-from engine.jit import kernel
+from engine.guiding.fields.vmm.query import find_region, locate_leaf
+from engine.guiding.sampling.guide import query_guides, ready_guide
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine, unit_float
 from engine.ris.orca import PROBED_SHARE, candidate_count
-from engine.state import POINT_P
+from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_P
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 SET_LOOKUP = 1 << 17
@@ -21,28 +21,17 @@ _PROBED_BITS = np.uint32(PROBED_SHARE * 2**32)
 
 
 @kernel
-def prepare_guides(
-    guiding, field, allocation, probability, light_share, paths, points, closures, guided, guide, samples, log,
-    pixel_weight, lanes, lane_count,
-):
+def prepare_guides(scene, unit, guidance, work, queue):
     """Fill `guided`, `guide` and `samples.weight`; lanes outside the learned field keep BSDF and light sampling.
 
-    Parameters
-    ----------
-    guiding : GuidingOptions
-    field : VmmField
-    allocation : Allocation
-    probability : float32 (R,)
-        Of guiding, by region; lanes where it is 0 are left to the BSDF, but for a few of recorded paths, by which it
-        can be learned anew.
-    light_share : float32 (R,)
-        Probability of sampling a light, by region.
-    guide : see `engine.guiding.guide`
-    samples : LightSamples
-    log : VertexLog
-    pixel_weight : float32 (P,)
-        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
+    Lanes where the region's guiding probability is 0 are left to the BSDF, but for a few of recorded paths, by which it
+    can be learned anew.
     """
+    guiding, field, allocation = guidance.options, guidance.field, guidance.allocation
+    probability, light_share, guide = guidance.probability, guidance.light_share, guidance.guide
+    paths, points, closures, guided = work.paths, work.points, work.closures, work.guided
+    samples, log, pixel_weight = work.samples, work.log, unit.pixel_weight
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)

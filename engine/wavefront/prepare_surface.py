@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import (
     ask_for_history,
     ask_for_point,
@@ -14,28 +14,24 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.surface import prepare_point, program_of
 from engine.kernels.vector import load
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     INSTANCE_FLAG_HOLDOUT,
     INSTANCE_FLAGS,
     INSTANCE_MESH,
     MESH_FIRST_NORMAL,
     MESH_FIRST_TRIANGLE,
 )
-from engine.shaders.arrays import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
-from engine.state import (
-    POINT_DEPTH,
-    POINT_DIFFUSE_DEPTH,
-    POINT_GLOSSY_DEPTH,
+from engine.state.lanes import (
     POINT_PROGRAM,
     POINT_RADIUS,
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    POINT_TRANSMISSION_DEPTH,
-    POINT_TRANSPARENT_DEPTH,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
 )
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 
 #: How many lanes ahead hits are asked for, then their triangles, and then their vertices: memory is that much slower
 #: than the stage.
@@ -68,18 +64,11 @@ def _ask_for_vertices(geometry, paths, lane):
 
 
 @kernel
-def prepare_surface(geometry, programs, paths, points, active, active_count, surface, missed):
-    """Sort the active lanes.
-
-    Parameters
-    ----------
-    surface, missed : int32 (L,)
-        Filled with lanes to be shaded, and with lanes that left the scene. Lanes in neither have ended.
-
-    Returns
-    -------
-    surface_count, missed_count : int
-    """
+def prepare_surface(scene, unit, work, queue):
+    """Sort lanes into `work.surface`, to be shaded, and `work.missed`, which left the scene; the others have ended."""
+    geometry, programs, paths, points = scene.geometry, scene.shaders.programs, work.paths, work.points
+    active, active_count = queue.lanes, queue.count[0]
+    surface, missed = work.surface.lanes, work.missed.lanes
     surface_count = 0
     missed_count = 0
     for k in range(active_count):
@@ -103,7 +92,6 @@ def prepare_surface(geometry, programs, paths, points, active, active_count, sur
         program_flags = programs[program, PROGRAM_FLAGS]
         holdout = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT
         flags = paths.flags[lane]
-        depth = paths.depth[lane]
 
         ends = flags & (RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT)
         if ends:
@@ -128,11 +116,8 @@ def prepare_surface(geometry, programs, paths, points, active, active_count, sur
         integer = points.integer
         integer[lane, POINT_PROGRAM] = program
         integer[lane, POINT_RAY_FLAGS] = flags
-        integer[lane, POINT_DEPTH] = depth
-        integer[lane, POINT_DIFFUSE_DEPTH] = paths.diffuse_depth[lane]
-        integer[lane, POINT_GLOSSY_DEPTH] = paths.glossy_depth[lane]
-        integer[lane, POINT_TRANSMISSION_DEPTH] = paths.transmission_depth[lane]
-        integer[lane, POINT_TRANSPARENT_DEPTH] = paths.transparent_depth[lane]
+        store_depths(paths, lane, paths.transparent_depth[lane], points, lane)
         surface[surface_count] = lane
         surface_count += 1
-    return surface_count, missed_count
+    work.surface.count[0] = surface_count
+    work.missed.count[0] = missed_count

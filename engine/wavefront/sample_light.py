@@ -6,32 +6,23 @@ Between the two, `evaluate_shaders` runs the programs of lights whose emission i
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.constants import FAR
 from engine.kernels.lights import sample_light
-from engine.kernels.prefetch import (
-    ask_for_closures,
-    ask_for_ray,
-    ask_for_throughput,
-    lane_ahead,
-    prefetch,
-)
+from engine.kernels.path_depths import store_depths
+from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
 from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
-from engine.scene.light_arrays import EMITTER_LAMP, HEADER_BACKGROUND_PROGRAM, LAMP_TEMPERATURE, LIGHT_BACKGROUND
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
     LIGHT_USES_MIS,
-    POINT_DEPTH,
-    POINT_DIFFUSE_DEPTH,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
-    POINT_GLOSSY_DEPTH,
     POINT_INSTANCE,
     POINT_LIGHT,
     POINT_NG,
@@ -43,8 +34,6 @@ from engine.state import (
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
     POINT_TIME,
-    POINT_TRANSMISSION_DEPTH,
-    POINT_TRANSPARENT_DEPTH,
     POINT_TRIANGLE,
     POINT_U,
     POINT_V,
@@ -55,6 +44,8 @@ from engine.state import (
     RAY_TRANSMIT,
     RGB,
 )
+from engine.state.lights import EMITTER_LAMP, HEADER_BACKGROUND_PROGRAM, LAMP_TEMPERATURE, LIGHT_BACKGROUND
+from engine.wavefront.columns import SHADOW_ROWS
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
@@ -62,25 +53,16 @@ _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 
 
 @kernel
-def choose_lights(
-    lights, geometry, program_temperature, paths, points, closures, samples, light_points, lanes, lane_count, lit,
-    programs,
-):
+def choose_lights(scene, unit, work, queue):
     """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
 
-    Parameters
-    ----------
-    program_temperature : float32 (P,) [K]
-        By shader program, see `engine.shaders.blackbody`.
-    lit : int32 (L,)
-        Filled with lanes that got a sample.
-    programs : int32 (L,)
-        Filled with those of them whose light has a program to run at `light_points`.
-
-    Returns
-    -------
-    lit_count, program_count : int
+    `work.lit` is filled with the lanes that got a sample, `work.programs` with those of them whose light has a program
+    to run at `work.light_points`.
     """
+    lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
+    paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
+    light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
+    lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
     for k in range(lane_count):
@@ -154,40 +136,29 @@ def choose_lights(
             integer[lane, POINT_PROGRAM] = program
             integer[lane, POINT_RAY_FLAGS] = (paths.flags[lane] & ~1) | RAY_EMISSION
             integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if back else 0
-            integer[lane, POINT_DEPTH] = paths.depth[lane]
-            integer[lane, POINT_DIFFUSE_DEPTH] = paths.diffuse_depth[lane]
-            integer[lane, POINT_GLOSSY_DEPTH] = paths.glossy_depth[lane]
-            integer[lane, POINT_TRANSMISSION_DEPTH] = paths.transmission_depth[lane]
-            integer[lane, POINT_TRANSPARENT_DEPTH] = paths.transparent_depth[lane]
+            store_depths(paths, lane, paths.transparent_depth[lane], light_points, lane)
             integer[lane, POINT_LIGHT] = -1 if instance >= 0 else 0
             programs[program_count] = lane
             program_count += 1
         samples.flags[lane] = flags
         lit[lit_count] = lane
         lit_count += 1
-    return lit_count, program_count
+    work.lit.count[0] = lit_count
+    work.programs.count[0] = program_count
 
 
 @kernel
-def connect_lights(
-    options, tables, geometry, paths, points, closures, samples, light_closures, f_cos, lit, lit_count, shadows
-):
-    """Weigh light samples by BSDF and MIS, thin out the negligible, and queue shadow rays.
+def connect_lights(scene, unit, work, queue):
+    """Weigh light samples by BSDF and MIS, thin out the negligible, and queue shadow rays in `work.shadows`.
 
     Both techniques' weights use the densities of choosing the direction (pmf of the light included), so they sum to
-    one. Samples that would add little survive with a probability proportional to it (Cycles' light threshold).
-
-    Parameters
-    ----------
-    geometry : GeometryArrays
-        Where the surfaces are smooth, shadow rays start off them (`kernels.terminator`).
-    f_cos : float32 (L, C)
-        Scratch for the BSDF's value.
-
-    Returns
-    -------
-    shadow_count : int
+    one. Samples that would add little survive with a probability proportional to it (Cycles' light threshold). Where
+    surfaces are smooth, shadow rays start off them (`kernels.terminator`).
     """
+    options, tables, geometry, paths = scene.options, scene.tables, scene.geometry, work.paths
+    points, closures, samples, light_closures = work.points, work.closures, work.samples, work.light_closures
+    f_cos, shadows = work.f_cos, work.shadows
+    lit, lit_count = queue.lanes, queue.count[0]
     shadow_count = 0
     for k in range(lit_count):
         lane = lit[k]
@@ -240,4 +211,4 @@ def connect_lights(
         store(shadows.direction, row, wi)
         distance -= samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
-    return shadow_count
+    work.counts[SHADOW_ROWS] = shadow_count

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: draw the only candidate of a vertex and send the path on."""
 
-from engine.guiding.guide import ask_for_guide
-from engine.guiding.scattering import propose, send_on
-from engine.jit import kernel
+from engine.guiding.sampling.guide import ask_for_guide
+from engine.guiding.sampling.scattering import propose, send_on
 from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
 from engine.kernels.prefetch import (
     ask_for_closures,
@@ -13,21 +12,19 @@ from engine.kernels.prefetch import (
     ask_for_throughput,
     lane_ahead,
 )
+from engine.runtime.jit import kernel
+from engine.wavefront.columns import CANDIDATES, GUIDED_VERTICES
 
 
 @kernel
-def sample_source(
-    options, paths, points, closures, guided, guide, samples, log, pixel_weight, candidates, lanes, lane_count, before
-):
-    """Draw the only candidate of each lane and send the path on: nothing needs to be predicted or kept.
-
-    Parameters
-    ----------
-    candidates : Candidates
-        Scratch.
-    lanes : int32 (>= lane_count,)
-    pixel_weight, before : see `engine.guiding.scattering.send_on`
-    """
+def sample_source(scene, unit, guidance, work, queue):
+    """Draw the only candidate of each lane and send the path on: nothing needs to be predicted or kept."""
+    options, pixel_weight = scene.options, unit.pixel_weight
+    paths, points, closures, guided, guide = work.paths, work.points, work.closures, work.guided, guidance.guide
+    samples, log, candidates, before = work.samples, work.log, work.candidates, work.f_cos
+    lanes, lane_count = queue.lanes, queue.count[0]
+    work.counts[GUIDED_VERTICES] += lane_count
+    work.counts[CANDIDATES] += lane_count
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)

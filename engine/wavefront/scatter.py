@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: sample the BSDF and send the path on."""
 
-from engine.guiding.vertices import distance_scale, log_vertex
-from engine.jit import kernel
+from engine.guiding.records.vertices import distance_scale, log_vertex
 from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, mean_roughness, sample_among
 from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
@@ -18,29 +17,21 @@ from engine.kernels.prefetch import (
 )
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
-from engine.state import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
+from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
 
 
 @kernel
-def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes, lane_count, single, several):
+def scatter(scene, unit, work, queue):
     """Choose the next direction by the BSDF, update throughput, depths and flags.
 
-    Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling.
-
-    Parameters
-    ----------
-    guided : GuidedLanes
-    samples : LightSamples
-    log : VertexLog
-    f_cos : float32 (L, `state.value_width`)
-        Scratch for the BSDF's value.
-    single, several : int32 (L,)
-        Filled with the lanes left: those with one candidate, for which nothing needs to be predicted, and the others.
-
-    Returns
-    -------
-    single_count, several_count : int
+    Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling: those with
+    one candidate, for which nothing needs to be predicted, in `work.single`, the others in `work.several`.
     """
+    options, paths, points, closures = scene.options, work.paths, work.points, work.closures
+    guided, samples, log, f_cos = work.guided, work.samples, work.log, work.f_cos
+    single, several = work.single.lanes, work.several.lanes
+    lanes, lane_count = queue.lanes, queue.count[0]
     single_count = 0
     several_count = 0
     for k in range(lane_count):
@@ -105,4 +96,5 @@ def scatter(options, paths, points, closures, guided, samples, log, f_cos, lanes
                 f_cos,
             )
         scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
-    return single_count, several_count
+    work.single.count[0] = single_count
+    work.several.count[0] = several_count

@@ -6,18 +6,15 @@ Between the two, `evaluate_shaders` runs the world's program where it is not con
 
 import numpy as np
 
-from engine.film import FEATURE_ENVIRONMENT, NO_DEPTH, POINT_DEPTH
-from engine.jit import kernel
+from engine.kernels.constants import DISTANT
 from engine.kernels.lights import background_pdf
-from engine.kernels.radiance import add_radiance, power_heuristic
-from engine.kernels.spectrum import to_rgb
+from engine.kernels.path_depths import store_depths
+from engine.kernels.radiance import add_emission, power_heuristic
 from engine.kernels.vector import load
-from engine.shaders.arrays import VALUE_EMISSION
-from engine.state import POINT_DEPTH as POINT_PATH_DEPTH
-from engine.state import (
-    POINT_DIFFUSE_DEPTH,
+from engine.runtime.jit import kernel
+from engine.state.film import FEATURE_ENVIRONMENT, FIRST_DEPTH, NO_DEPTH
+from engine.state.lanes import (
     POINT_FLAGS,
-    POINT_GLOSSY_DEPTH,
     POINT_INSTANCE,
     POINT_LIGHT,
     POINT_NG,
@@ -29,8 +26,6 @@ from engine.state import (
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
     POINT_TIME,
-    POINT_TRANSMISSION_DEPTH,
-    POINT_TRANSPARENT_DEPTH,
     POINT_TRIANGLE,
     POINT_U,
     POINT_V,
@@ -43,12 +38,20 @@ from engine.state import (
     RAY_VISIBILITY,
     RGB,
 )
+from engine.state.shaders import VALUE_EMISSION
+from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_FEATURES
 
 
 @kernel
-def fill_background(program_values, world_program, closures, missed, missed_count):
-    """Emission of a world whose program is constant; black without a world (`world_program` -1)."""
+def fill_background(scene, unit, work, queue):
+    """Emission of a world whose program is constant; black without a world (program -1)."""
+    program_values, world_program = scene.shaders.program_values, scene.header[SCENE_WORLD_PROGRAM]
+    closures, points = work.shaded, work.points
+    missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
+        if len(work.paths.channels) > RGB:
+            # `upsample_emission` asks which program it was.
+            points.integer[missed[k], POINT_PROGRAM] = world_program
         for c in range(len(closures.channels)):
             value = 0.0
             if world_program >= 0:
@@ -57,8 +60,10 @@ def fill_background(program_values, world_program, closures, missed, missed_coun
 
 
 @kernel
-def prepare_background(world_program, paths, points, missed, missed_count):
+def prepare_background(scene, unit, work, queue):
     """Set up points for the world's program: its position *is* the direction, as in Cycles."""
+    world_program, paths, points = scene.header[SCENE_WORLD_PROGRAM], work.paths, work.points
+    missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
         lane = missed[k]
         real = points.real
@@ -70,7 +75,7 @@ def prepare_background(world_program, paths, points, missed, missed_count):
             real[lane, POINT_NS + c] = -direction
         real[lane, POINT_U] = 0.0
         real[lane, POINT_V] = 0.0
-        real[lane, POINT_RAY_LENGTH] = 1e30
+        real[lane, POINT_RAY_LENGTH] = DISTANT
         real[lane, POINT_RADIUS] = paths.spread[lane]
         real[lane, POINT_RANDOM] = paths.random[lane, 2]
         real[lane, POINT_TIME] = paths.time[lane]
@@ -80,30 +85,22 @@ def prepare_background(world_program, paths, points, missed, missed_count):
         integer[lane, POINT_PROGRAM] = world_program
         integer[lane, POINT_RAY_FLAGS] = paths.flags[lane] | RAY_EMISSION
         integer[lane, POINT_FLAGS] = 0
-        integer[lane, POINT_PATH_DEPTH] = paths.depth[lane]
-        integer[lane, POINT_DIFFUSE_DEPTH] = paths.diffuse_depth[lane]
-        integer[lane, POINT_GLOSSY_DEPTH] = paths.glossy_depth[lane]
-        integer[lane, POINT_TRANSMISSION_DEPTH] = paths.transmission_depth[lane]
-        integer[lane, POINT_TRANSPARENT_DEPTH] = paths.transparent_depth[lane]
+        store_depths(paths, lane, paths.transparent_depth[lane], points, lane)
         integer[lane, POINT_LIGHT] = -1
 
 
 @kernel
-def shade_background(
-    lights, spectrum, options, visibility, paths, closures, missed, missed_count, film, write_features
-):
+def shade_background(scene, unit, work, queue):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
-    Parameters
-    ----------
-    spectrum : SpectralTables
-    visibility : int
-        VISIBLE_* bits of the world.
-    closures : Closures
-        `emission` holds the background's radiance by lane.
-    film : FilmTile
-        Receives the Environment pass and the depth of nothing, if `write_features`.
+    `work.closures.emission` holds the background's radiance. The film gets the Environment pass and the depth of
+    nothing, if features are asked for.
     """
+    lights, spectrum, options = scene.lights, scene.spectrum, scene.options
+    visibility = scene.header[SCENE_WORLD_VISIBILITY]
+    paths, closures, film = work.paths, work.closures, unit.film
+    use_features = unit.header[UNIT_USE_FEATURES] != 0
+    missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
         lane = missed[k]
         paths.alive[lane] = 0
@@ -126,15 +123,8 @@ def shade_background(
                     load(paths.direction, lane),
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
-            for c in range(len(paths.channels)):
-                closures.emission[lane, c] *= paths.throughput[lane, c] * weight
-            add_radiance(
-                paths, lane, closures.emission, lane, paths.depth[lane] - 1, options.clamp_direct,
-                options.clamp_indirect, 1.0,
+            add_emission(
+                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
             )
-            if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
-                color = to_rgb(spectrum, paths, lane, closures.emission, lane)
-                for c in range(RGB):
-                    film.features[paths.pixel[lane], FEATURE_ENVIRONMENT + c] += color[c]
-        if write_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
-            film.points[paths.pixel[lane], POINT_DEPTH] = NO_DEPTH
+        if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
+            film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH

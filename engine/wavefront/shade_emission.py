@@ -5,25 +5,24 @@ import math
 
 import numpy as np
 
-from engine.film import FEATURE_EMISSION
-from engine.jit import kernel
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_radiance, power_heuristic
-from engine.kernels.spectrum import to_rgb
+from engine.kernels.radiance import add_emission, power_heuristic
 from engine.kernels.vector import load
-from engine.scene.arrays import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.film import FEATURE_EMISSION
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state.lanes import (
     CLOSURE_WIDTH,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT_BACKGROUND,
-    RGB,
 )
+from engine.wavefront.columns import UNIT_USE_FEATURES
 
 
 @kernel
@@ -40,14 +39,16 @@ def keep_transparent(closures, lane):
 
 
 @kernel
-def shade_emission(
-    lights, geometry, spectrum, options, paths, points, closures, lanes, lane_count, film, write_features
-):
+def shade_emission(scene, unit, work, queue):
     """Add emission with the MIS weight of having found it by scattering; then divide by the survival probability.
 
     Lanes flagged RAY_TERMINATE_ON_NEXT_SURFACE, and those whose holdout is complete, end here; those flagged
     RAY_TERMINATE_AFTER_TRANSPARENT keep their transparent lobe only.
     """
+    lights, geometry, spectrum, options = scene.lights, scene.geometry, scene.spectrum, scene.options
+    paths, closures, film = work.paths, work.closures, unit.film
+    use_features = unit.header[UNIT_USE_FEATURES] != 0
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -88,16 +89,9 @@ def shade_emission(
                 )
                 if pdf > 0.0:
                     weight = power_heuristic(paths.mis_pdf[lane], pdf)
-            for c in range(len(paths.channels)):
-                closures.emission[lane, c] *= paths.throughput[lane, c] * weight
-            add_radiance(
-                paths, lane, closures.emission, lane, paths.depth[lane] - 1, options.clamp_direct,
-                options.clamp_indirect, 1.0,
+            add_emission(
+                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_EMISSION, use_features
             )
-            if write_features and flags & RAY_TRANSPARENT_BACKGROUND:
-                color = to_rgb(spectrum, paths, lane, closures.emission, lane)
-                for c in range(RGB):
-                    film.features[paths.pixel[lane], FEATURE_EMISSION + c] += color[c]
         if flags & RAY_TERMINATE_ON_NEXT_SURFACE:
             paths.alive[lane] = 0
             continue

@@ -5,14 +5,24 @@ Lamps do not stop rays: each one crossed adds its light. As in Cycles, camera ra
 camera, other rays only those with multiple importance sampling; suns without it are never seen.
 """
 
-from engine.jit import kernel
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_radiance, power_heuristic
+from engine.kernels.radiance import add_found, power_heuristic
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
+from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
-from engine.scene.light_arrays import (
+from engine.state.lanes import (
+    RAY_CAMERA,
+    RAY_DIFFUSE,
+    RAY_GLOSSY,
+    RAY_MIS_HAD_TRANSMISSION,
+    RAY_MIS_SKIP,
+    RAY_REFLECT,
+    RAY_TRANSMIT,
+    RGB,
+)
+from engine.state.lights import (
     HEADER_FIRST_SUN,
     HEADER_HITTABLE,
     HEADER_LAST_SUN,
@@ -22,16 +32,6 @@ from engine.scene.light_arrays import (
     LAMP_RADIANCE,
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
-)
-from engine.state import (
-    RAY_CAMERA,
-    RAY_DIFFUSE,
-    RAY_GLOSSY,
-    RAY_MIS_HAD_TRANSMISSION,
-    RAY_MIS_SKIP,
-    RAY_REFLECT,
-    RAY_TRANSMIT,
-    RGB,
 )
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
@@ -50,7 +50,7 @@ def _sees(flags, visibility):
 
 
 @kernel
-def _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch):
+def _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch):
     """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering."""
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
@@ -61,27 +61,19 @@ def _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    add_radiance(paths, lane, scratch, lane, paths.depth[lane] - 1, options.clamp_direct, options.clamp_indirect, 1.0)
+    add_found(options, paths, lane, scratch)
 
 
 @kernel
-def shade_lights(lights, spectrum, options, paths, lanes, lane_count, scratch):
+def shade_lights(scene, unit, work, queue):
     """Add the light of lamps and suns to rays that `intersect_closest` has traced, MIS-weighted.
 
     The hit and its density are found from `mis_origin`, where the light sample they are weighed against was drawn;
-    transparent surfaces since then only move the range of distances (`mis_distance`, `hit_distance`).
-
-    Parameters
-    ----------
-    lights : LightArrays
-    spectrum : SpectralTables
-    options : IntegratorOptions
-        `use_nee` 0: every lamp counts whole, those without multiple importance sampling included.
-    paths : PathState
-        `hit_instance` is -1 and `hit_distance` the ray's length where nothing was hit.
-    lanes : int32 (>= lane_count,)
-    scratch : float32 (L, >= C)
+    transparent surfaces since then only move the range of distances (`mis_distance`, `hit_distance`). Without
+    light sampling (`use_nee` 0) every lamp counts whole, those without multiple importance sampling included.
     """
+    lights, spectrum, options, paths, scratch = scene.lights, scene.spectrum, scene.options, work.paths, work.f_cos
+    lanes, lane_count = queue.lanes, queue.count[0]
     hittable_count = lights.header[HEADER_HITTABLE]
     first_sun = lights.header[HEADER_FIRST_SUN]
     last_sun = lights.header[HEADER_LAST_SUN]
@@ -116,7 +108,7 @@ def shade_lights(lights, spectrum, options, paths, lanes, lane_count, scratch):
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
                 factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch)
+            _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -129,4 +121,4 @@ def shade_lights(lights, spectrum, options, paths, lanes, lane_count, scratch):
                 factor = power_heuristic(
                     paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
                 )
-            _add_emission(lights, row, factor, spectrum, options, paths, lane, scratch)
+            _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stages of renders with wavelengths: what shaders and lights have left as RGB, at the paths' wavelengths."""
 
-from engine.jit import kernel
 from engine.kernels.bsdf.dispersion import begin_dispersion, disperses, set_channel
 from engine.kernels.bsdf.kinds import (
     CLOSURE_DISPERSES,
@@ -18,20 +17,21 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.prefetch import ask_for_closures, ask_for_throughput, lane_ahead
 from engine.kernels.spectrum import upsample_light, upsample_parameter
-from engine.state import CLOSURE_WEIGHT, POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_PROGRAM
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_WEIGHT, POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_PROGRAM
 
 
 @kernel
-def upsample_emission(spectrum, program_temperature, program, paths, points, closures, lanes, lane_count):
-    """Emission of the lanes' closures.
+def upsample_emission(scene, work, points, closures, queue):
+    """Emission of the lanes' closures: of surfaces, of the background and of lights alike.
 
     Parameters
     ----------
-    program_temperature : float32 (P,) [K]
-        By shader program, see `engine.shaders.blackbody`.
-    program : int
-        What all lanes show, -1: the points tell.
+    points, closures : ShadePoints, Closures
+        Those of `work` whose emission it is. Points without emission need no program.
     """
+    spectrum, program_temperature, paths = scene.spectrum, scene.shaders.program_temperature, work.paths
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -41,15 +41,17 @@ def upsample_emission(spectrum, program_temperature, program, paths, points, clo
         if emission[lane, 0] == 0.0 and emission[lane, 1] == 0.0 and emission[lane, 2] == 0.0:
             emission[lane, 3] = 0.0
             continue
-        temperature = program_temperature[program if program >= 0 else points.integer[lane, POINT_PROGRAM]]
+        temperature = program_temperature[points.integer[lane, POINT_PROGRAM]]
         upsample_light(
             spectrum, paths, lane, emission[lane, 0], emission[lane, 1], emission[lane, 2], temperature, emission, lane
         )
 
 
 @kernel
-def upsample_lights(spectrum, paths, samples, lit, lit_count):
+def upsample_lights(scene, unit, work, queue):
     """Radiance of light samples; `choose_lights` has left the temperature of black bodies in the fourth channel."""
+    spectrum, paths, samples = scene.spectrum, work.paths, work.samples
+    lit, lit_count = queue.lanes, queue.count[0]
     for k in range(lit_count):
         lane = lit[k]
         radiance = samples.radiance
@@ -60,14 +62,11 @@ def upsample_lights(spectrum, paths, samples, lit, lit_count):
 
 
 @kernel
-def upsample_closures(spectrum, program_dispersion, paths, points, closures, lanes, lane_count):
-    """Colours of the lanes' lobes; where the material disperses, refractive indices by wavelength as well.
-
-    Parameters
-    ----------
-    program_dispersion : float32 (P,) [um^2]
-        By shader program, see `engine.spectral.dispersion`.
-    """
+def upsample_closures(scene, unit, work, queue):
+    """Colours of the lanes' lobes; where the material disperses, refractive indices by wavelength as well."""
+    spectrum, program_dispersion = scene.spectrum, scene.shaders.program_dispersion
+    paths, points, closures = work.paths, work.points, work.closures
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)

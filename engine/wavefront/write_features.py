@@ -3,31 +3,27 @@
 
 import numpy as np
 
-from engine.film import (
+from engine.kernels.bsdf import HAS_DELTA, HAS_EVAL, albedo, summarize
+from engine.runtime.jit import kernel
+from engine.state.camera import CAMERA_KIND, KIND_EQUIRECTANGULAR
+from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_NORMAL,
-    POINT_DEPTH,
-    POINT_MATERIAL_INDEX,
-    POINT_OBJECT_INDEX,
-    POINT_POSITION,
+    FIRST_DEPTH,
+    FIRST_MATERIAL_INDEX,
+    FIRST_OBJECT_INDEX,
+    FIRST_POSITION,
 )
-from engine.jit import kernel
-from engine.kernels.bsdf import HAS_DELTA, HAS_EVAL, albedo, summarize
-from engine.scene.arrays import INSTANCE_PASS_INDEX
-from engine.scene.camera import CAMERA_KIND, KIND_EQUIRECTANGULAR
-from engine.state import POINT_INSTANCE, POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RAY_PASSES_DONE
+from engine.state.geometry import INSTANCE_PASS_INDEX
+from engine.state.lanes import POINT_INSTANCE, POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RAY_PASSES_DONE
 
 
 @kernel
-def write_features(camera, geometry, tables, pass_index, paths, points, closures, scratch, lanes, lane_count, film):
-    """Write depth, position and indices (first sample only) and add normal and albedo to the film.
-
-    Parameters
-    ----------
-    pass_index : float32 (P,)
-        Material index pass by shader program.
-    scratch : float32 (L, C)
-    """
+def write_features(scene, unit, work, queue):
+    """Write depth, position and indices (first sample only) and add normal and albedo to the film."""
+    camera, geometry, tables, pass_index = scene.camera, scene.geometry, scene.tables, scene.shaders.program_pass_index
+    paths, points, closures, scratch, film = work.paths, work.points, work.shaded, work.f_cos, unit.film
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         flags = paths.flags[lane]
@@ -39,7 +35,7 @@ def write_features(camera, geometry, tables, pass_index, paths, points, closures
         pixel = paths.pixel[lane]
         real = points.real
         instance = points.integer[lane, POINT_INSTANCE]
-        if film.count[pixel] == 0 and film.points[pixel, POINT_DEPTH] == 0.0:
+        if film.count[pixel] == 0 and film.points[pixel, FIRST_DEPTH] == 0.0:
             x = real[lane, POINT_P] - camera[3]
             y = real[lane, POINT_P + 1] - camera[7]
             z = real[lane, POINT_P + 2] - camera[11]
@@ -47,11 +43,11 @@ def write_features(camera, geometry, tables, pass_index, paths, points, closures
                 depth = np.sqrt(x * x + y * y + z * z)
             else:
                 depth = -(camera[2] * x + camera[6] * y + camera[10] * z)
-            film.points[pixel, POINT_DEPTH] = depth
+            film.points[pixel, FIRST_DEPTH] = depth
             for c in range(3):
-                film.points[pixel, POINT_POSITION + c] = real[lane, POINT_P + c]
-            film.points[pixel, POINT_OBJECT_INDEX] = np.float32(geometry.instance_table[instance, INSTANCE_PASS_INDEX])
-            film.points[pixel, POINT_MATERIAL_INDEX] = pass_index[points.integer[lane, POINT_PROGRAM]]
+                film.points[pixel, FIRST_POSITION + c] = real[lane, POINT_P + c]
+            film.points[pixel, FIRST_OBJECT_INDEX] = np.float32(geometry.instance_table[instance, INSTANCE_PASS_INDEX])
+            film.points[pixel, FIRST_MATERIAL_INDEX] = pass_index[points.integer[lane, POINT_PROGRAM]]
         wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
         albedo(closures, tables, lane, wo, scratch, lane)
         for c in range(3):

@@ -12,13 +12,15 @@ Müller et al. 2019, "Neural Importance Sampling", sections 5.1 (Kullback-Leible
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
-from engine.guiding.flow.field import view_flow_field
-from engine.guiding.flow.query import encode_flow_rows
-from engine.guiding.flow.shape import (
+from engine.array_types import Float32Array
+from engine.guiding.networks.flow.field import FlowField, view_flow_field
+from engine.guiding.networks.flow.query import encode_flow_rows
+from engine.guiding.networks.flow.shape import (
     ACTIVATION_LIMIT,
     LOGIT_LIMIT,
     MIN_WIDTH,
@@ -27,17 +29,10 @@ from engine.guiding.flow.shape import (
     FlowShape,
     initial_flow_parameters,
 )
-from engine.guiding.network import Snapshot, robust_bounds
-from engine.guiding.rows import ROW_PDF, ROW_POSITION, ROW_RADIANCE, ROW_REFLECTANCE, ROW_WI
-from engine.guiding.worker.samples import VALIDATION_STRIDE, SampleWindow
-from engine.scene.arrays import Float32Array
+from engine.guiding.records.training_rows import ROW_PDF, ROW_RADIANCE, ROW_REFLECTANCE, ROW_WI, is_fit
+from engine.guiding.worker.tables import BETAS
+from engine.guiding.worker.training import Training, split_tensor
 
-_BETAS = (0.9, 0.99)
-_VALIDATION_ROWS = 1 << 14
-#: Columns that training reads.
-_KEPT = ROW_PDF + 1
-#: Positions further out than this [m] are as far as bounds can tell.
-_FARTHEST = 1e15
 #: Densities and targets outside are not kept: their products stay within float64, their logarithms within reason.
 _LEAST, _MOST = 1e-30, 1e30
 
@@ -77,92 +72,45 @@ def move(outputs: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Te
     return y.clamp(0.0, 1.0), torch.log(height + rise * t)
 
 
-class FlowTraining:
-    """The flow in training.
+class FlowTraining(Training):
+    """The flow in training, on the CPU; parameters as in `Training`."""
 
-    Parameters
-    ----------
-    shape : FlowShape
-    settings : FlowSettings
-    seed : int
-    bounds : float32 (2, 3) [m] or None
-        What positions are resolved in; None: found from the first records.
-    thread_count : int
-        Threads of torch on the CPU. The result is the same bits for one only.
-    device : str
-        'cpu' or a device of torch.
-    """
+    shape: FlowShape
+    settings: FlowSettings
 
     def __init__(
-        self,
-        shape: FlowShape,
-        settings: FlowSettings,
-        seed: int,
-        bounds: Float32Array | None = None,
+        self, shape: FlowShape, settings: FlowSettings, seed: int, bounds: Float32Array | None = None,
         thread_count: int = 1,
-        device: str = "cpu",
     ) -> None:
-        torch.set_num_threads(thread_count)
-        self.shape = shape
-        self.settings = settings
-        self.step_count = 0
-        self.rows_received = 0
-        self.loss = math.nan
-        self.scale = 0.0
-        self.bounds = bounds
-        self._version = 0
-        self._random = np.random.Generator(np.random.Philox(seed))
-        self._device = torch.device(device)
-        self._window = SampleWindow(settings.buffer_rows, _KEPT, settings.window_samples)
-        self._validation = SampleWindow(_VALIDATION_ROWS, _KEPT, settings.window_samples)
-        self._reference: torch.Tensor | None = None
-        self._parameters = torch.from_numpy(initial_flow_parameters(shape, seed)).to(self._device)
-        self._arrays: dict[str, torch.Tensor] = {}
-        start = 0
-        for name, sizes in shape.layout.items():
-            stop = start + math.prod(sizes)
-            self._arrays[name] = self._parameters[start:stop].view(sizes).requires_grad_()
-            start = stop
+        super().__init__(shape, settings, seed, bounds, thread_count)
+        self._parameters = torch.from_numpy(initial_flow_parameters(shape, seed))
+        self._arrays = {name: array.requires_grad_() for name, array in split_tensor(shape, self._parameters).items()}
         self._optimizer = torch.optim.Adam(
-            list(self._arrays.values()),
-            lr=settings.learning_rate,
-            betas=_BETAS,
-            weight_decay=settings.weight_decay,
+            list(self._arrays.values()), lr=settings.learning_rate, betas=BETAS, weight_decay=settings.weight_decay
         )
 
-    # Records
+    # Rows
 
-    @property
-    def can_train(self) -> bool:
-        """There are records that show where light comes from."""
-        return self._window.count > 0 and self.scale > 0.0
+    def _is_fit(self, rows: Float32Array) -> np.ndarray:
+        return is_fit(rows)
 
-    @property
-    def row_count(self) -> int:
-        """Records that training draws from."""
-        return self._window.count
+    def _choose(self, rows: Float32Array) -> Float32Array:
+        """Rows that are lit, of a unit direction, and within what float64 can multiply."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            length = np.square(rows[:, ROW_WI : ROW_WI + 3], dtype=np.float64).sum(axis=1)
+            is_lit = np.abs(length - 1.0) < 0.01
+            for value in (self._target(rows), rows[:, ROW_PDF], rows[:, ROW_RADIANCE]):
+                is_lit &= (value > _LEAST) & (value < _MOST)
+        return rows[is_lit]
 
-    def add(self, rows: Float32Array, samples: float) -> None:
-        """Take records of `samples` samples a pixel: float32 (N, ROW_WIDTH). Those that teach nothing are left out."""
-        is_validation = (self.rows_received + np.arange(rows.shape[0])) % VALIDATION_STRIDE == 0
-        self.rows_received += rows.shape[0]
-        is_kept = self._is_usable(rows)
-        if not is_kept.any():
-            return
-        rows, is_validation = rows[is_kept, :_KEPT], is_validation[is_kept]
-        position = slice(ROW_POSITION, ROW_POSITION + 3)
-        rows[:, position] = np.clip(rows[:, position], -_FARTHEST, _FARTHEST)
-        self._validation.add(rows[is_validation], samples)
-        self._window.add(rows[~is_validation], samples)
-        self._reference = None
-        if self.bounds is None:
-            self.bounds = robust_bounds(rows[:, position])
+    def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         if self.scale == 0.0:
             weights = self._target(rows) / rows[:, ROW_PDF]
             # Without the brightest thousandth.
             self.scale = float(np.minimum(weights, np.quantile(weights, 0.999)).mean())
-        self._field = view_flow_field(
-            self.shape, self.bounds, np.zeros(self.shape.parameter_count, np.float32), is_ready=False
+        # Only for what vertices and directions are encoded with, which has no parameters.
+        self._field: FlowField = view_flow_field(
+            self.shape, bounds, np.zeros(self.shape.parameter_count, np.float32), is_ready=False
         )
 
     def _target(self, rows: Float32Array) -> np.ndarray:
@@ -171,17 +119,6 @@ class FlowTraining:
         if self.settings.target == "PRODUCT":
             target = target * rows[:, ROW_REFLECTANCE]
         return target
-
-    def _is_usable(self, rows: Float32Array) -> np.ndarray:
-        """Which records are finite, of a unit direction, and lit: bool (N,)."""
-        rows = rows[:, :_KEPT]
-        is_usable = np.isfinite(rows).all(axis=1)
-        with np.errstate(over="ignore", invalid="ignore"):
-            target = self._target(rows)
-            length = np.square(rows[:, ROW_WI : ROW_WI + 3], dtype=np.float64).sum(axis=1)
-            for value in (target, rows[:, ROW_PDF], rows[:, ROW_RADIANCE]):
-                is_usable &= (value > _LEAST) & (value < _MOST)
-            return is_usable & (np.abs(length - 1.0) < 0.01)
 
     # Flow
 
@@ -211,12 +148,12 @@ class FlowTraining:
         condition = np.empty((rows.shape[0], self.shape.condition_width), np.float32)
         square = np.empty((rows.shape[0], 2), np.float32)
         encode_flow_rows(self._field, rows, condition, square)
-        return torch.from_numpy(condition).to(self._device), torch.from_numpy(square).to(self._device)
+        return torch.from_numpy(condition), torch.from_numpy(square)
 
     def density(self, rows: Float32Array) -> Float32Array:
         """Density at the directions and vertices of rows, float32 (N,) [sr^-1]: what `eval_flow` must give too."""
         with torch.no_grad():
-            log_density = self._log_density(*self._encode(rows)).cpu().numpy()
+            log_density = self._log_density(*self._encode(rows)).numpy()
         return np.exp(log_density) * np.float32(0.25 / np.pi)
 
     # Training
@@ -229,8 +166,8 @@ class FlowTraining:
         weights = np.maximum(weights, _LEAST)
         logs = np.log(pdf * (4.0 * np.pi))
         return (
-            torch.from_numpy(weights.astype(np.float32)).to(self._device),
-            torch.from_numpy(logs.astype(np.float32)).to(self._device),
+            torch.from_numpy(weights.astype(np.float32)),
+            torch.from_numpy(logs.astype(np.float32)),
         )
 
     def _divergence(self, log_density: torch.Tensor, weights: torch.Tensor, log_pdf: torch.Tensor) -> torch.Tensor:
@@ -243,41 +180,23 @@ class FlowTraining:
             return -(weights * log_density).mean()
         return torch.logsumexp(2.0 * torch.log(weights) + log_pdf - log_density, dim=0) - math.log(len(weights))
 
-    def step(self) -> None:
-        """One step of training on a random batch; a batch without a finite gradient changes nothing."""
-        rows = self._window.take(self._random.integers(0, self._window.count, self.settings.batch_size))
-        loss = self._divergence(self._log_density(*self._encode(rows)), *self._weigh(rows))
-        self._optimizer.zero_grad()
-        loss.backward()
+    def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
+        return self._divergence(self._log_density(*self._encode(rows)), *self._weigh(rows)), ()
+
+    def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
+        """The gradient is cut to a length; a batch without a finite one changes nothing."""
         norm = torch.nn.utils.clip_grad_norm_(list(self._arrays.values()), self.settings.gradient_limit)
-        if math.isfinite(norm.item()):
-            self._optimizer.step()
-        self.step_count += 1
+        return math.isfinite(norm.item())
 
-    def improvement(self) -> float:
-        """How far the divergence on held-out records fell since the last call.
+    def _answer(self, rows: Float32Array) -> torch.Tensor:
+        return self._log_density(*self._encode(rows))
 
-        A fall of Kullback-Leibler in nats by the mean record, a relative one of chi-square. After new records it is
-        infinite: there is nothing to compare with.
-        """
-        rows = self._validation.take(np.arange(self._validation.count))
-        if rows.shape[0] == 0 or not self.can_train:
-            return math.inf
-        with torch.no_grad():
-            log_density = self._log_density(*self._encode(rows))
-            weights, log_pdf = self._weigh(rows)
-            weights = weights / weights.mean()
-            previous, self._reference = self._reference, log_density
-            error = self._divergence(log_density, weights, log_pdf).item()
-            self.loss = error
-            if previous is None:
-                return math.inf
-            return self._divergence(previous, weights, log_pdf).item() - error
+    def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
+        """Divergence, and its fall: in nats by the mean record for Kullback-Leibler, relative for chi-square."""
+        weights, log_pdf = self._weigh(rows)
+        weights = weights / weights.mean()
+        error = self._divergence(answer, weights, log_pdf).item()
+        return error, self._divergence(previous, weights, log_pdf).item() - error
 
-    def snapshot(self) -> Snapshot:
-        """The flow as it is; its parameters are a view that the next step changes."""
-        if self.bounds is None or self.scale <= 0.0:
-            raise ValueError("no snapshot before the first records with light")
-        self._version += 1
-        parameters = self._parameters.detach().cpu().numpy()
-        return Snapshot(self._version, self.step_count, self.loss, self.scale, self.bounds, parameters)
+    def _snapshot_parameters(self) -> Float32Array:
+        return self._parameters.detach().numpy()

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixtures of lobes in torch, to train the networks whose outputs `engine.guiding.lobes` decodes.
+"""Mixtures of lobes in torch, to train the networks whose outputs `engine.guiding.networks.lobes` decodes.
 
-Columns, constants and decoding are those of `engine.guiding.lobes.vmf` and `engine.guiding.lobes.nasg`. Values and
-gradients are finite whatever the outputs and directions are, in float32 and float64.
+Columns, constants and decoding are those of `engine.guiding.networks.lobes.vmf` and
+`engine.guiding.networks.lobes.nasg`. Values and gradients are finite whatever the outputs and directions are, in
+float32 and float64.
 
 - A clamped output keeps the gradient of a loss that falls towards the inside and loses that of one that falls further
   out: what is differentiated must be minimised, and no lobe gets stuck.
@@ -22,9 +23,9 @@ from typing import Any, NamedTuple, SupportsFloat
 
 import torch
 
-from engine.guiding.lobes import nasg, vmf
-from engine.guiding.vmm.numeric import UNIFORM_KAPPA
-from engine.guiding.vmm.query import COSINE_LOBE_KAPPA, LEAST_PRODUCT
+from engine.guiding.fields.vmm.numeric import UNIFORM_KAPPA
+from engine.guiding.fields.vmm.query import COSINE_LOBE_KAPPA, LEAST_PRODUCT
+from engine.guiding.networks.lobes import nasg, vmf
 
 _LOG_FOUR_PI = math.log(4.0 * math.pi)
 #: Below this kappa the normalisation is its series; what that leaves out is below 3e-12.

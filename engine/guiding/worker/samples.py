@@ -7,10 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from engine.scene.arrays import Float32Array, Int64Array
-
-#: Every so manyth record is kept for validation.
-VALIDATION_STRIDE = 32
+from engine.array_types import Float32Array, Int64Array
 
 
 class SampleWindow:
@@ -30,16 +27,18 @@ class SampleWindow:
         self.window_samples = window_samples
         self.count = 0
         self._start = 0
+        #: Rows held of each submission, oldest first, and its samples a pixel.
         self._segments: deque[tuple[int, float]] = deque()
 
     def add(self, rows: Float32Array, samples: float) -> None:
         """Append rows from `samples` samples a pixel; make room for them."""
         capacity = self.rows.shape[0]
         rows = rows[-capacity:]
-        self._segments.append((rows.shape[0], samples))
-        while len(self._segments) > 1 and sum(s for _, s in self._segments) > self.window_samples:
-            self._drop(self._segments.popleft()[0])
+        while self._segments and sum(s for _, s in self._segments) + samples > self.window_samples:
+            self._drop(self._segments[0][0])
+            self._segments.popleft()
         self._drop(max(0, self.count + rows.shape[0] - capacity))
+        self._segments.append((rows.shape[0], samples))
         end = (self._start + self.count) % capacity
         head = min(rows.shape[0], capacity - end)
         self.rows[end : end + head] = rows[:head]
@@ -50,8 +49,6 @@ class SampleWindow:
         """Keep these rows only: bool (count,), by age. Later rows push the oldest of them out as if all were left."""
         rows = self.take(np.flatnonzero(is_kept))
         edges = np.cumsum([0, *(count for count, _ in self._segments)])
-        # Of the first segments the ring may hold a part only, or nothing.
-        edges = np.maximum(edges - (edges[-1] - self.count), 0)
         counts = np.diff(np.cumsum([0, *is_kept])[edges])
         self._segments = deque(
             (int(count), samples) for count, (_, samples) in zip(counts, self._segments, strict=True) if count
@@ -60,9 +57,13 @@ class SampleWindow:
         self.rows[: rows.shape[0]] = rows
 
     def _drop(self, row_count: int) -> None:
-        row_count = min(row_count, self.count)
+        """Drop the oldest rows, and take them off the segments they came in."""
         self._start = (self._start + row_count) % self.rows.shape[0]
         self.count -= row_count
+        left = row_count
+        for index, (held, samples) in enumerate(self._segments):
+            self._segments[index] = (max(0, held - left), samples)
+            left = max(0, left - held)
 
     def take(self, picks: Int64Array) -> Float32Array:
         """Rows by age: 0 is the oldest."""

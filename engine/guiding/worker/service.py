@@ -20,18 +20,16 @@ from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
-from engine.guiding.channel import SLOT_COUNT, Channel
-from engine.guiding.flow.shape import FlowSettings, FlowShape
-from engine.guiding.mixture.shape import MixtureSettings, MixtureShape
-from engine.guiding.network import NetworkShape, TrainingSettings
-from engine.guiding.rows import ROW_WIDTH
-from engine.scene.arrays import Float32Array
+from engine.array_types import Float32Array
+from engine.guiding.networks.flow.shape import FlowSettings, FlowShape
+from engine.guiding.networks.mixture.shape import MixtureSettings, MixtureShape
+from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
+from engine.guiding.records.training_rows import ROW_WIDTH
+from engine.guiding.trainer.channel import SLOT_COUNT, Channel
+from engine.guiding.worker.patience import Patience
 
 #: Steps between two looks at the held-out records.
 _CHECK_STEPS = 64
-#: Training rests when the held-out error fell by less than this in so many checks running.
-_LEAST_IMPROVEMENT = 0.002
-_PATIENCE = 3
 _HEARTBEAT = 1.0  # [s]
 
 
@@ -58,7 +56,7 @@ def _make_training(
         return FlowTraining(shape, settings, seed, bounds, thread_count), "cpu"
     import torch
 
-    from engine.guiding.worker.training import RadianceTraining
+    from engine.guiding.worker.radiance_training import RadianceTraining
 
     device = "cuda" if not is_deterministic and torch.cuda.is_available() else "cpu"
     return RadianceTraining(shape, settings, seed, bounds, thread_count, device), device
@@ -197,13 +195,17 @@ class Service:
         """Train while records are fresh and the network improves, within `share` of the machine's processor time."""
         training = self.training
         allowance = share * (os.cpu_count() or 1)  # [s of processor time per s]
-        rests = 0
+        patience = Patience()
+        checked_step = 0
         published = told = time.monotonic()
         last_step = -1
         while True:
             if self.take_pending():
-                rests = 0
-            has_work = rests < _PATIENCE and self.has_budget()
+                patience.wake()
+                # What the next check compares with: that of before was found on other rows.
+                training.improvement()
+                checked_step = training.step_count
+            has_work = not patience.is_resting and self.has_budget()
             now = time.monotonic()
             if not has_work:
                 if training.can_train and training.step_count != last_step:
@@ -216,8 +218,9 @@ class Service:
                 continue
             busy = time.process_time()
             training.step()
-            if training.step_count % _CHECK_STEPS == 0:
-                rests = rests + 1 if training.improvement() < _LEAST_IMPROVEMENT else 0
+            if training.step_count - checked_step >= _CHECK_STEPS:
+                patience.check(training.improvement())
+                checked_step = training.step_count
             if now - published > self.settings.snapshot_seconds:
                 self.publish()
                 last_step = training.step_count

@@ -34,6 +34,7 @@ from engine.kernels.bsdf.kinds import HAS_TRANSMISSION as HAS_TRANSMISSION
 from engine.kernels.bsdf.kinds import HAS_TRANSPARENT as HAS_TRANSPARENT
 from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
 from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
+from engine.kernels.bsdf.principled import PrincipledInputs as PrincipledInputs
 from engine.kernels.bsdf.principled import add_principled as add_principled
 from engine.kernels.bsdf.tables import BsdfTables as BsdfTables
 from engine.kernels.bsdf.tables import load_tables as load_tables

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The list of closures of a lane: start it, append to it, ask what is in it, blur it."""
 
-from engine.jit import kernel
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
@@ -21,13 +20,8 @@ from engine.kernels.bsdf.kinds import (
     WEIGHT_CUTOFF,
 )
 from engine.kernels.constants import FLOAT_MAX
-from engine.state import (
-    CLOSURE_CHANNELS,
-    CLOSURE_N,
-    CLOSURE_SAMPLE_WEIGHT,
-    CLOSURE_WEIGHT,
-    MAX_CLOSURES,
-)
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_CHANNELS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
 
 
 @kernel

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import append_closure, average, store_color
 from engine.kernels.bsdf.kinds import (
     DIFFUSE,
@@ -19,7 +18,8 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.constants import HALF_PI, INV_PI, PI
 from engine.kernels.vector import dot
-from engine.state import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
 
 #: Roughness below which the Diffuse BSDF is Lambert's (Cycles).
 MIN_DIFFUSE_ROUGHNESS = np.float32(1e-5)

@@ -5,7 +5,6 @@ A lane's transmissive lobes have the refractive index of the hero, channel 0, bu
 others. References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling".
 """
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.fresnel import f0_of_eta
 from engine.kernels.bsdf.kinds import (
@@ -21,8 +20,9 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.bsdf.microfacet import fresnel_blend, glass_reflection_pmf, lobe_color
 from engine.kernels.vector import dot
+from engine.runtime.jit import kernel
 from engine.spectral.dispersion import ior_at
-from engine.state import CLOSURE_N, CLOSURE_WEIGHT
+from engine.state.lanes import CLOSURE_N, CLOSURE_WEIGHT
 
 
 @kernel

@@ -3,7 +3,6 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import average, read3, store_color
 from engine.kernels.bsdf.fresnel import f0_of_eta
 from engine.kernels.bsdf.kinds import (
@@ -30,7 +29,8 @@ from engine.kernels.bsdf.lookup import (
 )
 from engine.kernels.bsdf.microfacet import fresnel_blend, lobe_color
 from engine.kernels.vector import dot
-from engine.state import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
 
 
 @kernel

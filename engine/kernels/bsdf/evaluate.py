@@ -7,7 +7,6 @@ model with the balance heuristic).
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.diffuse import oren_nayar_f_cos
 from engine.kernels.bsdf.dispersion import delta_channels, set_channel
@@ -38,7 +37,8 @@ from engine.kernels.bsdf.sheen import sample_sheen, sheen_pdf
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.constants import INV_PI, ONE_MINUS_EPSILON
 from engine.kernels.vector import dot, negate
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     CLOSURE_N,
     CLOSURE_SAMPLE_WEIGHT,
     CLOSURE_WEIGHT,

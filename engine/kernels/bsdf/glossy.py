@@ -3,7 +3,6 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import append_closure, store_color
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import f0_of_eta, interface_mean_blend
@@ -26,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.constants import TWO_PI
 from engine.kernels.vector import add, cross, dot, normalize, scale
+from engine.runtime.jit import kernel
 
 
 @kernel

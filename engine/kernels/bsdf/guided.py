@@ -10,13 +10,13 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, is_delta_lobe
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, LAST_DIFFUSE, REFRACTION, TRANSLUCENT
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
-from engine.state import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT
 
 
 @kernel

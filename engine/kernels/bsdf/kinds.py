@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of closures and where their parameters lie in a row of `Closures.param`.
 
-Columns 0 to 7 are common (`engine.state`: weight, normal, sample weight); the rest is the kind's:
+Columns 0 to 7 are common (`engine.state.lanes`: weight, normal, sample weight); the rest is the kind's:
 
 ==================  ==================================================================================================
 DIFFUSE             none
@@ -24,7 +24,7 @@ A lobe with alpha_x * alpha_y <= DELTA_ALPHA_SQUARED is a delta lobe.
 
 import numpy as np
 
-from engine.state import CLOSURE_KIND_PARAMS, CLOSURE_WIDTH
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WIDTH
 
 NONE = 0
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 # Offsets of the tables, see `BsdfTables`.
 GLOSSY_ALBEDO = 0

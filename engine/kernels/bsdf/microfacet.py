@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.kinds import (
@@ -35,7 +34,8 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.bsdf.warp import concentric_disk
 from engine.kernels.constants import INV_PI
 from engine.kernels.vector import cross, dot, normalize, orthonormal_basis, scale, subtract, to_local, to_world
-from engine.state import CLOSURE_WEIGHT
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_WEIGHT
 
 #: A refractive index this close to 1 refracts as a delta lobe, whatever the roughness (Cycles).
 MIN_ETA_STEP = np.float32(1e-4)

@@ -3,9 +3,9 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.bsdf.kinds import BUMP, CLOSURE_NO_BUMP_CORRECTION, SMOOTH_N
 from engine.kernels.vector import add, dot, normalize, scale, subtract
+from engine.runtime.jit import kernel
 
 
 @kernel

@@ -6,13 +6,13 @@ References: Zeltner, Burley and Chiang 2022, "Practical Multiple-Scattering Shee
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import append_closure, read3, weight_below
 from engine.kernels.bsdf.kinds import SHEEN, SHEEN_A, SHEEN_B, SHEEN_TANGENT
 from engine.kernels.bsdf.lookup import SHEEN_FIT, read_table
 from engine.kernels.bsdf.warp import concentric_disk
 from engine.kernels.constants import INV_PI
 from engine.kernels.vector import cross, dot, normalize, orthonormal_basis, to_local, to_world
+from engine.runtime.jit import kernel
 
 
 @kernel

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.bundle import Bundle
+from engine.array_types import Float32Array
 from engine.kernels.bsdf.lookup import TABLES_SIZE
-from engine.scene.arrays import Float32Array
+from engine.runtime.bundle import Bundle
 
 TABLES_FILE = Path(__file__).with_name("tables.npz")
 

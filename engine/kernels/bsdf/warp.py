@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.vector import orthonormal_basis, to_world
+from engine.runtime.jit import kernel
 
 QUARTER_PI = np.float32(0.25 * math.pi)
 

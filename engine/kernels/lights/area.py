@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import PI
 from engine.kernels.lights.mapping import concentric_disk
 from engine.kernels.vector import add, cross, dot, length, scale, subtract
-from engine.scene.light_arrays import (
+from engine.runtime.jit import kernel
+from engine.state.lights import (
     LAMP_AXIS_U,
     LAMP_AXIS_V,
     LAMP_DIRECTION,

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI, TWO_PI
 from engine.kernels.vector import dot
-from engine.scene.light_arrays import MAP_GUIDE_SIZE
+from engine.runtime.jit import kernel
+from engine.state.lights import MAP_GUIDE_SIZE
 
 _GUIDE_STEPS = np.float32(MAP_GUIDE_SIZE)
 

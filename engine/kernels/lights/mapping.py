@@ -3,9 +3,9 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import HALF_PI, INV_FOUR_PI, INV_PI, PI, TWO_PI
 from engine.kernels.vector import dot, orthonormal_basis, to_world
+from engine.runtime.jit import kernel
 
 
 @kernel

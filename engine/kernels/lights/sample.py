@@ -11,10 +11,8 @@ pdf : [sr^-1] in solid angle at p, times the probability of choosing the emitter
 radiance : what the light emits towards p if `program` is -1, else the factor on that program's emission.
 """
 
-import numpy as np
 
-from engine.jit import kernel
-from engine.kernels.constants import INV_TWO_PI
+from engine.kernels.constants import DISTANT, INV_TWO_PI
 from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_attenuation
 from engine.kernels.lights.background import map_pdf, sample_map
 from engine.kernels.lights.mapping import uniform_cone
@@ -22,8 +20,8 @@ from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_atten
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter
 from engine.kernels.lights.triangle import emissive_triangle, sample_triangle, triangle_pdf
 from engine.kernels.vector import add, cross, dot, length, scale, subtract
-from engine.scene.light_arrays import (
-    DISTANT,
+from engine.runtime.jit import kernel
+from engine.state.lights import (
     EMITTER_BACK,
     EMITTER_FLAGS,
     EMITTER_FRONT,
@@ -55,7 +53,6 @@ from engine.scene.light_arrays import (
     TRIANGLE_RADIANCE,
 )
 
-_DISTANT = np.float32(DISTANT)
 _UNLIMITED = 1 << 20
 
 
@@ -148,7 +145,7 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
             pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
             ng = (-wi[0], -wi[1], -wi[2])
             point = wi
-            distance = _DISTANT
+            distance = DISTANT
         else:
             row = int(lights.emitters[emitter, EMITTER_LAMP])
             flags = lights.lamp_table[row, LAMP_FLAGS]
@@ -164,7 +161,7 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
                     pdf = INV_TWO_PI / one_minus_cos
                 ng = (-wi[0], -wi[1], -wi[2])
                 point = wi
-                distance = _DISTANT
+                distance = DISTANT
             else:
                 if kind == LIGHT_AREA:
                     pdf, wi, distance, factor, u, v = sample_area(lights.lamps, lights.lamp_table, row, p, u0, u1)

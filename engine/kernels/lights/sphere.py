@@ -7,7 +7,6 @@ the cone instead.
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI
 from engine.kernels.lights.mapping import (
     concentric_disk,
@@ -18,7 +17,8 @@ from engine.kernels.lights.mapping import (
     uniform_sphere,
 )
 from engine.kernels.vector import add, dot, length, normalize, orthonormal_basis, scale, subtract
-from engine.scene.light_arrays import (
+from engine.runtime.jit import kernel
+from engine.state.lights import (
     LAMP_COS_SPOT,
     LAMP_DIRECTION,
     LAMP_FLAG_SPHERE,

@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.local import local_floats
-from engine.scene.light_arrays import (
+from engine.runtime.jit import kernel
+from engine.state.lights import (
     DISTANT_COS,
     DISTANT_DIRECTION,
     DISTANT_EMITTER,

@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.motion import point_to_world, triangle_at
 from engine.kernels.vector import add, cross, dot, length, normalize, scale, subtract
-from engine.scene.arrays import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS, INSTANCE_MESH
-from engine.scene.light_arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS, INSTANCE_MESH
+from engine.state.lights import (
     EMITTER_FLAGS,
     EMITTER_INSTANCE,
     EMITTER_MOVING,

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.prefetch import prefetch
 from engine.kernels.shader.ops_input import default_slot
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     ATTRIBUTE_COMPONENTS,
     ATTRIBUTE_DOMAIN,
     ATTRIBUTE_OFFSET,
@@ -22,15 +22,8 @@ from engine.scene.arrays import (
     MESH_DEFAULT_UV,
     MESH_FIRST_TRIANGLE,
 )
-from engine.shaders.arrays import (
-    IMAGE_IS_FLOAT,
-    IMAGE_OFFSET,
-    IMAGE_X,
-    IMAGE_Y,
-    PROGRAM_AHEAD_IMAGE,
-    PROGRAM_AHEAD_SLOT,
-)
-from engine.state import POINT_INSTANCE, POINT_PROGRAM, POINT_TRIANGLE, POINT_U, POINT_V
+from engine.state.lanes import POINT_INSTANCE, POINT_PROGRAM, POINT_TRIANGLE, POINT_U, POINT_V
+from engine.state.shaders import IMAGE_IS_FLOAT, IMAGE_OFFSET, IMAGE_X, IMAGE_Y, PROGRAM_AHEAD_IMAGE, PROGRAM_AHEAD_SLOT
 
 
 @kernel

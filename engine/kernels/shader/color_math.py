@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.runtime.jit import kernel
 
 #: Blender's names of the blend modes; a mode's code is its place here. The last four work on the whole colour.
 BLEND_MODES = (

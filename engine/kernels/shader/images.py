@@ -9,15 +9,8 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
-from engine.shaders.arrays import (
-    IMAGE_IS_FLOAT,
-    IMAGE_IS_SRGB,
-    IMAGE_OFFSET,
-    IMAGE_X,
-    IMAGE_Y,
-    SRGB_TABLE_SIZE,
-)
+from engine.runtime.jit import kernel
+from engine.state.shaders import IMAGE_IS_FLOAT, IMAGE_IS_SRGB, IMAGE_OFFSET, IMAGE_X, IMAGE_Y, SRGB_TABLE_SIZE
 
 INTERPOLATION_LINEAR = 0
 INTERPOLATION_CLOSEST = 1

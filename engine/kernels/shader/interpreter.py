@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The interpreter of shader programs (instruction layout: engine.shaders.arrays)."""
+"""The interpreter of shader programs (instruction layout: engine.state.shaders)."""
 
-from engine.jit import kernel
 from engine.kernels.bsdf.closures import append_closure, reset_closures
 from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_BUMP_CORRECTION,
@@ -18,7 +17,9 @@ from engine.kernels.shader.ops_input import run_input_op
 from engine.kernels.shader.ops_math import run_math_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
-from engine.shaders.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
+from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_MASK,
     MODE_NO_REFLECTIVE_CAUSTICS,
@@ -30,7 +31,6 @@ from engine.shaders.arrays import (
     PROGRAM_START,
     VALUE_LAMBERTIAN,
 )
-from engine.state import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
 
 #: How many lanes ahead points are asked for, then the coordinates of textures; texels a little later.
 _POINTS_AHEAD = 12
@@ -52,7 +52,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         Row `lane` is reset, then filled.
     lanes : int32 (>= lane_count,)
     scratch : float32
-        `engine.shaders.arrays.allocate_memory(shaders)`, one a thread.
+        `engine.state.shaders.allocate_memory(shaders)`, one a thread.
     mode : int
         MODE_CLOSURES, MODE_EMISSION or MODE_TRANSPARENCY, plus MODE_NO_*_CAUSTICS.
     """

@@ -3,15 +3,14 @@
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.vector import add, transform_point
-from engine.scene.arrays import INSTANCE_PASS_INDEX
-from engine.shaders.arrays import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
-from engine.state import (
-    POINT_DEPTH,
+from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_PASS_INDEX
+from engine.state.lanes import (
     POINT_DIFFUSE_DEPTH,
     POINT_GLOSSY_DEPTH,
     POINT_INSTANCE,
+    POINT_PATH_DEPTH,
     POINT_PROGRAM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
@@ -20,6 +19,7 @@ from engine.state import (
     RAY_EMISSION,
     RAY_SHADOW,
 )
+from engine.state.shaders import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
 
 #: Below LIGHT_PATH_LENGTH the kind is the bit of the ray flags itself.
 LIGHT_PATH_LENGTH = 1 << 20
@@ -46,7 +46,7 @@ def light_path(points, lane, kind):
     if kind == LIGHT_PATH_LENGTH:
         return points.real[lane, POINT_RAY_LENGTH]
     if kind == LIGHT_PATH_DEPTH:
-        value = integer[lane, POINT_DEPTH]
+        value = integer[lane, POINT_PATH_DEPTH]
         # Seen from a surface, emitters and blockers are one bounce further.
         if flags & (RAY_SHADOW | RAY_EMISSION):
             value += 1

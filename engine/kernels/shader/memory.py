@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operands of instructions: scalars and 3-vectors in a thread's memory (see engine.shaders.arrays)."""
+"""Operands of instructions: scalars and 3-vectors in a thread's memory (see engine.state.shaders)."""
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 
 @kernel

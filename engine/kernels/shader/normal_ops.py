@@ -3,7 +3,6 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
 from engine.kernels.shader.surface import (
     blended_object_normal,
@@ -25,8 +24,8 @@ from engine.kernels.vector import (
     transform_normal,
     transform_point,
 )
-from engine.shaders.arrays import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -35,6 +34,7 @@ from engine.state import (
     POINT_RADIUS,
     POINT_TIME,
 )
+from engine.state.shaders import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA
 
 SPACE_TANGENT = 0
 SPACE_OBJECT = 1

@@ -4,18 +4,18 @@
 They have no outputs. The first input is always the weight that Mix and Add Shader nodes give the closure.
 """
 
-from engine.jit import kernel
 from engine.kernels.bsdf.diffuse import add_diffuse, add_emission, add_holdout, add_translucent, add_transparent
 from engine.kernels.bsdf.glossy import add_glass, add_glossy, add_refraction
 from engine.kernels.bsdf.kinds import CLOSURE_NO_REFLECTIVE_CAUSTICS, CLOSURE_NO_REFRACTIVE_CAUSTICS
 from engine.kernels.bsdf.normals import valid_specular_normal
-from engine.kernels.bsdf.principled import add_principled
+from engine.kernels.bsdf.principled import PrincipledInputs, add_principled
 from engine.kernels.shader.memory import read3
 from engine.kernels.shader.normal_ops import safe_normal
 from engine.kernels.shader.opcodes import CLOSURE_FIRST
 from engine.kernels.shader.surface import read_point
 from engine.kernels.vector import scale
-from engine.state import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_NG, POINT_NS, POINT_WO
+from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_NG, POINT_NS, POINT_WO
 
 OP_EMISSION = CLOSURE_FIRST + 0  # weight, color, strength
 OP_TRANSPARENT = CLOSURE_FIRST + 1  # weight, color
@@ -62,39 +62,32 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
     wo = read_point(points, lane, POINT_WO)
     backfacing = (points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING) != 0
     if opcode == OP_PRINCIPLED:
-        add_principled(
-            closures,
-            tables,
-            lane,
-            (w, w, w),
-            wo,
-            ng,
-            n,
-            safe_normal(read3(memory, code[pc + 4]), ns),
-            read3(memory, code[pc + 5]),
-            backfacing,
-            code[pc + 26],
-            read3(memory, code[pc + 6]),
-            memory[code[pc + 7]],
-            memory[code[pc + 8]],
-            memory[code[pc + 9]],
-            memory[code[pc + 10]],
-            memory[code[pc + 11]],
-            read3(memory, code[pc + 12]),
-            memory[code[pc + 13]],
-            memory[code[pc + 14]],
-            memory[code[pc + 15]],
-            memory[code[pc + 16]],
-            memory[code[pc + 17]],
-            memory[code[pc + 18]],
-            read3(memory, code[pc + 19]),
-            memory[code[pc + 20]],
-            memory[code[pc + 21]],
-            read3(memory, code[pc + 22]),
-            read3(memory, code[pc + 23]),
-            memory[code[pc + 24]],
-            memory[code[pc + 25]],
+        inputs = PrincipledInputs(
+            distribution=code[pc + 26],
+            base_color=read3(memory, code[pc + 6]),
+            metallic=memory[code[pc + 7]],
+            roughness=memory[code[pc + 8]],
+            diffuse_roughness=memory[code[pc + 9]],
+            ior=memory[code[pc + 10]],
+            specular_level=memory[code[pc + 11]],
+            specular_tint=read3(memory, code[pc + 12]),
+            anisotropic=memory[code[pc + 13]],
+            anisotropic_rotation=memory[code[pc + 14]],
+            tangent=read3(memory, code[pc + 5]),
+            transmission=memory[code[pc + 15]],
+            coat_weight=memory[code[pc + 16]],
+            coat_roughness=memory[code[pc + 17]],
+            coat_ior=memory[code[pc + 18]],
+            coat_tint=read3(memory, code[pc + 19]),
+            coat_normal=safe_normal(read3(memory, code[pc + 4]), ns),
+            sheen_weight=memory[code[pc + 20]],
+            sheen_roughness=memory[code[pc + 21]],
+            sheen_tint=read3(memory, code[pc + 22]),
+            emission_color=read3(memory, code[pc + 23]),
+            emission_strength=memory[code[pc + 24]],
+            alpha=memory[code[pc + 25]],
         )
+        add_principled(closures, tables, lane, (w, w, w), wo, ng, n, backfacing, inputs)
         return
     color = read3(memory, code[pc + 4])
     n = valid_specular_normal(closures, lane, ng, wo, n)

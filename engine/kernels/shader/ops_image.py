@@ -3,12 +3,12 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import INV_PI, INV_TWO_PI
 from engine.kernels.shader.images import image_color
 from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import IMAGE_FIRST
 from engine.kernels.vector import normalize
+from engine.runtime.jit import kernel
 
 # color, alpha <- vector, object space normal, blend | image, projection, interpolation, extension, unassociate
 OP_IMAGE = IMAGE_FIRST + 0

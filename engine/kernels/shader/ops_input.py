@@ -7,7 +7,6 @@ mapping: axis 0 = not at all, 1 and 2 = along the footprint's axes by `width` ti
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from engine.kernels.motion import direction_to_world, point_to_world
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
@@ -29,9 +28,9 @@ from engine.kernels.shader.surface import (
     uv_tangent_object,
 )
 from engine.kernels.vector import dot, normalize, scale, subtract, transform_point
-from engine.scene.arrays import INSTANCE_MESH, MESH_DEFAULT_COLOR, MESH_DEFAULT_UV
-from engine.shaders.arrays import CAMERA_WORLD_TO_CAMERA
-from engine.state import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_MESH, MESH_DEFAULT_COLOR, MESH_DEFAULT_UV
+from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -46,6 +45,7 @@ from engine.state import (
     POINT_V,
     POINT_WO,
 )
+from engine.state.shaders import CAMERA_WORLD_TO_CAMERA
 
 OP_COLOR_TO_FLOAT = INPUT_FIRST + 0  # float <- color
 OP_VECTOR_TO_FLOAT = INPUT_FIRST + 1  # float <- vector

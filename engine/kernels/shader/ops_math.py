@@ -5,7 +5,6 @@ Layout of an instruction at `pc`: opcode, length, outputs, inputs, immediates, i
 engine/shaders/nodes_texture_math.py lists them. An instruction's outputs never share memory with its inputs.
 """
 
-from engine.jit import kernel
 from engine.kernels.shader.color_math import (
     COLOR_HSL,
     COLOR_HSV,
@@ -24,6 +23,7 @@ from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import MATH_FIRST
 from engine.kernels.shader.scalar_math import lookup, map_range, math_operation
 from engine.kernels.shader.vector_math import rotate_vector, vector_operation
+from engine.runtime.jit import kernel
 
 OP_CLAMP = MATH_FIRST + 0  # value <- value, min, max | is_range
 OP_COMBINE_XYZ = MATH_FIRST + 1  # vector <- x, y, z

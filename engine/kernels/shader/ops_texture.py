@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
-from engine.jit import kernel
 from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
 from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
 from engine.kernels.shader.procedural_noise import noise_texture
 from engine.kernels.shader.procedural_voronoi import voronoi_texture
-from engine.shaders.arrays import SINK
+from engine.runtime.jit import kernel
+from engine.state.shaders import SINK
 
 OP_CHECKER = TEXTURE_FIRST + 0  # color, fac <- vector, color1, color2, scale
 # fac, color <- vector, w, scale, detail, roughness, lacunarity, offset, gain, distortion

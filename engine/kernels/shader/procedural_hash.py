@@ -7,7 +7,7 @@ operation to 64 bits, so each result is cut back to 32.
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 # Seeds of lookup3 for 1 to 4 words: 0xdeadbeef + 4 * word count + 13.
 _SEED_1 = np.uint32(0xDEADBEEF + 4 + 13)

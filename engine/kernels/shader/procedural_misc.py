@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.constants import HALF_PI, INV_TWO_PI, TWO_PI
 from engine.kernels.shader.procedural_hash import unit_1, unit_2, unit_3, unit_4
 from engine.kernels.shader.procedural_noise import NOISE_FBM, fractal_noise
+from engine.runtime.jit import kernel
 
 GRADIENT_LINEAR = 0
 GRADIENT_QUADRATIC = 1

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.shader.procedural_hash import hash_1, hash_2, hash_3, hash_4
+from engine.runtime.jit import kernel
 
 NOISE_MULTIFRACTAL = 0
 NOISE_FBM = 1

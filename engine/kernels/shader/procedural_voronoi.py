@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
 from engine.kernels.shader.procedural_hash import pcg_2, pcg_3, pcg_4, unit_1, unit_2
+from engine.runtime.jit import kernel
 
 VORONOI_EUCLIDEAN = 0
 VORONOI_MANHATTAN = 1

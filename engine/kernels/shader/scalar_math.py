@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from engine.jit import kernel
+from engine.runtime.jit import kernel
 
 #: Blender's names of the operations; an operation's code is its place here.
 MATH_OPERATIONS = (

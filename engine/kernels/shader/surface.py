@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What shader inputs read at a point: positions, displaced positions for bump mapping, mesh attributes, spaces."""
 
-from engine.jit import kernel
 from engine.kernels.motion import (
     direction_to_object,
     direction_to_world,
@@ -12,7 +11,8 @@ from engine.kernels.motion import (
     triangle_at,
 )
 from engine.kernels.vector import add, cross, dot, negate, normalize, scale, subtract
-from engine.scene.arrays import (
+from engine.runtime.jit import kernel
+from engine.state.geometry import (
     ATTRIBUTE_COMPONENTS,
     ATTRIBUTE_DOMAIN,
     ATTRIBUTE_OFFSET,
@@ -27,7 +27,7 @@ from engine.scene.arrays import (
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
 )
-from engine.state import (
+from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,

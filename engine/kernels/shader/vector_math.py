@@ -3,8 +3,8 @@
 
 import math
 
-from engine.jit import kernel
 from engine.kernels.vector import add, cross, dot, length, negate, scale, subtract
+from engine.runtime.jit import kernel
 
 #: Operations that are one of the Math node's, component by component (Blender's name -> the Math node's).
 COMPONENT_OPERATIONS = {

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All settings of a scene: those of the engine, and those that the add-on alone reads; needs no Blender.
+
+A user's settings are properties of `scene.neuralguide`, those for experiments of `scene.neuralguide.experiment`.
+"""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import Any
+
+from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
+
+#: Sections of a user's settings; panels in ui.py have the same names.
+SECTIONS = ("Sampling", "Guiding", "Lights", "Advanced", "Light Paths", "Film", "Performance")
+#: The property of `scene.neuralguide` that holds the settings for experiments.
+EXPERIMENT = "experiment"
+
+_ADDON_SETTINGS = (
+    Setting(
+        "use_cycles_settings", True, "Use Cycles' Settings",
+        "Samples, light paths, film and what else Cycles has too are those of the scene's Cycles settings."
+        " Off: NeuralGuide has settings of its own, which Cycles does not see",
+        "Sampling",
+    ),
+    Setting(
+        "sequence_field", False, "Sequence Field",
+        "Train a neural mixture once for all frames from the scene's first to its last one, when the first"
+        " of them is rendered, instead of anew in every frame. It tells the frames apart by the Mixture's Encoding"
+        " (experiment.mixture_u)",
+        "Guiding",
+    ),
+    Setting(
+        "sequence_samples", 256, "Sequence Samples",
+        "Paths traced for every pixel (of large pictures: of a smaller copy) to train the field, of all"
+        " frames together: up to 32 spread over the sequence. They are no part of any picture",
+        "Guiding", minimum=1, maximum=MAX_SAMPLES,
+    ),
+    Setting(
+        "use_animated_seed", False, "Animate Seed",
+        "Use another seed in every frame, so that noise does not stand still in an animation", "Advanced",
+    ),
+    Setting(
+        "film_exposure", 1.0, "Exposure", "Brightness of the film: multiplies every colour pass", "Film", minimum=0,
+    ),
+)  # fmt: skip
+
+#: By name, in the order of the sections.
+SCENE_SETTINGS: dict[str, Setting] = {
+    setting.name: setting
+    for section in (*SECTIONS, *EXPERIMENT_SECTIONS)
+    for setting in (*SETTINGS.values(), *_ADDON_SETTINGS)
+    if setting.section == section
+}
+
+
+def scene_default(setting: Setting) -> Any:
+    """What a scene has where nobody has set anything."""
+    return setting.default if setting.scene_default is None else setting.scene_default
+
+
+def settings_of(section: str) -> list[Setting]:
+    """Settings of a section, in the order of its panel."""
+    return [setting for setting in SCENE_SETTINGS.values() if setting.section == section]
+
+
+def setting_owner(scene: Any, name: str) -> Any:
+    """The group of a scene's properties that holds the setting called `name`."""
+    ours = scene.neuralguide
+    return getattr(ours, EXPERIMENT) if SCENE_SETTINGS[name].is_experiment else ours
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Name and value of `name=value`, where `experiment.name` may stand for a name as well.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting and what to choose.
+    """
+    full_name, equals, value = text.partition("=")
+    group, _, name = full_name.strip().rpartition(".")
+    setting = SCENE_SETTINGS.get(name)
+    if setting is None or group not in ("", EXPERIMENT if setting.is_experiment else ""):
+        close = get_close_matches(name, SCENE_SETTINGS, 3) or list(SCENE_SETTINGS)
+        raise ValueError(f"no setting {full_name.strip()!r}; there are {', '.join(close)}")
+    if not equals:
+        raise ValueError(f"{name}: write {name}=VALUE")
+    found = _parse_value(setting, value.strip())
+    setting.check(found)
+    return name, found
+
+
+def _parse_value(setting: Setting, text: str) -> Any:
+    kind = type(setting.default)
+    if kind is bool:
+        if text.lower() not in ("on", "off", "true", "false", "1", "0"):
+            raise ValueError(f"{setting.name} is {text!r}: choose on or off")
+        return text.lower() in ("on", "true", "1")
+    try:
+        return kind(text)
+    except ValueError:
+        form = "whole number" if kind is int else "number"
+        raise ValueError(f"{setting.name} is {text!r}: choose a {form}, {setting.limits}") from None

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Instances of a description, checked, and with the meshes they place flattened into `GeometryArrays`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.accel import Accelerator, MeshHierarchies
+from engine.array_types import Float32Array, Int64Array
+from engine.builder.motion import MOST_KEYS, keys_of_motions
+from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
+from engine.scene.content import Kept, Versions
+from engine.scene.description import VISIBLE_ALL, Instances, Notice, SceneDescription
+from engine.state import geometry as layout
+from engine.state.geometry import GeometryArrays
+
+
+def plain_instances(
+    transforms: npt.ArrayLike, *, meshes: int | Sequence[int] = 0, materials: int | Sequence[int] = 0,
+    name: str = "Object",
+) -> Instances:
+    """Instances with nothing special about them, seen by every ray.
+
+    Parameters
+    ----------
+    transforms : float (N, 4, 4), object to world
+    meshes, materials : int or sequence of N
+        Of all, or of each.
+    """
+    transforms = np.asarray(transforms, np.float32).reshape(-1, 4, 4)
+    count = len(transforms)
+    of_each = not isinstance(materials, int)
+    return Instances(
+        mesh=np.full(count, meshes, np.int32),
+        transform=transforms,
+        material_offset=np.arange(count, dtype=np.int32) if of_each else np.zeros(count, np.int32),
+        materials=np.atleast_1d(np.asarray(materials, np.int32)),
+        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        pass_index=np.zeros(count, np.int32),
+        random=np.zeros(count, np.float32),
+        color=np.ones((count, 4), np.float32),
+        is_holdout=np.zeros(count, np.bool_),
+        name=[name] * count,
+        dupli_generated=np.zeros((count, 3), np.float32),
+        dupli_uv=np.zeros((count, 2), np.float32),
+    )
+
+
+def empty_instances() -> Instances:
+    """`Instances` of nothing."""
+    return plain_instances(np.zeros((0, 4, 4)), materials=())
+
+
+def _affine_inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse, float32 (N, 3, 4), zeros where singular, and determinant, float64 (N,), of (N, 4, 4) affine matrices.
+
+    By cofactors: LAPACK takes a call a matrix, which is seconds for a hundred thousand instances.
+    """
+    # (3, N): column by column, so that numpy works along rows of memory.
+    a, b, c, offset = (np.ascontiguousarray(matrices[:, :3, k].T, np.float64) for k in range(4))
+
+    def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+
+    # Rows of the inverse are the cross products of the columns, over the determinant.
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = np.stack([cross(b, c), cross(c, a), cross(a, b)])
+        determinant = np.einsum("kn,kn->n", a, rows[0])
+    good = np.isfinite(determinant) & (np.abs(determinant) > 1e-30)
+    rows *= np.where(good, 1.0 / np.where(good, determinant, 1.0), 0.0)
+    inverse = np.empty((len(matrices), 3, 4), np.float32)
+    inverse[:, :, :3] = rows.transpose(2, 0, 1)
+    inverse[:, :, 3] = -np.einsum("rkn,kn->nr", rows, offset)
+    return inverse, determinant
+
+
+def _usable_motions(instances: Instances, notices: list[Notice]) -> dict[int, np.ndarray]:
+    """Motions that can be followed, by instance, in order."""
+    usable = {}
+    for index, steps in sorted(instances.motion.items()):
+        if not 0 <= index < len(instances.mesh):
+            raise ValueError(f"a motion is of instance {index}, and there are {len(instances.mesh)}")
+        if 2 <= len(steps) <= MOST_KEYS and steps.shape[1:] == (4, 4) and np.isfinite(steps).all():
+            usable[index] = steps
+            continue
+        problem = f"its motion is NaN, infinite, or not of 2 to {MOST_KEYS} steps"
+        notices.append(Notice(f"object {instances.name[index]}", problem, "it stands still"))
+    return usable
+
+
+class GeometryCache:
+    """What of a session's geometry is kept between frames.
+
+    Attributes
+    ----------
+    mesh_keys : tuple of int
+        Numbers of the newest description's meshes: equal ones have the same content.
+    slot_counts : int64 (M,)
+        Material slots that each of them uses, one at least.
+    """
+
+    def __init__(self) -> None:
+        self.mesh_keys: tuple[int, ...] = ()
+        self.slot_counts: Int64Array = np.ones(1, np.int64)
+        self.hierarchies: MeshHierarchies | None = None
+        self.accelerator: Kept[Accelerator] = Kept()
+        self.mesh_versions = Versions()
+        #: With notices, as every step that gives any.
+        self.shapes: Kept[tuple[Shapes, list[Notice]]] = Kept()
+        self.attributes: Kept[Attributes] = Kept()
+        self.geometry: Kept[tuple[GeometryArrays, list[Notice]]] = Kept()
+
+
+def _instances_key(instances: Instances) -> object:
+    """What of instances geometry depends on: all."""
+    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in ("name", "motion")]
+    return (
+        tuple(instances.name),
+        tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
+        tuple((index, steps.shape, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
+    )
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Transforms of N instances, as arrays; which of them have an inverse, and which meshes are stored in world space.
+
+    placements : of each mesh, None = in object space
+    is_baked : bool (N,), the only user of such a mesh
+    """
+
+    transforms: Float32Array
+    inverses: Float32Array
+    determinant: np.ndarray
+    is_singular: np.ndarray
+    is_baked: np.ndarray
+    placements: list[Placement | None]
+
+
+def _place(instances: Instances, mesh_count: int, motions: dict[int, np.ndarray]) -> _Placed:
+    """Where meshes are stored.
+
+    Those with a single user that stands still are stored in world space, so that most scenes are one flat hierarchy;
+    the others stay in object space and are instanced.
+    """
+    count = len(instances.mesh)
+    transforms = np.ascontiguousarray(instances.transform[:, :3, :].reshape(count, 12), np.float32)
+    finite = np.isfinite(transforms).all(axis=1)
+    matrices = instances.transform if finite.all() else np.where(finite[:, None, None], instances.transform, 0.0)
+    inverse, determinant = _affine_inverse(matrices)
+    inverses = np.ascontiguousarray(inverse.reshape(count, 12))
+    singular = ~finite | (inverses == 0.0).all(axis=1)
+    users = np.bincount(instances.mesh, minlength=mesh_count) if count else np.zeros(mesh_count, np.int64)
+    first_user = np.full(mesh_count, -1)
+    first_user[instances.mesh[::-1]] = np.arange(count)[::-1]
+    is_baked = np.zeros(count, np.bool_)
+    placements: list[Placement | None] = [None] * mesh_count
+    for mesh, user in enumerate(first_user.tolist()):
+        if user >= 0 and users[mesh] == 1 and finite[user] and user not in motions:
+            is_baked[user] = True
+            placements[mesh] = Placement(instances.transform[user], None if singular[user] else inverse[user])
+    return _Placed(transforms, inverses, determinant, singular, is_baked, placements)
+
+
+def build_geometry(
+    description: SceneDescription, attribute_names: Sequence[str], notices: list[Notice], *,
+    default_program: int = -1, cache: GeometryCache | None = None,
+) -> GeometryArrays:
+    """Flatten meshes and instances.
+
+    Parameters
+    ----------
+    description : SceneDescription
+    attribute_names : sequence of str
+        Attribute slots in the order the shader programs number them.
+    notices : list of Notice
+        What was left out is appended.
+    default_program : int
+        Program of slots without a material.
+    cache : GeometryCache, optional
+        Updated: arrays are those at hand where nothing in them has changed.
+
+    Raises
+    ------
+    ValueError
+        For a motion of an instance that does not exist.
+    """
+    cache = GeometryCache() if cache is None else cache
+    meshes, instances = description.meshes, description.instances
+    keys = cache.mesh_keys = cache.mesh_versions.of(meshes)
+    names = tuple(attribute_names)
+
+    def build() -> tuple[GeometryArrays, list[Notice]]:
+        motion_notices: list[Notice] = []
+        motions = _usable_motions(instances, motion_notices)
+        placed = _place(instances, len(meshes), motions)
+
+        def shape() -> tuple[Shapes, list[Notice]]:
+            found: list[Notice] = []
+            # Freed first: they hold on to the arrays that are to be replaced.
+            cache.accelerator.drop()
+            if cache.hierarchies is not None:
+                cache.hierarchies.keep_only(keys)
+            return build_shapes(meshes, placed.placements, found), found
+
+        where = tuple(None if item is None else item.transform.tobytes() for item in placed.placements)
+        shapes, shape_notices = cache.shapes.get((keys, where), shape)
+        cache.slot_counts = shapes.slot_counts
+        attributes = cache.attributes.get(
+            (keys, cache.shapes.version if any(k is not None for k in shapes.kept_triangles) else 0, names),
+            lambda: build_attributes(meshes, shapes.kept_triangles, names),
+        )
+        found = motion_notices + shape_notices
+        return _assemble(instances, motions, placed, shapes, attributes, default_program, found), found
+
+    arrays, found = cache.geometry.get((keys, names, default_program, _instances_key(instances)), build)
+    notices += found
+    return arrays
+
+
+def _assemble(
+    instances: Instances, motions: dict[int, np.ndarray], placed: _Placed, shapes: Shapes, attributes: Attributes,
+    default_program: int, notices: list[Notice],
+) -> GeometryArrays:
+    """The arrays of a scene from those of its meshes; instances without an inverse are left out, with a notice."""
+    count = len(instances.mesh)
+    unusable = np.flatnonzero(placed.is_singular & ~placed.is_baked)
+    for index in unusable[:8]:
+        notices.append(Notice(f"object {instances.name[index]}", "its transform cannot be inverted", "it is left out"))
+    if len(unusable) > 8:
+        notices.append(Notice(f"{len(unusable) - 8} more instances", "their transforms cannot be inverted", "left out"))
+
+    table = np.zeros((count, layout.INSTANCE_WIDTH), np.int32)
+    values = np.zeros((count, layout.VALUE_WIDTH), np.float32)
+    flags = np.where(placed.is_baked, layout.INSTANCE_FLAG_BAKED, 0).astype(np.int32)
+    motion_keys = keys_of_motions(list(motions.values()))
+    key_total = 0
+    for index, keys in zip(motions, motion_keys, strict=True):
+        table[index, layout.INSTANCE_FIRST_KEY] = key_total
+        table[index, layout.INSTANCE_KEY_COUNT] = len(keys)
+        flags[index] |= layout.INSTANCE_FLAG_MOVING
+        key_total += len(keys)
+    flags[placed.determinant < 0.0] |= layout.INSTANCE_FLAG_MIRRORED
+    flags[instances.is_holdout] |= layout.INSTANCE_FLAG_HOLDOUT
+    visibility = instances.visibility.astype(np.int32)
+    visibility[unusable] = 0
+    table[:, layout.INSTANCE_MESH] = instances.mesh
+    table[:, layout.INSTANCE_MATERIAL_OFFSET] = instances.material_offset
+    table[:, layout.INSTANCE_PASS_INDEX] = instances.pass_index
+    table[:, layout.INSTANCE_VISIBILITY] = visibility
+    table[:, layout.INSTANCE_FLAGS] = flags
+    values[:, layout.VALUE_RANDOM] = instances.random
+    values[:, layout.VALUE_COLOR : layout.VALUE_COLOR + 4] = instances.color
+    values[:, layout.VALUE_GENERATED : layout.VALUE_GENERATED + 3] = instances.dupli_generated
+    values[:, layout.VALUE_UV : layout.VALUE_UV + 2] = instances.dupli_uv
+    if instances.terminator_offset is not None:
+        values[:, layout.VALUE_TERMINATOR] = instances.terminator_offset
+
+    mesh_table = shapes.mesh_table.copy()
+    mesh_table[:, [layout.MESH_DEFAULT_UV, layout.MESH_DEFAULT_COLOR]] = attributes.default_slots
+    materials = np.where(instances.materials >= 0, instances.materials, default_program)
+    return GeometryArrays(
+        vertices=shapes.vertices,
+        triangles=shapes.triangles,
+        corner_normals=shapes.corner_normals,
+        material_slots=shapes.material_slots,
+        mesh_table=mesh_table,
+        instance_table=table,
+        transforms=placed.transforms,
+        inverses=placed.inverses,
+        instance_values=values,
+        instance_materials=np.ascontiguousarray(materials, np.int32),
+        attribute_table=attributes.table,
+        attribute_data=attributes.data,
+        texture_space=shapes.texture_space,
+        attribute_count=attributes.count,
+        motion_table=shapes.motion_table,
+        motion_transforms=_joined_keys(motion_keys),
+    )
+
+
+def _joined_keys(keys: list[Float32Array]) -> Float32Array:
+    return np.concatenate(keys) if keys else np.zeros((0, 12), np.float32)

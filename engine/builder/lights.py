@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lamps, emissive triangles and the background of a scene, as `LightArrays`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from engine.builder import light_tree as lt
+from engine.builder.emission import ProgramInfo
+from engine.builder.emissive_triangles import find_sources, find_triangles
+from engine.builder.environment import EnvironmentMap, empty_map
+from engine.builder.lamps import convert_lamps
+from engine.scene.description import Notice, SceneDescription
+from engine.state import lights as la
+from engine.state.geometry import GeometryArrays
+from engine.state.lights import LightArrays
+
+
+def build_lights(
+    description: SceneDescription,
+    geometry: GeometryArrays,
+    program_info: ProgramInfo,
+    environment: EnvironmentMap | None = None,
+    notices: list[Notice] | None = None,
+) -> LightArrays:
+    """Everything that emits, ready to be sampled.
+
+    Parameters
+    ----------
+    description : SceneDescription
+        Lights and world are read.
+    geometry : GeometryArrays
+    program_info : ProgramInfo
+    environment : EnvironmentMap or None
+        Of the world's radiance on a grid of directions. None: the background is not sampled as a light, scattered rays
+        find it; right for worlds of one colour and for `World.sampling` 'NONE'.
+    notices : list of Notice, appended to
+    """
+    notices = [] if notices is None else notices
+    triangles = find_triangles(geometry, program_info)
+    lamps = convert_lamps(description.lights, program_info, notices)
+    world = description.world
+    if environment is None or world is None:
+        environment = empty_map()
+
+    triangle_count = len(triangles.rows)
+    local_lamps = [lamp for lamp in lamps if lamp.distant is None]
+    suns = lamps[len(local_lamps) :]
+    has_background = environment.mean > 0.0
+    emitters = np.zeros((triangle_count + len(lamps) + has_background, la.EMITTER_WIDTH), np.int32)
+    emitters[:triangle_count] = triangles.emitters
+    for row, lamp in enumerate(lamps):
+        lamp.table[la.LAMP_EMITTER] = triangle_count + row
+        emitters[triangle_count + row] = (
+            lamp.table[la.LAMP_KIND], row, -1, -1, lamp.table[la.LAMP_PROGRAM], 0, 0, lamp.visibility
+        )  # fmt: skip
+
+    bounds = np.concatenate([triangles.bounds, *(lamp.bounds[None] for lamp in local_lamps)])
+    nodes, links, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
+    emitters[: len(leaf), la.EMITTER_NODE] = leaf
+
+    distant = np.zeros((len(suns) + has_background, la.DISTANT_WIDTH), np.float32)
+    for k, sun in enumerate(suns):
+        emitter = triangle_count + len(local_lamps) + k
+        emitters[emitter, la.EMITTER_NODE] = ~k
+        assert sun.distant is not None
+        cosine, sine, irradiance = sun.distant
+        distant[k, :3] = sun.values[la.LAMP_P : la.LAMP_P + 3]
+        distant[k, 3:7] = (cosine, sine, irradiance, emitter)
+    if has_background:
+        assert world is not None
+        emitters[-1] = (
+            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~len(suns), world.visibility
+        )  # fmt: skip
+        distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
+
+    order = np.array([lamp.order for lamp in lamps], np.int64)
+    header = np.zeros(la.HEADER_WIDTH, np.int32)
+    header[la.HEADER_EMITTERS] = len(emitters)
+    header[la.HEADER_HITTABLE] = int((order == 0).sum())
+    header[la.HEADER_FIRST_SUN] = len(local_lamps)
+    header[la.HEADER_LAST_SUN] = len(local_lamps) + int((order == 2).sum())
+    header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
+    header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
+    header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
+    header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
+    header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
+    sources = None
+    world_program = program_info.world_program
+    world_is_black = world_program < 0 or (
+        bool(program_info.emission_is_constant[world_program])
+        and not np.any(program_info.emission_estimate[world_program])
+    )
+    # Lamps that rays may cross, suns that they may reach.
+    if world_is_black and not np.any((order == 0) | (order == 2)):
+        sources = find_sources(geometry, program_info)
+    header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
+    return LightArrays(
+        header=header,
+        nodes=nodes,
+        links=links,
+        distant=distant,
+        emitters=emitters,
+        triangles=triangles.rows,
+        sources=sources if sources is not None else np.zeros((0, 4), np.float32),
+        lamps=np.array([lamp.values for lamp in lamps], np.float32).reshape(-1, la.LAMP_WIDTH),
+        lamp_table=np.array([lamp.table for lamp in lamps], np.int32).reshape(-1, la.LAMP_TABLE_WIDTH),
+        lookup_offset=triangles.lookup_offset,
+        lookup=triangles.lookup,
+        map_marginal=environment.marginal,
+        map_conditional=environment.conditional,
+        map_guide=environment.guide,
+    )

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All shader programs of a description: materials, the default material, the world, lights with nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array
+from engine.builder.camera_spaces import camera_matrices
+from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
+from engine.kernels.bsdf import BsdfTables
+from engine.scene.description import Link, Node, NodeGraph, Notice, SceneDescription
+from engine.shaders.compiler import ProgramCache, ProgramSource, compile_programs
+from engine.state.geometry import GeometryArrays
+from engine.state.lanes import (
+    LANE_COUNT,
+    POINT_INSTANCE,
+    POINT_LIGHT,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_PROGRAM,
+    POINT_RAY_FLAGS,
+    POINT_RAY_LENGTH,
+    POINT_TRIANGLE,
+    POINT_WO,
+    RAY_EMISSION,
+    allocate_closures,
+    allocate_points,
+)
+from engine.state.shaders import (
+    MODE_EMISSION,
+    PROGRAM_EMISSION_CONSTANT,
+    PROGRAM_FLAGS,
+    PROGRAM_HAS_EMISSION,
+    VALUE_EMISSION,
+    ShaderArrays,
+    allocate_memory,
+)
+from engine.wavefront.evaluate_shaders import evaluate_shaders
+
+#: Width of the map a procedural world is sampled by, and the largest that an image gets.
+_DEFAULT_MAP_WIDTH = 1024
+_LARGEST_MAP_WIDTH = 4096
+
+
+@dataclass
+class Programs:
+    """Compiled programs and which is whose: material i is program i."""
+
+    arrays: ShaderArrays
+    attribute_names: list[str]
+    notices: list[Notice]
+    default_program: int
+    world_program: int
+    light_programs: Int32Array
+    description: SceneDescription
+
+    def program_info(self) -> ProgramInfo:
+        """What light sampling wants to know."""
+        flags = self.arrays.programs[:, PROGRAM_FLAGS]
+        sampling = np.full(len(flags), SAMPLING_AUTO, np.int32)
+        for index, material in enumerate(self.description.materials):
+            sampling[index] = SAMPLING_MODES[material.emission_sampling]
+        return ProgramInfo(
+            has_emission=(flags & PROGRAM_HAS_EMISSION) != 0,
+            emission_is_constant=(flags & PROGRAM_EMISSION_CONSTANT) != 0,
+            emission_estimate=self.arrays.program_values[:, VALUE_EMISSION : VALUE_EMISSION + 3],
+            temperature=self.arrays.program_temperature,
+            sampling_mode=sampling,
+            light_program=self.light_programs,
+            world_program=self.world_program,
+        )
+
+    @property
+    def background_width(self) -> int:
+        """Columns of the grid by which the world is sampled as a light, 0 = none: it is left to scattered rays."""
+        world = self.description.world
+        if world is None or world.sampling == "NONE":
+            return 0
+        flags = self.arrays.programs[self.world_program, PROGRAM_FLAGS]
+        if flags & PROGRAM_EMISSION_CONSTANT or not flags & PROGRAM_HAS_EMISSION:
+            return 0
+        width = world.map_resolution if world.sampling == "MANUAL" else self._map_width()
+        return int(np.clip(width, 4, _LARGEST_MAP_WIDTH))
+
+    def background_grid(self, width: int, geometry: GeometryArrays, tables: BsdfTables) -> Float32Array:
+        """The world's radiance by direction, float32 (width / 2, width, 3).
+
+        Rows go from z = -1 to 1, columns along longitude as Blender's environment textures.
+        """
+        height = max(width // 2, 2)
+        z_angle = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
+        longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
+        directions = np.stack(
+            [
+                np.outer(np.cos(z_angle), np.cos(longitude)),
+                np.outer(np.cos(z_angle), np.sin(longitude)),
+                np.outer(np.sin(z_angle), np.ones(width)),
+            ],
+            axis=-1,
+        ).reshape(-1, 3)
+        radiance = np.empty((len(directions), 3), np.float32)
+        points, closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
+        lanes = np.arange(LANE_COUNT, dtype=np.int32)
+        memory = allocate_memory(self.arrays)
+        points.real[:, POINT_RAY_LENGTH] = 1e30
+        points.integer[:, [POINT_INSTANCE, POINT_TRIANGLE, POINT_LIGHT]] = -1
+        points.integer[:, POINT_PROGRAM] = self.world_program
+        points.integer[:, POINT_RAY_FLAGS] = RAY_EMISSION
+        for start in range(0, len(directions), LANE_COUNT):
+            part = directions[start : start + LANE_COUNT]
+            count = len(part)
+            points.real[:count, POINT_P : POINT_P + 3] = part
+            for column in (POINT_WO, POINT_NG, POINT_NS):
+                points.real[:count, column : column + 3] = -part
+            evaluate_shaders(
+                self.arrays, geometry, tables, points, closures, lanes, count, memory, MODE_EMISSION
+            )
+            radiance[start : start + count] = closures.emission[:count, :3]
+        radiance[~np.isfinite(radiance)] = 0.0
+        return radiance.reshape(height, width, 3)
+
+    def _map_width(self) -> int:
+        """As wide as the widest image the world shows; small ones are interpolated and turned, and need more."""
+        world = self.description.world
+        widths = [0]
+        if world is not None and world.graph is not None:
+            for node in world.graph.nodes:
+                image = node.properties.get("image", -1)
+                if isinstance(image, int) and 0 <= image < len(self.description.images):
+                    widths.append(self.description.images[image].pixels.shape[1])
+        return max(*widths, _DEFAULT_MAP_WIDTH)
+
+
+def compile_scene(description: SceneDescription, cache: ProgramCache | None = None) -> Programs:
+    """Compile every node graph of a description.
+
+    Parameters
+    ----------
+    description : SceneDescription
+    cache : ProgramCache, optional
+        Updated: programs and images that have not changed are not made again.
+    """
+    sources = [
+        ProgramSource(
+            f"{material.user} / {material.name}" if material.user else f"material {material.name}",
+            material.graph,
+            pass_index=material.pass_index,
+            dispersion=material.dispersion,
+            use_bump_map_correction=material.use_bump_map_correction,
+            use_transparent_shadow=material.use_transparent_shadow,
+        )
+        for material in description.materials
+    ]
+    default_program = len(sources)
+    # What Cycles 5.0 gives faces without a material: the Principled BSDF as it is added.
+    default = NodeGraph([Node("ShaderNodeBsdfPrincipled", "Principled BSDF")], surface=Link(0, "BSDF"))
+    sources.append(ProgramSource("the default material", default))
+    world_program = -1
+    if description.world is not None:
+        world_program = len(sources)
+        world = description.world
+        sources.append(ProgramSource(f"world {world.name}", world.graph, kind="WORLD", color=world.color))
+    light_programs = np.full(len(description.lights), -1, np.int32)
+    for index, light in enumerate(description.lights):
+        if light.graph is not None:
+            light_programs[index] = len(sources)
+            sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT"))
+    arrays, attribute_names, notices = compile_programs(
+        sources, description.images, camera_matrices(description.camera, description.frame), description.to_xyz,
+        cache,
+    )
+    return Programs(arrays, attribute_names, notices, default_program, world_program, light_programs, description)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Description to arrays: geometry, shader programs, lights, camera, acceleration structure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.accel import (
+    MASK_SHADOW_OPAQUE,
+    MASK_SHADOW_TRANSPARENT,
+    Accelerator,
+    MeshHierarchies,
+    build_accelerator,
+)
+from engine.builder.camera import build_camera
+from engine.builder.emission import ProgramInfo
+from engine.builder.environment import EnvironmentMap, build_environment_map
+from engine.builder.geometry import GeometryCache, build_geometry
+from engine.builder.lights import build_lights
+from engine.builder.programs import Programs, compile_scene
+from engine.kernels.bsdf import BsdfTables, load_tables
+from engine.scene.content import Kept
+from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
+from engine.scene.digest import content_digest
+from engine.scene.limits import check_frame
+from engine.settings import RenderSettings
+from engine.shaders.compiler import ProgramCache
+from engine.state.camera import CameraArrays
+from engine.state.geometry import (
+    INSTANCE_FIRST_KEY,
+    INSTANCE_FLAGS,
+    INSTANCE_KEY_COUNT,
+    INSTANCE_MATERIAL_OFFSET,
+    INSTANCE_MESH,
+    INSTANCE_VISIBILITY,
+    GeometryArrays,
+)
+from engine.state.lights import LightArrays
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
+
+#: Of an instance, what hierarchies depend on.
+_ACCELERATOR_COLUMNS = [INSTANCE_MESH, INSTANCE_VISIBILITY, INSTANCE_FLAGS, INSTANCE_FIRST_KEY, INSTANCE_KEY_COUNT]
+
+
+@dataclass
+class Scene:
+    """Everything kernels read, for one view layer at one frame."""
+
+    description: SceneDescription
+    camera: CameraArrays
+    geometry: GeometryArrays
+    shaders: ShaderArrays
+    tables: BsdfTables
+    lights: LightArrays
+    accelerator: Accelerator
+    #: Row of ShaderArrays.programs of the world, -1 = black.
+    world_program: int
+    has_transparent_shadows: bool
+    notices: list[Notice] = field(default_factory=list)
+
+
+class SceneCache:
+    """What a session keeps between frames: each step's newest result, by the content it was made from."""
+
+    def __init__(self) -> None:
+        self.programs = ProgramCache()
+        self.geometry = GeometryCache()
+        self.environment: Kept[EnvironmentMap | None] = Kept()
+        self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
+        self.camera: Kept[CameraArrays] = Kept()
+
+
+def _shadow_masks(
+    geometry: GeometryArrays, slot_counts: np.ndarray, shaders: ShaderArrays, description: SceneDescription
+) -> np.ndarray:
+    """MASK_SHADOW_* of every instance: opaque unless one of its materials may let light through."""
+    table = geometry.instance_table
+    may_pass = (shaders.programs[:, PROGRAM_FLAGS] & PROGRAM_MAY_BE_TRANSPARENT) != 0
+    for index, material in enumerate(description.materials):
+        if not material.use_transparent_shadow:
+            may_pass[index] = False
+    materials = geometry.instance_materials
+    material_passes = may_pass[materials] if len(materials) else np.zeros(0, bool)
+    masks = np.zeros(len(table), np.uint32)
+    if len(table):
+        starts = table[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64)
+        sums = np.concatenate([[0], np.cumsum(material_passes)])
+        ends = np.minimum(starts + slot_counts[table[:, INSTANCE_MESH]], len(material_passes))
+        has_passing = sums[ends] > sums[starts]
+        casts = (table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0
+        masks[casts & ~has_passing] = MASK_SHADOW_OPAQUE
+        masks[casts & has_passing] = MASK_SHADOW_TRANSPARENT
+    return masks
+
+
+def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
+    """The hierarchies at hand where they are of the same shapes in the same places."""
+    if cache.hierarchies is None or cache.hierarchies.threads != threads:
+        cache.hierarchies = MeshHierarchies(threads)
+        cache.accelerator.drop()
+    hierarchies, keys = cache.hierarchies, cache.mesh_keys
+    columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
+    placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
+    accelerator = cache.accelerator.get(
+        (cache.shapes.version, *(array.tobytes() for array in placed)),
+        lambda: build_accelerator(geometry, masks, hierarchies, keys),
+    )
+    hierarchies.keep_only(keys)
+    return accelerator
+
+
+def _build_environment(
+    cache: SceneCache, programs: Programs, geometry: GeometryArrays, tables: BsdfTables
+) -> EnvironmentMap | None:
+    """The map by which the world is sampled: the one at hand while its program, and what that sees, is the same."""
+    width = programs.background_width
+    if not width:
+        return cache.environment.get(None, lambda: None)
+    program = cache.programs.compiled[programs.world_program]
+    seen = programs.arrays.camera.tobytes() if program.sees_camera else b""
+    return cache.environment.get(
+        (program, cache.programs.images.version, width, seen),
+        lambda: build_environment_map(programs.background_grid(width, geometry, tables)),
+    )
+
+
+def _build_lights(
+    cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, info: ProgramInfo,
+    environment: EnvironmentMap | None,
+) -> tuple[LightArrays, list[Notice]]:
+    """Lights and what was found on the way: those at hand where nothing that emits, or has shape, is another."""
+
+    def build() -> tuple[LightArrays, list[Notice]]:
+        found: list[Notice] = []
+        return build_lights(description, geometry, info, environment, found), found
+
+    world = description.world
+    of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
+    emitting = content_digest((description.lights, of_world, info))
+    return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
+
+
+def build_scene(
+    description: SceneDescription,
+    settings: RenderSettings,
+    cache: SceneCache,
+    *,
+    threads: int = 0,
+    check_cancel: Callable[[], None] = lambda: None,
+) -> Scene:
+    """Flatten a description and build what tracing needs.
+
+    Parameters
+    ----------
+    description : SceneDescription
+    settings : RenderSettings
+        Pixel filter.
+    cache : SceneCache
+        Updated: what has not changed is not built again, and comes as the same objects.
+    threads : int
+        For Embree's build, 0 = all.
+    check_cancel : callable
+        Called between steps; what it raises ends the build.
+
+    Raises
+    ------
+    ValueError
+        Naming what cannot be rendered and what to do.
+    """
+    check_frame(description.frame)
+    notices = list(description.notices)
+    programs = compile_scene(description, cache.programs)
+    notices += programs.notices
+    # Programs ask for a mesh's default UV map and colour without knowing their names.
+    defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
+    attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
+
+    check_cancel()
+    geometry = build_geometry(
+        description, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
+    )
+    check_cancel()
+    shaders = programs.arrays
+    masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description)
+    accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
+    check_cancel()
+    tables = load_tables()
+    environment = _build_environment(cache, programs, geometry, tables)
+    check_cancel()
+    lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)
+    notices += light_notices
+    seen_by = (
+        description.camera, description.frame, settings.pixel_filter, settings.filter_width, description.shutter_curve,
+        description.rolling_shutter_duration,
+    )
+    return Scene(
+        description=description,
+        camera=cache.camera.get(content_digest(seen_by), lambda: build_camera(*seen_by)),
+        geometry=geometry,
+        shaders=shaders,
+        tables=tables,
+        lights=lights,
+        accelerator=accelerator,
+        world_program=programs.world_program,
+        has_transparent_shadows=bool((masks == MASK_SHADOW_TRANSPARENT).any()),
+        notices=notices,
+    )

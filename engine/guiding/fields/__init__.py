@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Statistical fields of incident light: fitted between iterations, without a network."""

@@ -1,0 +1,443 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The SD-tree's host side: owns both trees and what they gather, learns from records, publishes snapshots.
+
+What a quadtree is to be in proportion to. Guiding alone shall draw directions at a vertex, with density g, and a record
+is a path of which the scattering has drawn wi with density p: its contribution to the pixel is C = T f_cos L / p, T the
+throughput before, L an estimate of the incident radiance.
+
+- Plain (Müller et al. 2017): g ~ E[L]. The estimate of its integral over a cell is the sum of L / p of the records in
+  the cell.
+- Variance-aware (Rath et al. 2020, the form for guides that know neither wo nor the BSDF): the second moment of the
+  pixel's estimate, over the squared pixel value I^2, is the mean over paths of the integral of t^2(wi) / g(wi), with
+  t^2 = E[(T f_cos L / I)^2]. It is least for g ~ t: the root of the second moment, marginalised over all that varies at
+  vertices of a region. Records bring C^2 / I^2 (`VertexRecords.contribution_squared`) = (T f_cos L / I)^2 / p^2, and
+  with p the chance to draw wi, the estimate of the integral of t^2 over a cell is the sum of p C^2 / I^2: one p more
+  than in the plain tree, whose estimates are divided by p once. Within a cell g is constant, and the best share of a
+  cell of solid angle A is sqrt(A times that sum), as in the paper. No cosine, no BSDF is divided out, and no mixture
+  with the BSDF is reckoned with: the paper's own estimator accounts for what its mixture sampling did.
+
+What an update adds is taken over its mean: the scale of I may change from one to the next (there is no pixel value
+before the first), and squares of it stay within float32.
+"""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.array_types import Float32Array, Int32Array, Int64Array
+from engine.guiding.fields.sdtree import quadtree, space
+from engine.guiding.fields.sdtree.field import LEAF, NODE_AXIS, QUAD_LEAF, SPLIT_WIDTH, SdTreeField
+from engine.guiding.fields.sdtree.quadtree import QuadPool
+from engine.guiding.fields.sdtree.query import find_sdtree_regions
+from engine.guiding.fields.sdtree.space import SpaceTree
+from engine.guiding.fields.update import Runner, balance, inherit, make_runner
+from engine.guiding.records.vertices import VertexRecords
+from engine.kernels.rng import hash_combine
+
+#: Records are sorted in chunks of this many, whatever the number of threads.
+_CHUNK = 16384
+#: Work is handed out in pieces: this many a thread, so that none waits long for another.
+_PIECES_PER_THREAD = 4
+_FIRST_CAPACITY = 64
+_MAX_REGIONS = 8192
+#: Samples a pixel of a pass, for which the papers' thresholds are meant.
+_PASS_SAMPLES = 4.0
+#: An iteration longer than the last by this factor replaces what was known.
+_LONGER = 1.5
+#: Else it replaces this share.
+_FORGOTTEN = 0.25
+
+
+@dataclass
+class UpdateReport:
+    """Totals since the model was made."""
+
+    update_count: int = 0
+    record_count: int = 0
+    #: Records left out: not finite or of impossible density or direction; outside the bounds.
+    invalid_count: int = 0
+    outside_count: int = 0
+    seconds: float = 0.0
+
+
+def _box(bounds: npt.ArrayLike) -> tuple[Float32Array, Float32Array]:
+    """Bounds with a little margin, and the cube on them: float32 (2, 3) each."""
+    corners = np.asarray(bounds, np.float64).reshape(2, 3)
+    if not np.isfinite(corners).all() or (corners[0] > corners[1]).any():
+        raise ValueError(f"field bounds must be finite and ordered, not {corners.tolist()}")
+    margin = 1e-3 * max(float((corners[1] - corners[0]).max()), 1e-3) + 1e-5 * np.abs(corners).max(0)
+    box = np.stack([corners[0] - margin, corners[1] + margin]).astype(np.float32)
+    return box, np.stack([box[0], box[0] + (box[1] - box[0]).max()])
+
+
+def _empty_pool(root: Int32Array) -> QuadPool:
+    """Room for quadtrees of given nodes."""
+    shape = (int(root[-1]), 4)
+    return QuadPool(root, np.empty(shape, np.int32), np.empty(shape, np.float32), np.empty(shape, np.float32))
+
+
+class SdTreeModel:
+    """A spatial tree of directional quadtrees that learns from records.
+
+    Two sets of quadtrees: one gathers, and at the end of an update becomes the published one, as it is; the next one to
+    gather is refined from it. So the shape of a quadtree does not go by the newest records that fill it.
+
+    Müller et al. throw away what was gathered when an iteration ends, as the next is as long as all before. Here
+    iterations stop growing: then most of it is kept, as much as of four iterations, once the trees have taken shape. It
+    fades all the same, since what a quadrant held before it was divided is spread evenly over its parts. Where few new
+    records came, little is forgotten.
+
+    Parameters
+    ----------
+    bounds : float (2, 3)
+        Lowest and highest corner of the scene; a little is added. Records outside are left out, look-ups find nothing.
+    spatial_threshold : float
+        c: cells with more than c sqrt(S / 4) records are halved, S being the samples a pixel by which they came.
+        Rath et al. 2020: 2000 for variance-aware trees.
+    flux_share : float
+        Quadrants with more than this share of the sphere's energy are divided. Rath et al. 2020: 0.005.
+    max_quadtree_depth : int
+    is_variance_aware : bool
+    filters : bool
+        Whether records are spread over their surroundings, in space and direction (Müller 2019).
+    seed : int
+
+    Attributes
+    ----------
+    field : SdTreeField
+        What kernels read; every update makes a new one and leaves the old as it was.
+    region_count : int
+    split_log : int32 (S, 2)
+        Regions made by the last update and the region each was cut from, in order.
+    """
+
+    def __init__(
+        self, bounds: npt.ArrayLike, *, spatial_threshold: float = 12000.0, flux_share: float = 0.01,
+        max_quadtree_depth: int = 20, is_variance_aware: bool = False, filters: bool = True, seed: int = 0,
+    ) -> None:  # fmt: skip
+        if not (spatial_threshold > 0.0 and flux_share > 0.0 and 1 <= max_quadtree_depth <= 20):
+            raise ValueError("SD-tree thresholds must be positive, and its depth in 1 to 20")
+        corners, box = _box(bounds)
+        self.region_count = 1
+        self.split_log: Int32Array = np.zeros((0, 2), np.int32)
+        self._threshold = spatial_threshold
+        self._flux_share = flux_share
+        self._max_depth = max_quadtree_depth
+        self._is_variance_aware = is_variance_aware
+        self._filters = filters
+        self._seed = seed
+        self._samples = 0.0
+        self._last_samples = 0.0
+        self._report = UpdateReport()
+        self._node_count = 1
+        self._space = SpaceTree(
+            np.zeros(2 * _FIRST_CAPACITY, np.float32), np.zeros((2 * _FIRST_CAPACITY, 2), np.int32), corners, box,
+            np.zeros((_FIRST_CAPACITY, 3), np.float32), np.zeros((_FIRST_CAPACITY, 2, 3), np.float32),
+            np.zeros(_FIRST_CAPACITY, np.int32),
+        )  # fmt: skip
+        self._space.node_link[0, NODE_AXIS] = LEAF
+        self._space.corner[0] = box
+        self._space.extent[0] = box[1] - box[0]
+        self._totals = np.zeros((1, quadtree.TOTAL_WIDTH))
+        # As fine as even light would have it.
+        whole = QuadPool(
+            np.array([0, 1], np.int32), np.full((1, 4), QUAD_LEAF, np.int32), np.zeros((1, 4), np.float32),
+            np.zeros((1, 4), np.float32),
+        )  # fmt: skip
+        run = make_runner(None, 1)
+        self._pool = self._refine(whole, np.full((1, 4), 0.25), run, 1)
+        self.field = self._publish(run, 1)
+
+    def update(
+        self, records: VertexRecords, row_count: int, samples: float, executor: ThreadPoolExecutor | None = None,
+        thread_count: int = 1,
+    ) -> None:  # fmt: skip
+        """Learn from the first `row_count` rows of `records`, an iteration, and publish a new field.
+
+        The result depends on the records and their order, not on the threads.
+
+        Parameters
+        ----------
+        records : VertexRecords
+        row_count : int
+        samples : float
+            Samples a pixel by which the records came; where only some paths are recorded, times their share.
+        executor : ThreadPoolExecutor or None
+            None: all in this thread.
+        thread_count : int
+            How many of the executor's threads to use.
+        """
+        if not 0.0 < samples < np.inf:
+            raise ValueError(f"samples must be positive, not {samples}")
+        began = time.perf_counter()
+        run = make_runner(executor, thread_count)
+        key = np.uint32(hash_combine(np.uint32(self._seed & 0xFFFFFFFF), np.uint32(self._report.update_count)))
+        region_of, order, rows = self._sort(records, row_count, run)
+        source, share = self._split(records, order, rows, samples)
+        self._inherit(source, share, run, thread_count)
+        batch, rows = self._gather(records, region_of, key, run)
+        self._splat(batch, rows, run, thread_count)
+        self.field = self._publish(run, thread_count)
+        self._report.update_count += 1
+        self._report.record_count += row_count
+        self._report.seconds += time.perf_counter() - began
+
+    def region_of(self, positions: npt.ArrayLike) -> Int32Array:
+        """Region that each of positions (P, 3) lies in, -1 = outside: int32 (P,)."""
+        points = np.ascontiguousarray(positions, np.float32).reshape(-1, 3)
+        found = np.empty(len(points), np.int32)
+        find_sdtree_regions(self.field, points, found)
+        return found
+
+    def inherited(self, sums: np.ndarray, share: float) -> np.ndarray:
+        """What another model has summed up by region, carried over the last update.
+
+        Parameters
+        ----------
+        sums : array (R, ...), of the regions before the update
+        share : float
+            What a region that was cut passes to each of its halves.
+
+        Returns
+        -------
+        array (region_count, ...), of the same type
+        """
+        return inherit(sums, self.split_log, self.region_count, share)
+
+    def report(self) -> dict[str, float]:
+        """Figures for the render's report: totals of all updates, and the state of the field."""
+        totals = self._report
+        return {
+            "regions": self.region_count,
+            "regions_ready": int((self.field.is_ready != 0).sum()),
+            "quadtree_nodes": len(self.field.quad_split),
+            "updates": totals.update_count,
+            "records": totals.record_count,
+            "records_invalid": totals.invalid_count,
+            "records_outside": totals.outside_count,
+            "seconds": totals.seconds,
+        }
+
+    def _pieces(self, sizes: np.ndarray, thread_count: int) -> Int64Array:
+        return balance(sizes.astype(np.int64) + 1, _PIECES_PER_THREAD * thread_count)
+
+    def _sort(
+        self, records: VertexRecords, row_count: int, run: Runner
+    ) -> tuple[Int32Array, Int32Array, Int64Array]:
+        """Region of each record, usable records in the order of regions, and each region's rows of those."""
+        chunk_count = max(-(-row_count // _CHUNK), 1)
+        region_of = np.empty(row_count, np.int32)
+        counts = np.zeros((chunk_count, self.region_count), np.int32)
+        rejects = np.zeros((chunk_count, space.REJECT_WIDTH), np.int64)
+
+        def classify(chunk: int) -> None:
+            start = chunk * _CHUNK
+            space.classify_records(
+                records, start, min(start + _CHUNK, row_count), self._space, self._is_variance_aware, region_of, counts,
+                chunk, rejects,
+            )
+
+        run(classify, chunk_count)
+        self._report.invalid_count += int(rejects[:, space.REJECT_NOT_FINITE].sum())
+        self._report.outside_count += int(rejects[:, space.REJECT_OUTSIDE].sum())
+        order, rows = self._order(region_of, counts, run)
+        return region_of, order, rows
+
+    def _order(self, region_of: Int32Array, counts: Int32Array, run: Runner) -> tuple[Int32Array, Int64Array]:
+        """Rows of records in the order of regions, and each region's part, from counts by chunk and region."""
+        by_region = counts.astype(np.int64)
+        ends = np.cumsum(by_region.sum(0))
+        starts = ends - by_region.sum(0)
+        offsets = np.ascontiguousarray(starts + np.cumsum(by_region, 0) - by_region)
+        order = np.empty(int(ends[-1]), np.int32)
+
+        def place(chunk: int) -> None:
+            start = chunk * _CHUNK
+            stop = min(start + _CHUNK, len(region_of))
+            space.order_records(start, stop, region_of, offsets, chunk, order)
+
+        run(place, len(counts))
+        return order, np.ascontiguousarray(np.stack([starts, ends], 1))
+
+    def _split(
+        self, records: VertexRecords, order: Int32Array, rows: Int64Array, samples: float
+    ) -> tuple[Int32Array, Float32Array]:
+        """Halve cells with many records; the old region that each region comes from, and what it keeps of its sums."""
+        is_longer = samples > _LONGER * self._last_samples
+        # The first records know no pixel value: their second moments are those of bright pixels.
+        is_longer |= self._is_variance_aware and self._report.update_count == 1
+        forgotten = 1.0 if is_longer else _FORGOTTEN
+        self._samples = samples + (1.0 - forgotten) * self._samples
+        self._last_samples = samples
+        limit = self._threshold * (self._samples / _PASS_SAMPLES) ** 0.5
+        count = self.region_count
+        new = rows[:, 1] - rows[:, 0]
+        known = self._totals[:, quadtree.TOTAL_COUNT]
+        kept = 1.0 - forgotten * np.minimum(2.0 * new / np.maximum(known, 1.0), 1.0)
+        capacity = min(count + 4 * int(len(order) / limit) + 128, _MAX_REGIONS)
+        self._reserve(capacity)
+
+        def extended(values: np.ndarray) -> np.ndarray:
+            longer = np.zeros((max(capacity, count), *values.shape[1:]), values.dtype)
+            longer[:count] = values
+            return longer
+
+        source = extended(np.arange(count, dtype=np.int32))
+        share = extended(kept.astype(np.float32))
+        parents = extended(np.zeros(count, np.int32))
+        self._node_count, self.region_count = space.split_cells(
+            records.position, order, extended(rows), self._space, self._node_count, count, extended(known * kept),
+            source, share, parents, limit,
+        )
+        made = np.arange(count, self.region_count, dtype=np.int32)
+        self.split_log = np.ascontiguousarray(np.stack([made, parents[count : self.region_count]], 1))
+        return source[: self.region_count].copy(), share[: self.region_count].copy()
+
+    def _reserve(self, region_capacity: int) -> None:
+        """Make room for this many regions and their nodes."""
+        old = self._space
+        if region_capacity <= len(old.region_node):
+            return
+
+        def grown(array: np.ndarray, rows: int) -> np.ndarray:
+            larger = np.zeros((rows, *array.shape[1:]), array.dtype)
+            larger[: array.shape[0]] = array
+            return larger
+
+        count = max(region_capacity, min(2 * len(old.region_node), _MAX_REGIONS))
+        self._space = SpaceTree(
+            grown(old.node_split, 2 * count), grown(old.node_link, 2 * count), old.bounds, old.box,
+            grown(old.extent, count), grown(old.corner, count), grown(old.region_node, count),
+        )
+
+    def _inherit(self, source: Int32Array, share: Float32Array, run: Runner, thread_count: int) -> None:
+        """Give every region its part of what was gathered before."""
+        old = self._pool
+        sizes = np.diff(old.root)[source]
+        root = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+        pool = _empty_pool(root)
+        pieces = self._pieces(sizes, thread_count)
+
+        def work(piece: int) -> None:
+            quadtree.copy_trees(int(pieces[piece]), int(pieces[piece + 1]), source, share, *old, *pool)
+
+        run(work, pieces.size - 1)
+        self._pool = pool
+        self._totals = self._totals[source] * share[:, None]
+
+    def _gather(
+        self, records: VertexRecords, region_of: Int32Array, key: np.uint32, run: Runner
+    ) -> tuple[Float32Array, Int64Array]:
+        """What quadtrees learn from the records, region by region, and each region's rows."""
+        row_count = len(region_of)
+        chunk_count = max(-(-row_count // _CHUNK), 1)
+        counts = np.zeros((chunk_count, self.region_count), np.int32)
+
+        def classify(chunk: int) -> None:
+            start = chunk * _CHUNK
+            space.classify_blurred(
+                records, start, min(start + _CHUNK, row_count), self._space, key, self._filters, region_of, counts,
+                chunk,
+            )
+
+        run(classify, chunk_count)
+        order, rows = self._order(region_of, counts, run)
+        batch = np.empty((len(order), space.BATCH_WIDTH), np.float32)
+
+        def gather(chunk: int) -> None:
+            start = chunk * _CHUNK
+            stop = min(start + _CHUNK, len(order))
+            space.gather_records(records, start, stop, key, self._filters, order, batch)
+
+        run(gather, chunk_count)
+        return batch, rows
+
+    def _splat(self, batch: Float32Array, rows: Int64Array, run: Runner, thread_count: int) -> None:
+        """Add the batch to the quadtrees."""
+        measures = np.zeros((self.region_count, quadtree.MEASURE_WIDTH))
+        sizes = rows[:, 1] - rows[:, 0]
+        pieces = self._pieces(sizes, thread_count)
+
+        def measure(piece: int) -> None:
+            first, last = int(pieces[piece]), int(pieces[piece + 1])
+            quadtree.measure_regions(batch, rows, first, last, self._is_variance_aware, measures)
+
+        run(measure, pieces.size - 1)
+        self._totals[:, quadtree.TOTAL_COUNT] += sizes
+        self._totals[:, quadtree.TOTAL_ENERGY] += measures[:, quadtree.MEASURE_ENERGY]
+        column, limit_column, total_column = space.BATCH_ENERGY, quadtree.MEASURE_ENERGY_LIMIT, quadtree.MEASURE_ENERGY
+        if self._is_variance_aware:
+            column, limit_column = space.BATCH_SQUARE, quadtree.MEASURE_SQUARE_LIMIT
+            total_column = quadtree.MEASURE_SQUARE
+        mean = float(measures[:, total_column].sum()) / max(len(batch), 1)
+        # A mean too small for float32 is no light.
+        scale = 1.0 / mean if mean > 1e-30 else 0.0
+
+        def splat(piece: int) -> None:
+            quadtree.splat_regions(
+                batch, rows, int(pieces[piece]), int(pieces[piece + 1]), column, limit_column, np.float32(scale),
+                measures, *self._pool,
+            )
+
+        run(splat, pieces.size - 1)
+
+    def _publish(self, run: Runner, thread_count: int) -> SdTreeField:
+        """Make the field of what was gathered, and refine the trees that gather next."""
+        root, child, sums, squares = self._pool
+        count, nodes = self.region_count, self._node_count
+        values = np.empty((len(child), 4))
+        areas = np.empty(len(child), np.float32)
+        split = np.empty((len(child), SPLIT_WIDTH), np.float32)
+        is_ready = np.empty(count, np.uint8)
+        pieces = self._pieces(np.diff(root), thread_count)
+
+        def collect(piece: int) -> None:
+            quadtree.collect_trees(
+                int(pieces[piece]), int(pieces[piece + 1]), self._is_variance_aware, self._totals, root, child, sums,
+                squares, values, areas, split, is_ready,
+            )
+
+        run(collect, pieces.size - 1)
+        self._pool = self._refine(self._pool, values, run, thread_count)
+        known = np.maximum(self._totals[:, quadtree.TOTAL_COUNT], 1.0)
+        return SdTreeField(
+            self._space.node_split[:nodes].copy(),
+            self._space.node_link[:nodes].copy(),
+            self._space.bounds,
+            self._space.box,
+            self._space.extent[:count].copy(),
+            root[:-1].copy(),
+            split,
+            child,
+            (self._totals[:, quadtree.TOTAL_ENERGY] / known).astype(np.float32),
+            is_ready,
+        )
+
+    def _refine(self, pool: QuadPool, values: npt.NDArray[np.float64], run: Runner, thread_count: int) -> QuadPool:
+        """The pool that gathers next."""
+        counts = np.zeros(len(pool.root) - 1, np.int32)
+        pieces = self._pieces(np.diff(pool.root), thread_count)
+
+        def span(piece: int) -> tuple[int, int, float, int]:
+            return int(pieces[piece]), int(pieces[piece + 1]), self._flux_share, self._max_depth
+
+        def scratch() -> tuple[np.ndarray, np.ndarray]:
+            return np.zeros((quadtree.MAX_NODES, 2), np.int32), np.zeros((quadtree.MAX_NODES, 3))
+
+        def count(piece: int) -> None:
+            quadtree.count_refined(*span(piece), *pool, values, *scratch(), counts)
+
+        run(count, pieces.size - 1)
+        root = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        refined = _empty_pool(root)
+
+        def write(piece: int) -> None:
+            quadtree.write_refined(*span(piece), *pool, values, *scratch(), *refined)
+
+        run(write, pieces.size - 1)
+        return refined

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What guiding did in a render, for logs and benchmarks, and in words for people."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from engine.methods import METHODS
+
+
+@dataclass
+class GuidingReport:
+    """What guiding did; times in seconds of all threads together."""
+
+    method: str = "OFF"
+    field_seconds: float = 0.0
+    training_seconds: float = 0.0
+    region_count: int = 0
+    lobe_count: float = 0.0
+    record_count: int = 0
+    network_loss: float = float("nan")
+    network_step: int = 0
+    snapshot_count: int = 0
+    has_trained: bool = False
+    #: The network is trained only if enough vertices are worth several candidates.
+    waits_for_worth: bool = False
+    #: The sample from which on the network was given up, 0: never.
+    network_stopped_at: int = 0
+    candidates_per_vertex: float = 0.0
+    worker: str = ""
+    #: What directions are drawn from, if not the mixture field.
+    source: str = ""
+    source_seconds: float = 0.0
+    #: The sample from which on a network as the source was given up, 0: never.
+    source_stopped_at: int = 0
+    #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
+    efficiency: float = float("nan")
+    stopped_at: int = 0
+    #: The method in use at the end, and why (`engine.guiding.policy.choice`).
+    chosen: str = ""
+    trials: list[str] = field(default_factory=list)
+    #: Share of the regions that are guided.
+    guided_share: float = float("nan")
+
+    lines: list[str] = field(default_factory=list)
+
+    def describe(self, stage_seconds: dict[str, float]) -> None:
+        """Write `lines` for people, given the time of the tracing threads by stage."""
+        tracing = sum(stage_seconds.values())
+        training = self.training_seconds + self.source_seconds
+        everything = max(tracing + self.field_seconds + training, 1e-9)
+        inference = stage_seconds.get("predict_radiance", 0.0)
+        self.lines = [
+            f"guiding {self.method}: {(tracing - inference) / everything:.0%} of the time tracing, "
+            f"{self.field_seconds / everything:.0%} fitting, {inference / everything:.0%} predicting, "
+            f"{training / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
+            f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
+        ]
+        if METHODS[self.method].rungs:
+            self.lines.append(self._choice())
+        elif self.stopped_at:
+            self.lines.append(
+                f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
+                f"{self.stopped_at + 1} on are not guided"
+            )
+        if self.trials:
+            self.lines.append("compared: " + "; ".join(self.trials))
+        if self.source:
+            self.lines.append(self.source)
+        if self.source_stopped_at:
+            self.lines.append(
+                f"the network did not pay here: from sample {self.source_stopped_at + 1} on directions come from the "
+                "mixture field"
+            )
+        if self.worker:
+            self.lines.append(
+                f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
+                f"loss {self.network_loss:.3g}, worker {self.worker}"
+            )
+        if self.waits_for_worth and not self.has_trained:
+            self.lines.append(
+                "radiance network: not trained, hardly a vertex was worth several candidates"
+            )
+        if self.network_stopped_at:
+            self.lines.append(
+                "radiance network: hardly a vertex was worth asking it; from sample "
+                f"{self.network_stopped_at + 1} on directions come from the mixture alone"
+            )
+
+    def _choice(self) -> str:
+        """What was chosen, where and why, in a line."""
+        compared = "" if math.isnan(self.efficiency) else f", {self.efficiency:.2f} times as efficient"
+        if self.stopped_at:
+            return (
+                f"chose to render without guiding from sample {self.stopped_at + 1} on: it was{compared[1:]} as "
+                "going without"
+            )
+        where = "" if math.isnan(self.guided_share) else f" in {self.guided_share:.0%} of the regions"
+        return f"chose {METHODS[self.chosen].words}{where}{compared + ' as without' if compared else ''}"

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which method the next iteration goes by: what is in use, compared with unguided rendering, then with finer methods.
+
+Some iterations render a part of their samples by another method, and efficiencies, 1 / (variance x cost), are compared
+(`engine.guiding.policy.trial`); with unguided rendering again later on, unless there is no doubt. All methods have the
+same expected image, and what is chosen depends on samples already taken only. With the method AUTO a finer method is
+tried where resampling promises to pay (`engine.guiding.policy.learning`), taken up if it does, and left again if it no
+longer does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.guiding.policy import trial
+from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
+from engine.state.film import FilmTile
+from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
+
+#: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
+#: after so many comparisons. Variances of a few samples a pixel tell efficiencies to about a tenth.
+_DROPPED = (0.8, 0.95, 1.03)
+_TAKEN = (1.5, 1.15, 1.03)
+#: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
+_AGAIN = 4
+#: Then guiding is compared with unguided rendering again too, by so many iterations together: one lucky comparison must
+#: not bind an easy scene for good (docs/decisions/trial-and-choice.md). Not where it is _SURE times as good; below
+#: _LEAST_LATER it is left.
+_LOOKS = 3
+_SURE = 2.5
+_LEAST_LATER = 1.0
+
+
+class Choice:
+    """What a render goes by.
+
+    Parameters
+    ----------
+    pixel_count : int
+    rung : str
+        Method to begin with.
+    tries_plain : bool
+        Compare with unguided rendering.
+
+    Attributes
+    ----------
+    parts : list of Part, of the iteration in work
+    challenger : str, method of the arm CHALLENGER, empty if there is none
+    has_lost : bool, the last iteration showed unguided rendering to be better
+    efficiency : float, over unguided rendering when last compared
+    trials : list of str, what was compared, for people
+    """
+
+    def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
+        self.rung = rung
+        self.challenger = ""
+        self.parts = [Part(0, 1, CURRENT)]
+        self.has_lost = False
+        self.efficiency = math.nan
+        self.trials: list[str] = []
+        self._pixel_count = pixel_count
+        self._tries_plain = tries_plain
+        #: Where the trial against unguided rendering stands.
+        self._iteration = 0
+        self._least_efficiency = self._clear_efficiency = 0.0
+        self._has_won = False
+        self._trial: GuidingTrial | None = None
+        #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
+        self._plain = SampleMoments(pixel_count)
+        self._knows_something = False
+        #: Later comparisons with unguided rendering: whether this iteration takes part in one, from which sample on the
+        #: next is due, and the overheads of its iterations so far.
+        self._looks_again = False
+        self._look_from = 0
+        self._overheads: list[float] = []
+        #: Log efficiencies of the challenger so far, and from which sample on methods may be tried again.
+        self._evidence: list[float] = []
+        self._not_before: dict[str, int] = {}
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether guiding has been found better than unguided rendering, or nobody asks."""
+        return not self._tries_plain or self._has_won or self._iteration > max(trial.LEAST_EFFICIENCY)
+
+    @property
+    def guided_share(self) -> float:
+        """Share of the samples of the iteration in work that are guided."""
+        counts = [(count, arm != PLAIN) for _, count, arm in self.parts]
+        return sum(count for count, is_guided in counts if is_guided) / sum(count for count, _ in counts)
+
+    def has_tried(self, method: str) -> bool:
+        """Whether a method is in use, or has been compared."""
+        return method == self.rung or method in self._not_before
+
+    def has_use_for(self, method: str, next_sample: int) -> bool:
+        """Whether a method is in use or being tried, or could be tried now."""
+        return method in (self.rung, self.challenger) or next_sample >= self._not_before.get(method, 0)
+
+    def restart(self, iteration: int) -> None:
+        """Compare with unguided rendering again, from a stage of the trial on: something else guides now."""
+        self._iteration = iteration
+        self._has_won = False
+        self._trial = None
+        self._overheads = []
+
+    def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
+        """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
+        sums = unit.film_index, film.radiance, film.square, unit.sample_count
+        if len(self.parts) > 1 and self._trial is not None:
+            is_challenger = self._is_challenger(unit.arm)
+            self._trial.add(*sums, is_challenger)
+            self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+        elif self._tries_plain and not self._knows_something:
+            self._plain.add(*sums)
+
+    def _is_challenger(self, arm: int) -> bool:
+        return arm == CHALLENGER if self.challenger else arm == CURRENT
+
+    def judge(self, weights: np.ndarray, next_sample: int, overhead: float) -> None:
+        """After an iteration: draw the conclusion, if it compared.
+
+        Parameters
+        ----------
+        weights : float32 (P,), of the pixels' variances
+        next_sample : int
+        overhead : float
+            Cost of what the arm compared needs besides tracing, as a share of that.
+        """
+        self._iteration += 1
+        self.has_lost = False
+        compared, self._trial = self._trial, None
+        if compared is None:
+            return
+        if self._looks_again:
+            self._overheads.append(overhead)
+            if len(self._overheads) < _LOOKS:
+                self._trial = compared
+                return
+            overhead = sum(self._overheads) / _LOOKS
+            self._overheads = []
+        efficiency = compared.efficiency(weights) / (1.0 + overhead)
+        if self.challenger:
+            self._judge_challenger(efficiency, next_sample)
+            return
+        if self._looks_again:
+            self._look(efficiency, next_sample)
+            return
+        self.efficiency = efficiency
+        self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
+        self._has_won = efficiency >= self._clear_efficiency
+        # Written so that NaN, nothing compared, goes on.
+        self.has_lost = efficiency < self._least_efficiency
+        if self.is_settled:
+            self._look_from = _AGAIN * next_sample
+
+    def _look(self, efficiency: float, next_sample: int) -> None:
+        """Take a later comparison with unguided rendering."""
+        if not efficiency > 0.0:
+            return
+        self.efficiency = efficiency
+        self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
+        self.has_lost = efficiency < _LEAST_LATER
+        self._look_from = _AGAIN * next_sample
+
+    def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
+        if not efficiency > 0.0:
+            return
+        self._evidence.append(math.log(efficiency))
+        mean = math.exp(sum(self._evidence) / len(self._evidence))
+        stage = min(len(self._evidence), len(_TAKEN)) - 1
+        is_taken = mean >= _TAKEN[stage]
+        if not is_taken and mean > _DROPPED[stage]:
+            return
+        self.trials.append(f"{self.challenger} over {self.rung} {mean:.2f} at sample {next_sample}")
+        self._not_before[self.rung if is_taken else self.challenger] = _AGAIN * next_sample
+        if is_taken:
+            self.rung = self.challenger
+        self.challenger = ""
+
+    def plan(
+        self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True
+    ) -> None:
+        """Divide the next iteration.
+
+        Parameters
+        ----------
+        first, count : int
+            Its samples.
+        offers : sequence of str
+            Methods that could be tried, in the order in which to; one that is being tried must stay among them.
+        knows_something : bool
+            Whether there is anything to guide by.
+        is_whole : bool
+            Whether its samples lie in all of u: within a stratum they vary less than the unguided ones of all strata,
+            and those of the iteration alone are compared.
+        """
+        self._knows_something = knows_something
+        is_tried = self._tries_plain and not self._has_won and knows_something
+        self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
+        self._looks_again = False
+        if len(self.parts) > 1:
+            self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
+            self._clear_efficiency = trial.CLEAR_EFFICIENCY[self._iteration]
+        elif self.is_settled and count >= 4:
+            self._looks_again = self._is_due(first)
+            if self._looks_again:
+                self.parts = trial.compared_parts(first, count)
+            else:
+                self._challenge(first, count, offers)
+        if len(self.parts) > 1 and self._trial is None:
+            # A finer method's rival is guided too, and changes.
+            has_same_samples = is_whole and not self.challenger
+            self._trial = GuidingTrial(self._pixel_count, self._plain if has_same_samples else None)
+
+    def _is_due(self, first: int) -> bool:
+        """Whether to compare with unguided rendering again."""
+        return self._tries_plain and not self.challenger and first >= self._look_from and self.efficiency < _SURE
+
+    def _challenge(self, first: int, count: int, offers: Sequence[str]) -> None:
+        if self.challenger not in offers:
+            self.challenger = ""
+        if not self.challenger:
+            due = [rung for rung in offers if rung != self.rung and self.has_use_for(rung, first)]
+            if not due:
+                return
+            self.challenger = due[0]
+            self._evidence = []
+        half = count // 2
+        self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What methods cost, in rays or by the clock."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from engine.ris.orca import CandidateCosts
+from engine.state.unit import PLAIN, UnitCosts
+
+#: Costs in rays where no clock may be asked (docs/decisions/trial-and-choice.md): of guiding a vertex, and a factor for
+#: learning.
+_GUIDED_COST = 1.0
+_LEARNING_COST = 1.15
+#: Share of the guided vertices from which on resampling is measured: of a few candidates at a time a network's cost is
+#: that of the calls.
+_LEAST_MEASURED = 0.2
+
+
+@dataclass
+class IterationCosts:
+    """What the iteration's threads measured."""
+
+    stage_seconds: Counter[str]
+    ray_count: int
+    path_count: int
+    guided_vertices: int
+    several_vertices: int
+    several_candidates: int
+    #: Records that there was no room for.
+    dropped_records: int = 0
+
+
+class MethodCosts:
+    """Costs of candidates by method, and of units of work.
+
+    Parameters
+    ----------
+    candidates : mapping of str to CandidateCosts
+        Of each method, before there is anything to measure.
+    uses_clock : bool
+        Whether the image may depend on the clock.
+    """
+
+    def __init__(self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool) -> None:
+        self._candidates = dict(candidates)
+        self._uses_clock = uses_clock
+
+    def candidates(self, method: str) -> CandidateCosts:
+        """Costs of candidates in rays."""
+        return self._candidates.get(method, CandidateCosts())
+
+    def unit(self, costs: UnitCosts, arm: int, method: str) -> float:
+        """Cost of a unit that one of a comparison's arms rendered: seconds, or rays where no clock may be asked."""
+        if self._uses_clock:
+            return costs.seconds
+        cost = costs.ray_count + _GUIDED_COST * costs.guided_vertices
+        cost += self.candidates(method).per_candidate * costs.resampled_candidates
+        return cost if arm == PLAIN else cost * _LEARNING_COST
+
+    def measure(self, method: str, costs: IterationCosts) -> None:
+        """Take the costs of an iteration that `method` alone rendered, where the clock may be asked."""
+        if not self._uses_clock:
+            return
+        single_vertices = costs.guided_vertices - costs.several_vertices
+        if min(costs.several_vertices, single_vertices) < max(_LEAST_MEASURED * costs.guided_vertices, 1.0):
+            return
+        per_ray = max(sum(costs.stage_seconds.values()) / max(costs.ray_count, 1), 1e-9)
+
+        def in_rays(count: int, *stages: str) -> float:
+            return sum(costs.stage_seconds[name] for name in stages) / count / per_ray
+
+        self._candidates[method] = CandidateCosts(
+            in_rays(costs.several_candidates, "draw_candidates", "predict_radiance"),
+            in_rays(costs.several_vertices, "guide_resample"),
+            in_rays(single_vertices, "sample_source"),
+        )

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What one iteration of a guided render goes by: made between iterations, only read while paths are traced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.guiding.fields.table import TableField
+from engine.guiding.fields.vmm.field import VmmField
+from engine.guiding.networks.radiance_query import NetworkField
+from engine.ris.orca import Allocation
+from engine.runtime.bundle import Bundle
+from engine.settings import RenderSettings
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """Fields, allocation and how much to record.
+
+    record_threshold : int, paths whose hash is below are recorded: 0 none, 2**32 all
+    probability : float32 (R,), of guiding by region of the field (`engine.guiding.models.selection`)
+    field : VmmField or None, while nothing is known
+    light_share : float32 (R,), of sampling a light by region (`engine.guiding.models.light_share`)
+    benefit : float32 (R,), of guiding by region (`engine.guiding.models.selection`)
+    candidate_count : int, of every guided vertex; 0 = as `allocation` says
+    allocation : Allocation
+    source : SdTreeField, MixtureNetwork, FlowField or None, what to draw directions from if not from `field`
+    challenger : Guidance or None, what a part of the iteration's samples goes by instead, to compare
+    probes_only : bool, whether it is tried at some vertices of recorded paths, and all others take one candidate
+    pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
+    table : TableField or None; network : NetworkField or None. Without both the mixture predicts
+    """
+
+    settings: RenderSettings
+    record_threshold: int
+    field: VmmField | None = None
+    probability: np.ndarray | None = None
+    light_share: np.ndarray | None = None
+    benefit: np.ndarray | None = None
+    candidate_count: int = 1
+    allocation: Allocation | None = None
+    pixel_weight: np.ndarray | None = None
+    table: TableField | None = None
+    network: NetworkField | None = None
+    probes_only: bool = False
+    source: Bundle | None = None
+    challenger: Guidance | None = None

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How long iterations are, what their samples weigh, and how many paths they record."""
+
+from __future__ import annotations
+
+from engine.guiding.records.vertices import RECORD_ROWS
+
+#: Samples a pixel of the longest iterations.
+LONGEST_ITERATION = 16
+#: Samples a pixel after which an iteration counts fully.
+_FULL_WEIGHT_SAMPLES = 8
+#: Records that an iteration aims at: what fitting and training can look at in the time they have.
+RECORDS_PER_ITERATION = 1 << 18
+#: Records of a recorded path, until it is known.
+_EXPECTED_RECORDS_PER_PATH = 4.0
+#: Share of its memory that a unit's records are to fill on average: some tiles have longer paths than others.
+_FULLEST_UNIT = 0.5
+
+
+def iteration_lengths(samples: int) -> list[int]:
+    """Samples a pixel of each iteration: one first, doubling to LONGEST_ITERATION (Rath et al. 2025, section 5.1)."""
+    lengths: list[int] = []
+    left, length = samples, 1
+    while left > 0:
+        lengths.append(min(length, left))
+        left -= lengths[-1]
+        length = min(2 * length, LONGEST_ITERATION)
+    return lengths
+
+
+def iteration_weight(first_sample: int, sample_weighting: str) -> float:
+    """Weight of each sample of the iteration that begins with `first_sample`.
+
+    Early iterations knew little: their samples count less, in proportion to what had been seen when they were taken.
+    """
+    if sample_weighting == "UNIFORM":
+        return 1.0
+    return min((first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
+
+
+class RecordBudget:
+    """How many of an iteration's paths are recorded.
+
+    Parameters
+    ----------
+    paths_per_sample : int
+        Pixels of the image.
+    unit_pixels : int
+        Of the largest unit of work, whose records must fit (`RECORD_ROWS`): what does not is dropped.
+    """
+
+    def __init__(self, paths_per_sample: int, unit_pixels: int) -> None:
+        self._paths_per_sample = paths_per_sample
+        self._unit_pixels = unit_pixels
+        self._records_per_path = _EXPECTED_RECORDS_PER_PATH
+
+    def count(self, record_count: int, path_count: float) -> None:
+        """Take how many records came of so many recorded paths, those included that there was no room for."""
+        self._records_per_path = max(record_count / max(path_count, 1.0), 0.01)
+
+    def threshold(self, samples: float) -> int:
+        """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
+        expected = self._records_per_path * samples
+        share = min(
+            RECORDS_PER_ITERATION / max(expected * self._paths_per_sample, 1.0),
+            _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
+        )
+        return int(min(share, 1.0) * 2**32)

@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Between the iterations of a guided render: what paths recorded becomes the next iteration's guidance.
+
+The lengths of iterations are functions of their index alone. What is learned concerns distributions and candidate
+counts, and which method goes on: every sample has the expected value of the image, whatever the earlier ones were.
+Its weight may depend on these, and with a time limit the number of samples does. The bias that this leaves in the mean
+is at most a few hundredths of its own standard error (docs/decisions/trial-and-choice.md).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from engine.guiding.models.predictors import PREDICTORS, Predictor
+from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.regions import RegionModels
+from engine.guiding.models.report import GuidingReport
+from engine.guiding.models.source_model import SourceModel, TrainedSource
+from engine.guiding.policy import trial
+from engine.guiding.policy.choice import Choice
+from engine.guiding.policy.costs import IterationCosts, MethodCosts
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iterations import RecordBudget
+from engine.guiding.policy.ladder import Ladder
+from engine.guiding.policy.trial import Part
+from engine.guiding.policy.worth import Gate, ResamplingWorth
+from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate
+from engine.guiding.sources import make_source_model
+from engine.methods import METHODS, rungs_of
+from engine.ris.orca import image_variance, make_allocation, pixel_weights
+from engine.scene.description import Notice
+from engine.settings import RenderSettings
+from engine.state.film import FilmTile
+from engine.state.unit import CHALLENGER, Unit, UnitCosts
+
+#: Records that kernels of learning are rehearsed on.
+_REHEARSED_RECORDS = 256
+
+
+def _joined(units: Sequence[VertexRecords]) -> tuple[VertexRecords, int]:
+    """Records of all units one after the other."""
+    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
+    return VertexRecords(*columns), len(columns[3])
+
+
+class Learner:
+    """Owns what one render learns, and decides by it how the next iteration is rendered.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+        With a guiding method.
+    thread_count : int
+    paths_per_sample : int
+        Pixels of the image.
+    unit_pixels : int, optional
+        Of the largest unit of work; None: all.
+    source : TrainedSource, optional
+        What directions are drawn from, instead of what the settings would have this render learn.
+    sink : RowSink, optional
+        Gets all records, those of the last iteration too, which nothing in this render can learn from.
+    """
+
+    def __init__(
+        self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
+        source: TrainedSource | None = None, sink: RowSink | None = None,
+    ) -> None:
+        self.settings = settings
+        self.notices: list[Notice] = []
+        self.sink = sink
+        self._thread_count = thread_count
+        self._paths_per_sample = paths_per_sample
+        self._executor = ThreadPoolExecutor(thread_count, thread_name_prefix="learn")
+        self._rungs = rungs_of(settings.method)
+        self.report = GuidingReport(method=settings.guiding_method, chosen=self._rungs[0])
+        self._source: SourceModel | None = make_source_model(settings) if source is None else source
+        self._predictors = {
+            name: PREDICTORS[name](settings, self.report, self.notices)
+            for name in dict.fromkeys(METHODS[rung].predictor for rung in self._rungs)
+        }
+        # Where all that learns does so between iterations, and samples are given, the image depends on no clock.
+        learns_beside = any(predictor.is_asynchronous for predictor in self._predictors.values())
+        learns_beside |= self._source is not None and self._source.is_asynchronous
+        self._uses_clock = (learns_beside or settings.time_limit > 0.0) and not settings.deterministic
+        self._costs = MethodCosts(
+            {rung: self._predictor(rung).candidate_costs for rung in self._rungs}, uses_clock=self._uses_clock
+        )
+        self._choice = Choice(paths_per_sample, self._rungs[0], tries_plain=settings.guiding_trial)
+        self.report.trials = self._choice.trials
+        self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice, paths_per_sample, self._uses_clock)
+        self._worth = ResamplingWorth()
+        self._regions: RegionModels | None = None
+        self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
+        self._iteration = 0
+        self._is_over = False
+        self._learning_seconds = 0.0
+        self._gate: Gate | None = None
+        predictor = self._predictor(self._rungs[0])
+        # Who asks for a number of candidates, or for the cache, gets what predicts at once.
+        if not self._ladder.is_auto and predictor.is_asynchronous and self._ladder.counts_worth:
+            self._gate = Gate(predictor, self.report)
+        elif not self._ladder.is_auto:
+            predictor.begin(1)
+        if settings.radiance_cache and not settings.method.predictor:
+            colored = " and ".join(method.name for method in METHODS.values() if method.predictor)
+            self.notices.append(
+                # The mixture knows no colour.
+                Notice("Guiding / radiance cache", f"works with {colored} only", "paths are not cut short")
+            )
+
+    def _predictor(self, rung: str) -> Predictor:
+        return self._predictors[METHODS[rung].predictor]
+
+    def _probes_only(self, rung: str) -> bool:
+        """Whether allocation is only tried: of the coarsest method, or for want of a predictor that it would be for."""
+        if self._ladder.is_auto:
+            return rung == self._rungs[0]
+        return self._gate is not None and not self._predictor(rung).is_ready
+
+    @property
+    def parts(self) -> list[Part]:
+        """Parts of the iteration in work."""
+        return self._choice.parts
+
+    @property
+    def is_over(self) -> bool:
+        """Whether guiding has been given up: there is nothing more to learn."""
+        return self._is_over
+
+    def first(self) -> Guidance:
+        """Guidance of the first iteration: none, but record."""
+        return Guidance(self.settings, self._budget.threshold(1))
+
+    def rehearse(self) -> Guidance:
+        """Load (or compile) the kernels of learning by learning from nothing in particular.
+
+        Returns
+        -------
+        Guidance
+            Fit to call every guided stage with, on no lanes.
+        """
+        count = _REHEARSED_RECORDS
+        rng = np.random.default_rng(0)
+        records = allocate_vertex_records(count, self.settings.channel_count)
+        direction = rng.normal(size=(count, 3))
+        records.position[:] = rng.random((count, 3))
+        records.direction[:] = direction / np.linalg.norm(direction, axis=1)[:, None]
+        records.normal[:] = (0.0, 0.0, 1.0)
+        for column in (records.radiance, records.pdf, records.distance, records.roughness):
+            column[:] = 1.0
+        regions = RegionModels(records, count, 0.5)
+        regions.fit(records, count)
+        regions.learn_shares(records, count, variance=1.0, ray_count=1.0, knows_pixels=True)
+        if self._source is not None:
+            self._source.rehearse(records, count, self._executor)
+        predictions = self._predictor(self._rungs[0]).rehearsal(regions.mixture)
+        allocation = make_allocation(
+            np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs.candidates("")
+        )
+        ones = np.ones(1, np.float32)
+        return Guidance(
+            self.settings, 0, regions.field, ones, ones, ones, 1, allocation,
+            np.ones(self._paths_per_sample, np.float32), predictions.table, predictions.network,
+        )
+
+    def learn(
+        self, units: Sequence[VertexRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
+        costs: IterationCosts, next_range: tuple[int, int], *, is_whole: bool = True,
+    ) -> Guidance:
+        """Learn from an iteration, and say how to go on.
+
+        Parameters
+        ----------
+        units : VertexRecords of each tile, in an order that does not depend on threads
+        recorded_share : float, of the guided paths that were recorded
+        sums : FilmTile, the image so far
+        size : (int, int)
+            Rows and columns of the image.
+        costs : IterationCosts
+        next_range : (int, int)
+            First sample and samples a pixel of the next iteration.
+        is_whole : bool
+            Whether the next iteration's samples lie in all of u, not in a stratum.
+        """
+        started = time.perf_counter()
+        self._iteration += 1
+        choice, settings = self._choice, self.settings
+        # In a trial a part of the samples only.
+        guided_share = choice.guided_share
+        samples = sum(part.sample_count for part in self.parts) * guided_share
+        weight = np.maximum(sums.weight, 1e-20)[:, None]
+        mean = sums.radiance / weight
+        weights = pixel_weights(mean.reshape(*size, -1))
+        self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+        if self._is_over:
+            choice.plan(*next_range, (), knows_something=False)
+            return Guidance(settings, 0)
+        records, row_count = _joined(units)
+        self.report.record_count += row_count
+        if row_count:
+            self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
+            self._fit(records, row_count)
+        regions = self._regions
+        if regions is None:
+            choice.plan(*next_range, (), knows_something=False)
+            return Guidance(settings, self._budget.threshold(next_range[1]))
+        if row_count:
+            regions.add_deltas(records, row_count)
+        self._weigh_resampling(costs, recorded_share, next_range[0])
+        for predictor in self._predictors.values():
+            predictor.learn(records, row_count, samples, self._iteration)
+        self._learn_source(records, row_count, samples, recorded_share)
+        if self.sink is not None:
+            self.sink.take(records, row_count)
+
+        ray_count = costs.ray_count / max(costs.path_count, 1)
+        variance = image_variance(mean, sums.square / weight, weights)
+        if row_count:
+            regions.learn_shares(
+                records, row_count, variance=variance, ray_count=ray_count, knows_pixels=self._iteration > 1
+            )
+        delta = regions.variance_deltas()
+        # Costs of an iteration that compares are those of two methods.
+        if len(self.parts) == 1:
+            self._costs.measure(choice.rung, costs)
+        offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions)
+        choice.plan(*next_range, offers, is_whole=is_whole)
+        self._learning_seconds = time.perf_counter() - started
+        return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
+
+    def _guidance(
+        self, regions: RegionModels, delta: np.ndarray, ray_count: float, variance: float, weights: np.ndarray,
+        samples: float,
+    ) -> Guidance:
+        """What the next iteration's guided samples, so many a pixel, go by."""
+        choice = self._choice
+        field = regions.field
+        probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
+        self.report.chosen = choice.rung
+        ready = field.is_ready != 0
+        self.report.guided_share = float((probability[ready] > 0.0).sum() / max(ready.sum(), 1))
+
+        def by(rung: str, challenger: Guidance | None = None) -> Guidance:
+            predictions = self._predictor(rung).predictions
+            allocation = make_allocation(
+                delta, ray_count=ray_count, variance=variance, costs=self._costs.candidates(rung)
+            )
+            return Guidance(
+                self.settings, self._budget.threshold(samples), field, probability, regions.light_share.share,
+                regions.selection.benefit, self._fixed_count(rung), allocation, weights, predictions.table,
+                predictions.network, self._probes_only(rung),
+                self._source.field if self._source is not None else None, challenger,
+            )
+
+        return by(choice.rung, by(choice.challenger) if choice.challenger else None)
+
+    def _fixed_count(self, rung: str) -> int:
+        """Candidates of every vertex, 0 if they are allocated."""
+        settings, method = self.settings, METHODS[rung]
+        if self._ladder.is_auto:
+            return 0
+        if not method.resamples:
+            return 1
+        is_fixed = method.always_resamples or settings.candidate_allocation == "FIXED"
+        return settings.candidate_count if is_fixed else 0
+
+    def keep(self, units: Sequence[VertexRecords]) -> None:
+        """Hand the records of the last iteration to the sink."""
+        assert self.sink is not None
+        self.sink.take(*_joined(units))
+
+    def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
+        """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
+        if self._is_over:
+            return
+        rung = self._choice.challenger if unit.arm == CHALLENGER else self._choice.rung
+        self._choice.compare(unit, film, self._costs.unit(costs, unit.arm, rung))
+
+    def _judge(self, weights: np.ndarray, next_sample: int, tracing: float) -> None:
+        """Conclude what the iteration compared, if it did. Its guided part took threads `tracing` seconds."""
+        choice = self._choice
+        overhead = 0.0
+        if self._uses_clock:
+            learning = 0.0 if choice.challenger else self._learning_seconds * self._thread_count
+            training = self._predictor(choice.challenger).training_share(self._thread_count) if choice.challenger else 0
+            overhead = learning / max(tracing, 1e-9) + training
+        choice.judge(weights, next_sample, overhead)
+        self.report.efficiency = choice.efficiency
+        if not choice.has_lost:
+            return
+        source = self._source
+        if source is not None and source.has_stand_in and source.field is not None:
+            self._end_source()
+            self._source = None
+            self.report.source_stopped_at = next_sample
+            # What stands in for it has long been learning: no more benefit of the doubt.
+            choice.restart(trial.LAST_DOUBT)
+        else:
+            self._is_over = True
+            self.report.stopped_at = next_sample
+            self.report.chosen = "OFF"
+            self._stop_training()
+
+    def _fit(self, records: VertexRecords, row_count: int) -> None:
+        """Fit the mixture field, and the tables that learn from its batch."""
+        settings = self.settings
+        started = time.perf_counter()
+        if settings.mis_compensation:
+            records = compensate(records, row_count, settings.guiding_probability)
+        if self._regions is None:
+            self._regions = RegionModels(records, row_count, settings.guiding_probability)
+        self._regions.fit(records, row_count, self._executor, self._thread_count)
+        for predictor in self._predictors.values():
+            predictor.learn_regions(self._regions.mixture, self._executor, self._thread_count)
+        field = self._regions.field
+        self.report.region_count = len(field.is_ready)
+        self.report.lobe_count = float(field.lobe_count.mean())
+        self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+
+    def _learn_source(
+        self, records: VertexRecords, row_count: int, samples: float, recorded_share: float
+    ) -> None:
+        """Learn what directions are drawn from, if it is not the mixture field."""
+        source = self._source
+        if source is None:
+            return
+        started = time.perf_counter()
+        had_field = source.field is not None
+        source.learn(records, row_count, samples, recorded_share, self._executor, self._thread_count)
+        if not source.is_asynchronous:
+            self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+        if source.has_stand_in and source.field is not None and not had_field:
+            # What was tried so far was the mixture field.
+            self._choice.restart(trial.BEFORE_FIRST)
+        self.report.source, self.report.source_seconds = source.describe(), source.seconds
+        self.notices.extend(source.notices)
+        source.notices.clear()
+
+    def _weigh_resampling(self, costs: IterationCosts, recorded_share: float, next_sample: int) -> None:
+        """Count whether vertices were worth several candidates, for AUTO or for a predictor that waits for it."""
+        if not costs.guided_vertices:
+            return
+        if self._gate is not None:
+            assert self._regions is not None
+            self._gate.weigh(costs, recorded_share, next_sample, self._regions.mixture.region_count)
+        elif self._ladder.is_probing:
+            self._worth.count(costs, recorded_share, is_probing=True)
+
+    def close(self) -> None:
+        """End the worker."""
+        self._executor.shutdown(wait=True)
+        self._stop_training()
+
+    def _stop_training(self) -> None:
+        """End all training."""
+        for predictor in self._predictors.values():
+            predictor.close()
+        if self._source is not None:
+            self._end_source()
+
+    def _end_source(self) -> None:
+        assert self._source is not None
+        self._source.close()
+        self.report.source = self._source.describe()
+        self.report.source_seconds = self._source.seconds

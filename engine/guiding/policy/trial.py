@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Does one way of rendering pay more than another in this image? Iterations render some samples by each, and compare.
+
+What regions promise (`engine.guiding.models.selection`) does not add up along paths, and where light is easy to find
+guiding costs more than it brings. The same pixels rendered both ways tell: efficiency is 1 / (variance x cost). Where
+guiding loses, the rest of the image is rendered without. Both ways have the same expected image, and what is chosen
+depends on samples already taken only.
+
+Unguided samples do not change from iteration to iteration, so all there are count (`SampleMoments`): a few of them hide
+their variance where it is in few bright ones. What guides does change, and its newest samples count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.state.unit import CURRENT, PLAIN
+
+#: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
+#: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
+#: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
+#: (docs/decisions/trial-and-choice.md).
+LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.0, 6: 1.3}
+#: Where a trial begins anew: of what has just begun to learn, and of what is known well.
+BEFORE_FIRST = 2
+LAST_DOUBT = 5
+#: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
+CLEAR_EFFICIENCY = {3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
+#: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
+PLAIN_WEIGHT = 0.5
+#: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
+#: most, unguided rendering hides its variance in few bright samples (docs/decisions/trial-and-choice.md).
+_OUTLIER_SHARE = 0.05
+#: Rounds of cutting: each brings a single outlier down to a twentieth.
+_ROUNDS = 8
+
+
+class Part(NamedTuple):
+    """Samples of an iteration that are rendered alike, by one of the arms of `engine.state.unit`."""
+
+    first_sample: int
+    sample_count: int
+    arm: int
+
+
+def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:
+    """Parts of an iteration, for the trial against unguided rendering.
+
+    Parameters
+    ----------
+    is_tried : bool
+        Whether there is anything to compare.
+    """
+    if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
+        return [Part(first, count, CURRENT)]
+    return compared_parts(first, count)
+
+
+def compared_parts(first: int, count: int) -> list[Part]:
+    """Parts of an iteration, of four samples or more, that renders a few of them unguided."""
+    plain = max(count // 4, 2)  # a variance takes two
+    return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
+
+
+class SampleMoments:
+    """Variance of the samples of each pixel so far.
+
+    Parameters
+    ----------
+    pixel_count : int
+    """
+
+    def __init__(self, pixel_count: int) -> None:
+        self._count = np.zeros(pixel_count, np.int32)
+        #: Sum of squared differences from the mean, averaged over channels.
+        self._spread = np.zeros(pixel_count, np.float32)
+        self._mean: np.ndarray | None = None
+
+    def add(self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int) -> None:
+        """Take a unit's sums (Chan et al. 1983, of two sets of samples). Of a pixel in the order of its samples.
+
+        Parameters
+        ----------
+        pixels : int64 (P,), each once
+        radiance, square : float32 (P or more, C), sums over `sample_count` samples
+        """
+        if self._mean is None:
+            self._mean = np.zeros((len(self._count), radiance.shape[1]), np.float32)
+        total = radiance[: len(pixels)].astype(np.float64)
+        spread = np.maximum(square[: len(pixels)] - total * total / sample_count, 0.0).mean(axis=1)
+        before = self._count[pixels]
+        difference = total / sample_count - self._mean[pixels]
+        share = sample_count / (before + sample_count)
+        self._spread[pixels] += spread + before * share * (difference * difference).mean(axis=1)
+        self._mean[pixels] += difference * share[:, None]
+        self._count[pixels] += sample_count
+
+    def variance(self) -> np.ndarray:
+        """Variance of a sample, mean over channels, by pixel; NaN of fewer than two.
+
+        Returns
+        -------
+        float64 (P,)
+        """
+        count = np.where(self._count > 1, self._count, np.nan)
+        return self._spread / (count - 1.0)
+
+
+class GuidingTrial:
+    """Moments of samples by the challenger (guiding, or a finer method) and by what it is to beat, and their costs.
+
+    Parameters
+    ----------
+    pixel_count : int
+    other : SampleMoments, optional
+        Of what is to be beaten, where more of its samples are known than those of the iterations compared.
+    """
+
+    def __init__(self, pixel_count: int, other: SampleMoments | None = None) -> None:
+        self._moments = (other or SampleMoments(pixel_count), SampleMoments(pixel_count))
+        self._costs: tuple[list[float], list[float]] = ([], [])
+        self._paths = [0, 0]
+
+    def add(
+        self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_challenger: bool
+    ) -> None:
+        """Take a unit's sums, as `SampleMoments.add`."""
+        self._moments[int(is_challenger)].add(pixels, radiance, square, sample_count)
+
+    def add_cost(self, cost: float, path_count: int, is_challenger: bool) -> None:
+        """Take what a unit of so many paths cost, in any unit."""
+        self._costs[int(is_challenger)].append(cost)
+        self._paths[int(is_challenger)] += path_count
+
+    def efficiency(self, weights: np.ndarray) -> float:
+        """Efficiency of the challenger, 1 / (variance x cost), over the other's; NaN if nothing was compared.
+
+        Parameters
+        ----------
+        weights : float32 (P,), of the pixels' variances
+        """
+        variance = np.stack([moments.variance() for moments in self._moments])
+        known = np.isfinite(variance).all(axis=0)
+        if not known.any() or 0 in self._paths:
+            return float("nan")
+        variance = variance[:, known] * weights[known]
+        total = variance.sum(axis=1)
+        for _ in range(_ROUNDS):
+            total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
+        # Exact sums, since units finish in any order.
+        cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
+        other, challenger = total * cost
+        return float(other / challenger) if challenger > 0.0 else float("nan")

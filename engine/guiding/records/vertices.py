@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a path in flight remembers of its vertices, and how that becomes records when it ends.
+
+A path gathers its radiance in one sum. The light that came in along a vertex's direction is therefore what the sum
+gained after the vertex, divided by the throughput behind it: two spectra kept per vertex, no walk back at every light.
+Light found by the scattering itself is in the sum with its MIS weight, light sampling at the vertex came before it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.guiding.records.light import Records
+from engine.kernels.constants import NAN
+from engine.kernels.vector import dot
+from engine.runtime.bundle import Bundle
+from engine.runtime.jit import kernel
+from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
+from engine.state.lanes import RGB
+
+#: Vertices remembered of a path; scatterings after these are not learned from.
+MAX_VERTICES = 24
+#: Records that a unit of work may make.
+RECORD_ROWS = 1 << 16
+#: Scatterings narrower than this pass the distance on: what is seen through them is where light is.
+SMOOTH_ROUGHNESS = np.float32(0.3)
+#: Scatterings up to this roughness are not learned from.
+MIN_ROUGHNESS = np.float32(0.01)
+
+# Columns of VertexLog.real.
+VERTEX_P = 0
+VERTEX_WI = 3
+VERTEX_NS = 6
+VERTEX_PDF = 9
+VERTEX_ROUGHNESS = 10
+VERTEX_TRAVEL = 11  # distance from the vertex before, through transparent surfaces [m]
+VERTEX_SCALE = 12  # what refraction does to distances seen through this vertex
+VERTEX_BENEFIT = 13  # factor of Eq. (19) that turns the squared reflected radiance into the variance delta; NaN: none
+VERTEX_BSDF_PDF = 14  # of the direction under BSDF sampling
+VERTEX_GUIDE_PDF = 15  # and under the guide, with the probability of not taking a delta lobe; NaN: not guided
+VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
+VERTEX_THROUGHPUT = 20  # and after
+VERTEX_RADIANCE = 24  # the path's sum at the scattering
+VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
+VERTEX_WO = 29
+VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
+VERTEX_WIDTH = 48  # three cache lines
+
+
+class VertexLog(Bundle):
+    """Vertices of the batch's paths.
+
+    real : float32 (L * V, VERTEX_WIDTH), row lane * V + vertex
+    count : int32 (L,), vertices so far
+    is_recording : uint8 (L,), whether the lane's path is remembered
+    """
+
+    real: Float32Array
+    count: Int32Array
+    is_recording: Uint8Array
+
+
+class VertexRecords(Bundle):
+    """Records of finished paths with what else is learned from them, R rows in use of each.
+
+    benefit : float32 (R,), estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none
+    bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
+    contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
+        channels, times the pixel's weight
+    light_squared : float32 (R,), the same of the light that the vertex found itself, by light sampling or by emitting,
+        as if it had sampled a light for sure
+    wo : float32 (R, 3), unit, from the vertex to where the path came from
+    surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
+    reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
+    hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
+    spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
+        Without wavelengths (R, 0)
+    """
+
+    position: Float32Array
+    direction: Float32Array
+    radiance: Float32Array
+    pdf: Float32Array
+    distance: Float32Array
+    normal: Float32Array
+    roughness: Float32Array
+    time: Float32Array
+    benefit: Float32Array
+    bsdf_pdf: Float32Array
+    guide_pdf: Float32Array
+    contribution_squared: Float32Array
+    light_squared: Float32Array
+    wo: Float32Array
+    surface_roughness: Float32Array
+    reflectance: Float32Array
+    hero: Float32Array
+    spectrum: Float32Array
+
+
+def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
+    """Empty log of `lane_count` lanes; without `use_vertices` it can only tell that nothing is recorded."""
+    rows = lane_count * MAX_VERTICES if use_vertices else 1
+    return VertexLog(
+        np.zeros((rows, VERTEX_WIDTH), np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.uint8)
+    )
+
+
+@kernel
+def distance_scale(n, wo, wi, eta):
+    """Apparent over true distance of what is seen through a refracting surface; 1 where `eta` is.
+
+    Geometric mean of the two focal distances of a flat interface: |cos_o| / (|cos_i| eta).
+    """
+    if eta == 1.0:
+        return 1.0
+    return min(abs(dot(n, wo)) / (max(abs(dot(n, wi)), 0.01) * eta), 100.0)
+
+
+@kernel
+def log_vertex(
+    log, paths, lane, p, wo, wi, ns, pdf, roughness, surface_roughness, scale, travel, benefit, bsdf_pdf, guide_pdf,
+    light_weight, before,
+):  # fmt: skip
+    """Append the scattering that has just updated `paths.throughput`.
+
+    Parameters
+    ----------
+    pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
+    surface_roughness : float32, of `mean_roughness`
+    bsdf_pdf, guide_pdf : float32 [sr^-1], NaN where not guided
+    light_weight : float32, of the vertex's light sample, 0 if it took none
+    before : float32 (L, C), throughput before the scattering
+    """
+    vertex = log.count[lane]
+    if vertex >= MAX_VERTICES:
+        return
+    log.count[lane] = vertex + 1
+    row = lane * MAX_VERTICES + vertex
+    real = log.real
+    for c in range(3):
+        real[row, VERTEX_P + c] = p[c]
+        real[row, VERTEX_WO + c] = wo[c]
+        real[row, VERTEX_WI + c] = wi[c]
+        real[row, VERTEX_NS + c] = ns[c]
+    real[row, VERTEX_PDF] = pdf
+    real[row, VERTEX_ROUGHNESS] = roughness
+    real[row, VERTEX_SURFACE_ROUGHNESS] = surface_roughness
+    real[row, VERTEX_SCALE] = scale
+    real[row, VERTEX_TRAVEL] = travel
+    real[row, VERTEX_BENEFIT] = benefit
+    real[row, VERTEX_BSDF_PDF] = bsdf_pdf
+    real[row, VERTEX_GUIDE_PDF] = guide_pdf
+    real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
+    for c in range(len(paths.channels)):
+        real[row, VERTEX_BEFORE + c] = before[lane, c]
+        real[row, VERTEX_THROUGHPUT + c] = paths.throughput[lane, c]
+        real[row, VERTEX_RADIANCE + c] = paths.radiance[lane, c]
+
+
+@kernel
+def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, records, record_count):
+    """Turn the vertices of ended paths among `lanes` into records; call before their lanes are freed.
+
+    A channel that the scattering swallowed tells nothing of the light that came in: it gets the mean of the others.
+
+    Parameters
+    ----------
+    pixel_weight : float32 (P,)
+        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
+    max_distance : float32 [m]
+        Distances are cut off here; light from outside the scene has this one.
+    records : VertexRecords; record_count : int
+        Filled from row `record_count` on; what does not fit is dropped, and counted.
+
+    Returns
+    -------
+    record_count : int
+    reject_count : int
+        Estimates that were not finite.
+    dropped_count : int
+        Vertices for whose records there was no room.
+    """
+    capacity = records.pdf.shape[0]
+    channel_count = len(paths.channels)
+    real = log.real
+    reject_count = 0
+    dropped_count = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] != 0 or log.is_recording[lane] == 0:
+            continue
+        weight = pixel_weight[paths.pixel[lane]]
+        distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
+        vertex = log.count[lane] - 1
+        log.count[lane] = 0
+        while vertex >= 0:
+            row = lane * MAX_VERTICES + vertex
+            vertex -= 1
+            roughness = real[row, VERTEX_ROUGHNESS]
+            if roughness > MIN_ROUGHNESS and record_count >= capacity:
+                dropped_count += 1
+            elif roughness > MIN_ROUGHNESS:
+                total = 0.0
+                known_count = 0
+                squared = 0.0
+                contribution = 0.0
+                reflectance = 0.0
+                light = 0.0
+                for c in range(records.spectrum.shape[1]):
+                    records.spectrum[record_count, c] = NAN
+                for c in range(channel_count):
+                    # Rounding of the long sum may leave a little less than before.
+                    gain = max(paths.radiance[lane, c] - real[row, VERTEX_RADIANCE + c], 0.0)
+                    throughput = real[row, VERTEX_THROUGHPUT + c]
+                    before = real[row, VERTEX_BEFORE + c]
+                    contribution += gain * gain
+                    # `vertex` is the one before by now.
+                    earlier = real[row - 1, VERTEX_RADIANCE + c] if vertex >= 0 else np.float32(0.0)
+                    found = real[row, VERTEX_RADIANCE + c] - earlier
+                    light += found * found
+                    value = -1.0
+                    if before > 0.0:
+                        reflectance += throughput / before
+                    if throughput > 0.0:
+                        value = gain / throughput
+                        total += value
+                        known_count += 1
+                        reflected = gain / before
+                        squared += reflected * reflected
+                        if channel_count > RGB:
+                            records.spectrum[record_count, c] = value
+                    records.radiance[record_count, c] = value
+                if known_count > 0 and total < 1e30:
+                    for c in range(channel_count):
+                        # Of wavelengths only the mean is learned: each path has its own.
+                        if channel_count > RGB or records.radiance[record_count, c] < 0.0:
+                            records.radiance[record_count, c] = total / known_count
+                    for c in range(3):
+                        records.position[record_count, c] = real[row, VERTEX_P + c]
+                        records.direction[record_count, c] = real[row, VERTEX_WI + c]
+                        records.normal[record_count, c] = real[row, VERTEX_NS + c]
+                        records.wo[record_count, c] = real[row, VERTEX_WO + c]
+                    records.pdf[record_count] = real[row, VERTEX_PDF]
+                    records.distance[record_count] = distance
+                    records.roughness[record_count] = roughness
+                    records.surface_roughness[record_count] = real[row, VERTEX_SURFACE_ROUGHNESS]
+                    # Throughput grew by the BSDF over the density.
+                    records.reflectance[record_count] = reflectance * real[row, VERTEX_PDF] / channel_count
+                    records.time[record_count] = paths.time[lane]
+                    if channel_count > RGB:
+                        records.hero[record_count] = paths.hero[lane]
+                    squared /= channel_count
+                    records.benefit[record_count] = real[row, VERTEX_BENEFIT] * squared
+                    records.bsdf_pdf[record_count] = real[row, VERTEX_BSDF_PDF]
+                    records.guide_pdf[record_count] = real[row, VERTEX_GUIDE_PDF]
+                    records.contribution_squared[record_count] = contribution * weight / channel_count
+                    light *= real[row, VERTEX_LIGHT_SHARE]
+                    records.light_squared[record_count] = light * weight / channel_count
+                    record_count += 1
+                else:
+                    reject_count += 1
+            travel = real[row, VERTEX_TRAVEL]
+            if roughness < SMOOTH_ROUGHNESS:
+                distance = min(travel + distance * real[row, VERTEX_SCALE], max_distance)
+            else:
+                distance = min(travel, max_distance)
+    return record_count, reject_count, dropped_count
+
+
+def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRecords:
+    """Zeroed `VertexRecords` of `row_count` rows."""
+
+    def scalars() -> np.ndarray:
+        return np.zeros(row_count, np.float32)
+
+    def vectors() -> np.ndarray:
+        return np.zeros((row_count, 3), np.float32)
+
+    return VertexRecords(
+        vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
+        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
+        scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
+    )
+
+
+def compensate(rows: VertexRecords, row_count: int, guiding_probability: float) -> VertexRecords:
+    """Records for fields that are to learn what BSDF sampling leaves over: with the guide's part of the radiance.
+
+    Those from before there was a guide, where the BSDF had to do alone, count in full.
+
+    Parameters
+    ----------
+    guiding_probability : float
+        Share of the directions that the guide proposes.
+
+    References
+    ----------
+    Karlik et al. 2019, "MIS Compensation"; Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", Eq. 12.
+    """
+    guide = guiding_probability * rows.guide_pdf[:row_count]
+    both = guide + (1.0 - guiding_probability) * rows.bsdf_pdf[:row_count]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = np.where(both > 0.0, guide / both, np.where(np.isnan(both), 1.0, 0.0)).astype(np.float32)
+    radiance = rows.radiance.copy()
+    radiance[:row_count] *= part[:, None]
+    return rows._replace(radiance=radiance)
+
+
+def as_records(rows: VertexRecords) -> Records:
+    """The same arrays as the fields take them."""
+    return Records(
+        rows.position, rows.direction, rows.radiance, rows.pdf, rows.distance, rows.normal, rows.roughness, rows.time
+    )
+
+
+@kernel
+def _sort_by_quarter(rows, row_count, radiance, offset):
+    for row in range(row_count):
+        quarter, offset[row] = hero_quarter(rows.hero[row])
+        for c in range(WAVELENGTH_COUNT):
+            radiance[row, (quarter + c) % WAVELENGTH_COUNT] = rows.spectrum[row, c]
+
+
+def as_records_by_quarter(rows: VertexRecords, row_count: int) -> Records:
+    """Records of wavelengths for a network that tells them apart (`NetworkShape.by_quarter`).
+
+    Returns
+    -------
+    Records
+        Of `row_count` rows. `radiance` is that of the wavelength in each quarter of [0, 1), NaN where the path had lost
+        it; `time` is how far within their quarters they lie.
+    """
+    radiance, offset = np.zeros((row_count, WAVELENGTH_COUNT), np.float32), np.zeros(row_count, np.float32)
+    _sort_by_quarter(rows, row_count, radiance, offset)
+    return as_records(rows)._replace(radiance=radiance, time=offset)

@@ -1,0 +1,408 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The renderer's handle on the worker that trains a network. Knows no torch, never blocks, never raises.
+
+Whatever goes wrong with the worker ends in `TrainerStatus.state == DEAD` with a message, and rendering goes on with the
+last snapshot or without one. The worker is a plain subprocess, so that it may run under another Python than the
+renderer's; when the renderer goes, however it goes, the worker's input ends, and with it the worker.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import enum
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from engine.array_types import Float32Array
+from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings
+from engine.guiding.records.light import Records
+from engine.guiding.trainer.channel import SLOT_COUNT, Channel
+
+_SCRIPT = Path(__file__).resolve().parents[1] / "worker" / "__main__.py"
+_PACKAGE = f"{__package__.rpartition('.')[0]}.worker"
+
+
+class TrainerState(enum.Enum):
+    """What the worker is doing."""
+
+    OFF = "not started"
+    STARTING = "starting"
+    WAITING = "waiting for light"
+    TRAINING = "training"
+    IDLE = "done with what there is"
+    DEAD = "dead"
+
+
+@dataclass(frozen=True)
+class TrainerStatus:
+    """How training stands.
+
+    state, message : and why, if it is dead
+    device : 'cpu' or 'cuda', empty before it is known
+    step, loss : of the network in training
+    seconds : of processor time that the worker has used
+    submitted_rows, rejected_rows : records that went to the worker, and those not fit to
+    dropped_submissions : calls of `submit` that found the worker behind
+    refused_snapshots : torn or not valid
+    """
+
+    state: TrainerState = TrainerState.OFF
+    message: str = ""
+    device: str = ""
+    step: int = 0
+    loss: float = math.nan
+    seconds: float = 0.0
+    submitted_rows: int = 0
+    rejected_rows: int = 0
+    dropped_submissions: int = 0
+    refused_snapshots: int = 0
+
+
+class NetworkTrainer:
+    """Trains a network in another process.
+
+    Parameters
+    ----------
+    shape : NetworkShape, MixtureShape
+        Of the network; its kind says how it is trained.
+    bounds : float32 (2, 3) [m] or None
+        What the network resolves; None: nearly all of the first records' positions (`radiance.robust_bounds`).
+    seed : int
+    training_share : float in (0, 1]
+        Of the machine's processor time that training may use.
+    deterministic : bool
+        Train in `train_until` only, on one thread: the same records give the same snapshot.
+    settings : TrainingSettings, MixtureSettings
+        As the kind of network has; None: the defaults of its shape.
+    on_command : bool
+        Train in `train_until` only, as with `deterministic`, but on all of `thread_count` threads.
+    interpreter : str or None
+        Python for the worker; None: the renderer's own.
+    thread_count : int
+        Threads of the worker, 0: as many as its share of the processors asks for.
+    start_timeout, answer_timeout : float [s]
+        Silence after which the worker counts as hung, while it starts and later.
+    """
+
+    def __init__(
+        self,
+        shape: TrainableShape,
+        bounds: Float32Array | None = None,
+        seed: int = 0,
+        training_share: float = 0.25,
+        deterministic: bool = False,
+        settings: TrainingSettings | None = None,
+        on_command: bool = False,
+        interpreter: str | None = None,
+        thread_count: int = 0,
+        start_timeout: float = 120.0,
+        answer_timeout: float = 30.0,
+    ) -> None:
+        if not 0.0 < training_share <= 1.0:
+            raise ValueError(f"training_share is {training_share}: choose a fraction above 0 and at most 1")
+        self.shape = shape
+        self.settings = settings or shape.training_settings
+        self._bounds = bounds
+        self._seed = seed
+        self._training_share = training_share
+        self._deterministic = deterministic
+        self._on_command = on_command or deterministic
+        self._interpreter = interpreter or sys.executable
+        self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
+        self._start_timeout = start_timeout
+        self._answer_timeout = answer_timeout
+        self._script = _SCRIPT
+        # Guards all below; notified at every message.
+        self._changed = threading.Condition()
+        self._status = TrainerStatus()
+        self._channel: Channel | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._reader: threading.Thread | None = None
+        self._errors: IO[bytes] | None = None
+        self._free_slots = set(range(SLOT_COUNT))
+        self._announced: tuple[int, int] | None = None  # slot and version of the newest snapshot not yet read
+        self._trained_step = -1
+        self._last_message = 0.0
+        self._submission_count = 0
+
+    # Life
+
+    def start(self) -> None:
+        """Start the worker, and return at once."""
+        with self._changed:
+            if self._status.state is not TrainerState.OFF:
+                return
+            self._set(state=TrainerState.STARTING)
+            self._last_message = time.monotonic()
+        try:
+            self._channel = Channel.create(self.shape, self.settings)
+        except OSError as error:
+            self._die(f"no shared memory for the training worker: {error.strerror or error}")
+            return
+        try:
+            self._launch(self._channel)
+        except OSError as error:
+            self._die(f"the training worker could not be started: {error}")
+
+    def _launch(self, channel: Channel) -> None:
+        environment = dict(os.environ)
+        # Threads that wait for work must not burn the renderer's processors.
+        environment.update(OMP_NUM_THREADS=str(self._thread_count), OMP_WAIT_POLICY="PASSIVE", KMP_BLOCKTIME="0")
+        extra: dict[str, Any] = {}
+        if "descriptor" in channel.address:
+            extra["pass_fds"] = (channel.address["descriptor"],)
+        if os.name == "nt":
+            extra["creationflags"] = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+        self._errors = tempfile.TemporaryFile()
+        self._process = subprocess.Popen(
+            [self._interpreter, str(self._script)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=environment,
+            **extra,
+        )
+        self._send(
+            package=_PACKAGE,
+            path=[entry for entry in sys.path if entry],
+            parent=os.getpid(),
+            kind=self.shape.kind,
+            shape=dataclasses.asdict(self.shape),  # type: ignore[call-overload]
+            settings=dataclasses.asdict(self.settings),
+            bounds=None if self._bounds is None else self._bounds.tolist(),
+            seed=self._seed,
+            deterministic=self._deterministic,
+            on_command=self._on_command,
+            training_share=self._training_share,
+            thread_count=self._thread_count,
+            channel=channel.address,
+        )
+        self._reader = threading.Thread(target=self._listen, args=(self._process,), name="training", daemon=True)
+        self._reader.start()
+
+    def close(self) -> None:
+        """Stop the worker and give its memory back; the trainer cannot be used again."""
+        self._die("closed")
+
+    def __enter__(self) -> NetworkTrainer:
+        self.start()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    def _die(self, reason: str) -> None:
+        """End of the worker, whatever state it is in."""
+        with self._changed:
+            if self._status.state is not TrainerState.DEAD:
+                self._set(state=TrainerState.DEAD, message=reason)
+            process, self._process = self._process, None
+            channel, self._channel = self._channel, None
+            errors, self._errors = self._errors, None
+            self._changed.notify_all()
+        if process is not None:
+            with contextlib.suppress(OSError):
+                process.stdin.close()  # type: ignore[union-attr]
+            _end(process)
+        if self._reader is not None and self._reader is not threading.current_thread():
+            self._reader.join(timeout=5.0)
+        if process is not None and process.stdout is not None:
+            process.stdout.close()
+        if errors is not None:
+            errors.close()
+        if channel is not None:
+            channel.close()
+
+    # Messages
+
+    def _set(self, **fields: Any) -> None:
+        self._status = dataclasses.replace(self._status, **fields)
+
+    def _send(self, **message: Any) -> None:
+        process = self._process
+        if process is None or process.stdin is None:
+            return
+        # A worker that is gone is found by the reader.
+        with contextlib.suppress(OSError, ValueError):
+            process.stdin.write(json.dumps(message).encode() + b"\n")
+            process.stdin.flush()
+
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+        """Take the worker's messages until it is gone (thread)."""
+        stream = process.stdout
+        assert stream is not None
+        try:
+            for line in stream:
+                self._take(json.loads(line))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            self._die(f"the training worker answered nonsense: {error}")
+            return
+        code = process.wait()
+        self._die(self._reason(code))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        with self._changed:
+            self._last_message = time.monotonic()
+            kind = message["kind"]
+            if self._status.state is TrainerState.DEAD:
+                return
+            if kind == "ready":
+                self._set(state=TrainerState.WAITING, device=message["device"])
+            elif kind == "free":
+                self._free_slots.add(int(message["slot"]))
+            elif kind == "progress":
+                self._set(
+                    state=TrainerState[message["state"]],
+                    step=int(message["step"]),
+                    loss=float(message["loss"]),
+                    seconds=float(message["seconds"]),
+                )
+            elif kind == "snapshot":
+                self._announced = int(message["slot"]), int(message["version"])
+            elif kind == "trained":
+                self._trained_step = int(message["step"])
+            elif kind == "failed":
+                self._set(state=TrainerState.DEAD, message=f"the training worker gave up: {message['reason']}")
+            self._changed.notify_all()
+
+    def _reason(self, code: int) -> str:
+        if code < 0:
+            with contextlib.suppress(ValueError):
+                name = signal.Signals(-code).name
+                hint = ", perhaps for want of memory" if name == "SIGKILL" else ""
+                return f"the training worker was ended by {name}{hint}"
+        last = ""
+        with self._changed:
+            if self._errors is not None:
+                size = self._errors.seek(0, os.SEEK_END)
+                self._errors.seek(max(0, size - 4096))
+                lines = self._errors.read().decode(errors="replace").strip().splitlines()
+                last = f": {lines[-1]}" if lines else ""
+        return f"the training worker ended with code {code}{last}"
+
+    def _watch(self) -> None:
+        """A worker that has said nothing for too long is hung."""
+        with self._changed:
+            state = self._status.state
+            if state in (TrainerState.OFF, TrainerState.DEAD):
+                return
+            limit = self._start_timeout if state is TrainerState.STARTING else self._answer_timeout
+            silence = time.monotonic() - self._last_message
+        if silence > limit:
+            self._die(f"the training worker has not answered for {silence:.0f} s")
+
+    # Use
+
+    @property
+    def status(self) -> TrainerStatus:
+        """How training stands."""
+        self._watch()
+        with self._changed:
+            return self._status
+
+    def submit(self, records: Records | Float32Array, row_count: int, samples: float = 1.0) -> int:
+        """Hand over the records of an iteration; the worker's part of them, if there are more than it takes.
+
+        Parameters
+        ----------
+        records : Records, or float32 (N, ROW_WIDTH)
+            Rows for networks that guide (`training_rows.py`).
+        row_count : int
+            Rows in use. With `deterministic`, their order decides the result.
+        samples : float
+            Samples a pixel that they stem from.
+
+        Returns
+        -------
+        int
+            Records handed over; 0 when the worker is dead, or still busy with the earlier ones (unless on command).
+        """
+        self._watch()
+        if self._on_command:
+            self._wait_for(lambda: bool(self._free_slots))
+        with self._changed:
+            if self._channel is None or row_count <= 0 or self._status.state is TrainerState.DEAD:
+                return 0
+            if not self._free_slots:
+                self._set(dropped_submissions=self._status.dropped_submissions + 1)
+                return 0
+            slot = self._free_slots.pop()
+            channel = self._channel
+            self._submission_count += 1
+            seed = self._seed * 0x9E3779B1 + self._submission_count
+            taken = min(row_count, channel.slot_rows)
+            count = channel.write_rows(slot, records, row_count, seed)
+            self._set(
+                submitted_rows=self._status.submitted_rows + count,
+                rejected_rows=self._status.rejected_rows + taken - count,
+            )
+            self._send(kind="rows", slot=slot, count=count, samples=samples)
+        return count
+
+    def poll(self) -> Snapshot | None:
+        """The newest snapshot that was not yet returned and is valid, else None."""
+        self._watch()
+        with self._changed:
+            announced, self._announced = self._announced, None
+            if announced is None or self._channel is None or self._status.state is TrainerState.DEAD:
+                return None
+            slot, version = announced
+            snapshot = self._channel.read_snapshot(slot)
+            if snapshot is None or snapshot.version < version:
+                self._set(refused_snapshots=self._status.refused_snapshots + 1)
+                return None
+            try:
+                snapshot.validate(self.shape)
+            except ValueError as error:
+                self._set(refused_snapshots=self._status.refused_snapshots + 1, message=str(error))
+                return None
+            return snapshot
+
+    def train_until(self, step: int) -> Snapshot | None:
+        """Train on what was submitted until `step` steps are done, and wait for it (on command only).
+
+        Returns
+        -------
+        Snapshot or None
+            None if the worker is dead, or there was no light to learn from.
+        """
+        if not self._on_command:
+            raise ValueError("train_until needs a trainer that is deterministic or trains on command")
+        with self._changed:
+            self._trained_step = -1
+            self._send(kind="train", until=step)
+        self._wait_for(lambda: self._trained_step >= 0)
+        return self.poll()
+
+    def _wait_for(self, condition: Callable[[], bool]) -> None:
+        """Wait until `condition` or the worker's end."""
+        while True:
+            with self._changed:
+                if condition() or self._status.state in (TrainerState.DEAD, TrainerState.OFF):
+                    return
+                self._changed.wait(timeout=0.5)
+            self._watch()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Wait for a process whose input is closed; insist, if it stays."""
+    for insist in (lambda: None, process.terminate, process.kill):
+        insist()
+        try:
+            process.wait(timeout=0.7)
+            return
+        except subprocess.TimeoutExpired:
+            pass
+    process.wait()

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One thread's memory for tracing, and what it has counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.accel import RayScratch
+from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
+from engine.guiding.sampling.guide import allocate_guide_of, with_field
+from engine.kernels.clock import begin
+from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
+from engine.settings import RenderSettings
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.lanes import (
+    LANE_COUNT,
+    RGB,
+    allocate_closures,
+    allocate_guided_lanes,
+    allocate_light_samples,
+    allocate_paths,
+    allocate_points,
+    allocate_shadow_rays,
+    as_rgb,
+    value_width,
+)
+from engine.state.shaders import ShaderArrays, allocate_memory
+from engine.state.unit import UnitCosts
+from engine.wavefront.columns import (
+    CANDIDATES,
+    CLOCK,
+    CLOSEST_RAYS,
+    COUNT_WIDTH,
+    GUIDED_VERTICES,
+    RECORD_REJECTS,
+    RECORDS,
+    RECORDS_DROPPED,
+    REJECTS,
+    RESAMPLED_CANDIDATES,
+    RESAMPLED_VERTICES,
+    SHADOW_RAYS,
+    TRANSPARENT_SHADOW_RAYS,
+)
+from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, Work, allocate_queue
+
+
+class Arm(NamedTuple):
+    """One way that units of an iteration are rendered.
+
+    guidance : Guidance or None
+    learned : dict, fields of `GuidanceView` but for the thread's own
+    radiance : RadianceView
+    """
+
+    guidance: Guidance | None
+    learned: dict[str, Any]
+    radiance: RadianceView
+
+
+@dataclass
+class Statistics:
+    """Counts and times of one thread (or, added up, of all)."""
+
+    stage_seconds: Counter[str] = field(default_factory=Counter)
+    rays: Counter[str] = field(default_factory=Counter)
+    path_count: int = 0
+    #: Samples, and records of what was found, that were not finite.
+    reject_count: int = 0
+    record_reject_count: int = 0
+    #: Records that a unit had no room for.
+    record_drop_count: int = 0
+    #: Vertices that were guided, those of them with several candidates, and all candidates, and theirs.
+    guided_count: int = 0
+    several_count: int = 0
+    candidate_count: int = 0
+    several_candidate_count: int = 0
+
+    def add(self, other: Statistics) -> None:
+        """Add another thread's."""
+        self.stage_seconds.update(other.stage_seconds)
+        self.rays.update(other.rays)
+        self.path_count += other.path_count
+        self.reject_count += other.reject_count
+        self.record_reject_count += other.record_reject_count
+        self.record_drop_count += other.record_drop_count
+        self.guided_count += other.guided_count
+        self.several_count += other.several_count
+        self.candidate_count += other.candidate_count
+        self.several_candidate_count += other.several_candidate_count
+
+
+class Batch:
+    """One thread's memory: everything a unit needs, allocated once for many renders.
+
+    Parameters
+    ----------
+    shaders : ShaderArrays
+    pixel_count : int
+        Most rows that a unit has on the film.
+    settings : RenderSettings
+    use_features : bool
+        Whether the film has the features.
+    is_guided : bool
+        Whether there is room to record paths, and for what guides them.
+    """
+
+    def __init__(
+        self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
+        is_guided: bool = False,
+    ) -> None:
+        lanes, channel_count = LANE_COUNT, settings.channel_count
+        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
+        self.is_guided = is_guided
+        self._scratch = RayScratch()
+        self.records = allocate_vertex_records(RECORD_ROWS if is_guided else 1, channel_count)
+        self.work = Work(
+            counts=np.zeros(COUNT_WIDTH, np.int64),
+            clock=np.zeros(len(CLOCK) + 1, np.int64),
+            ray=self._scratch.ray,
+            ray_bits=self._scratch.bits,
+            ray_address=np.array([self._scratch.address], np.int64),
+            registers=allocate_memory(shaders),
+            **{name: allocate_queue(lanes) for name in QUEUES},
+            f_cos=np.zeros((lanes, value_width(channel_count)), np.float32),
+            latent=np.zeros((2, MAX_WIDTH), np.float32),
+            hidden=allocate_scratch(MAX_WIDTH),
+            paths=allocate_paths(lanes, channel_count),
+            points=allocate_points(lanes),
+            closures=closures,
+            shaded=as_rgb(closures),
+            samples=allocate_light_samples(lanes, channel_count),
+            shadows=allocate_shadow_rays(lanes, channel_count),
+            light_points=allocate_points(lanes),
+            light_closures=light_closures,
+            light_shaded=as_rgb(light_closures),
+            guided=allocate_guided_lanes(lanes),
+            log=allocate_log(lanes, use_vertices=is_guided),
+            candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
+            records=self.records,
+        )
+        self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
+        self.film: FilmTile = allocate_tile(pixel_count, RGB, use_features)
+        self.no_weight = np.zeros(pixel_count, np.float32)
+        self.statistics = Statistics()
+        #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
+        self.unit_costs = UnitCosts()
+        self._arm: Arm | None = None
+        self.guidance: GuidanceView | None = None
+
+    def take(self, shaders: ShaderArrays) -> None:
+        """Be ready for another render, of a scene with these programs."""
+        self.work = self.work._replace(registers=allocate_memory(shaders))
+        self._guide = with_field(self._guide, None)
+        self._arm = self.guidance = None
+        self.statistics, self.unit_costs = Statistics(), UnitCosts()
+
+    @property
+    def record_count(self) -> int:
+        """Records of the unit in work."""
+        return int(self.work.counts[RECORDS])
+
+    def follow(self, arm: Arm) -> GuidanceView:
+        """Draw directions from what an iteration has learned.
+
+        Raises
+        ------
+        TypeError
+            If what was learned is not of the shape that kernels were compiled for.
+        """
+        # Unguided units read nothing of it, and need no new one.
+        if self.guidance is None or (arm.guidance is not None and arm is not self._arm):
+            self._arm = arm
+            if arm.guidance is not None:
+                self._guide = with_field(self._guide, arm.guidance.source)
+            guidance = GuidanceView(**arm.learned, guide=self._guide)
+            if self.guidance is not None and guidance._numba_type_ != self.guidance._numba_type_:
+                raise TypeError("what was learned is not of the shape that kernels were compiled for")
+            self.guidance = guidance
+        return self.guidance
+
+    def begin(self) -> None:
+        """All lanes free, nothing counted, the film black."""
+        work = self.work
+        for array in self.film:
+            array.fill(0)
+        for name in QUEUES:
+            getattr(work, name).count[0] = 0
+        work.free.lanes[:] = np.arange(LANE_COUNT - 1, -1, -1)
+        work.free.count[0] = LANE_COUNT
+        work.counts[:] = 0
+        work.clock[:] = 0
+        # No lane is guided, whatever the last unit was.
+        work.guided.rough_share[:] = 0.0
+        work.samples.guide_pdf[:] = 0.0
+        work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
+        begin(work.clock)
+
+    def count(self, seconds: float, path_count: int) -> None:
+        """Add what the unit counted to the statistics; it took so many seconds."""
+        statistics, counts, clock = self.statistics, self.work.counts.tolist(), self.work.clock[:-1]
+        per_tick = seconds / max(int(clock.sum()), 1)
+        self.unit_costs = UnitCosts(
+            seconds,
+            counts[CLOSEST_RAYS] + counts[SHADOW_RAYS],
+            counts[GUIDED_VERTICES],
+            counts[RESAMPLED_CANDIDATES],
+        )
+        for entry, ticks in zip(CLOCK._fields, clock.tolist(), strict=True):
+            if ticks:
+                statistics.stage_seconds[entry] += ticks * per_tick
+        statistics.rays["closest"] += counts[CLOSEST_RAYS]
+        statistics.rays["shadow"] += counts[SHADOW_RAYS]
+        statistics.rays["transparent_shadow"] += counts[TRANSPARENT_SHADOW_RAYS]
+        statistics.path_count += path_count
+        statistics.reject_count += counts[REJECTS]
+        statistics.record_reject_count += counts[RECORD_REJECTS]
+        statistics.record_drop_count += counts[RECORDS_DROPPED]
+        statistics.guided_count += counts[GUIDED_VERTICES]
+        statistics.several_count += counts[RESAMPLED_VERTICES]
+        statistics.candidate_count += counts[CANDIDATES]
+        statistics.several_candidate_count += counts[RESAMPLED_CANDIDATES]

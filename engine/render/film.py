@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Film: sums per pixel, from which the passes are made.
+
+Samples carry the pixel filter in their position (importance sampling), so a sample belongs to one pixel only and tiles
+never share one. A unit of work fills a `FilmTile` of its own and is merged whole or not at all: dropping the paths
+still in flight of a cancelled unit would favour short paths.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.state.film import (
+    FEATURE_ALBEDO,
+    FEATURE_CANDIDATES,
+    FEATURE_EMISSION,
+    FEATURE_ENVIRONMENT,
+    FEATURE_GUIDING_BENEFIT,
+    FEATURE_NORMAL,
+    FIRST_DEPTH,
+    FIRST_MATERIAL_INDEX,
+    FIRST_OBJECT_INDEX,
+    FIRST_POSITION,
+    FilmTile,
+    allocate_tile,
+)
+
+PASS_NAMES = (
+    "Combined",
+    "Depth",
+    "Normal",
+    "Position",
+    "Albedo",
+    "Emission",
+    "Environment",
+    "IndexOB",
+    "IndexMA",
+    "Sample Count",
+    "Variance",
+    "Candidate Count",
+    "Guiding Benefit",
+)
+#: Passes that need the features; without any, they are neither computed nor stored.
+FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
+
+
+class Film:
+    """The image's sums, width x height pixels, row 0 at the bottom."""
+
+    def __init__(self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False) -> None:
+        self.width, self.height = width, height
+        self.use_features = use_features
+        self.sums = allocate_tile(width * height, channel_count, use_features)
+
+    def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
+        """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
+
+        `weight` of each of its samples must not depend on any sample.
+        """
+        first = self.sums.count[pixels] == 0
+        factor = np.float32(weight)
+        self.sums.radiance[pixels] += tile.radiance[: len(pixels)] * factor
+        self.sums.square[pixels] += tile.square[: len(pixels)] * factor
+        self.sums.alpha[pixels] += tile.alpha[: len(pixels)] * factor
+        if self.use_features:
+            self.sums.features[pixels] += tile.features[: len(pixels)] * factor
+            self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        count = tile.count[: len(pixels)]
+        self.sums.weight[pixels] += count * factor
+        self.sums.weight_squared[pixels] += count * (factor * factor)
+        self.sums.count[pixels] += count
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the sums."""
+        return sum(array.nbytes for array in self.sums)
+
+    def passes(self, names: set[str] | frozenset[str], *, exposure: float) -> dict[str, np.ndarray]:
+        """Images by pass name.
+
+        Parameters
+        ----------
+        names : set of str
+            From PASS_NAMES; `'Combined'` is always made.
+        exposure : float
+            Factor on radiance.
+
+        Returns
+        -------
+        dict of float32 (height, width, channels), row 0 at the bottom, scene-linear
+            Combined has premultiplied alpha. Variance is that of the pixel's mean, per channel, after exposure.
+            Candidate Count is the mean number of candidates at the first surface, 0 where it was not guided; Guiding
+            Benefit the second moment of its light with BSDF sampling over that with guiding, as estimated, 1 where it
+            was not guided. Both count all samples, those of iterations that knew nothing too.
+        """
+        shape = (self.height, self.width)
+        count = self.sums.count.astype(np.float32)
+        # At least one sample's weight, where there is a sample: dividing sums of ones keeps a one exact.
+        weight = np.where(count > 0, self.sums.weight, 1.0).astype(np.float32)
+        scale = np.where(count > 0, 1.0 / weight, 0.0).astype(np.float32)[:, None]
+        mean = self.sums.radiance[:, :3] * scale
+        images: dict[str, np.ndarray] = {}
+
+        combined = np.empty((*shape, 4), np.float32)
+        combined[..., :3] = (mean * exposure).reshape(*shape, 3)
+        # Without a transparent film only holdouts have an alpha below one.
+        alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
+        combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
+        images["Combined"] = combined
+        if "Sample Count" in names:
+            images["Sample Count"] = count.reshape(*shape, 1)
+        if "Variance" in names:
+            square = self.sums.square[:, :3] * scale
+            # Variance of a weighted mean: that of a sample (n / (n - 1) for the mean taken from them) times sum w^2 /
+            # (sum w)^2, which is 1 / n for equal weights.
+            of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
+            spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
+            images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
+        if self.use_features:
+            features = self.sums.features * scale
+            for name, column, factor in (
+                ("Normal", FEATURE_NORMAL, 1.0),
+                ("Albedo", FEATURE_ALBEDO, 1.0),
+                ("Emission", FEATURE_EMISSION, exposure),
+                ("Environment", FEATURE_ENVIRONMENT, exposure),
+            ):
+                if name in names:
+                    images[name] = np.ascontiguousarray(features[:, column : column + 3] * factor).reshape(*shape, 3)
+            if "Candidate Count" in names:
+                images["Candidate Count"] = features[:, FEATURE_CANDIDATES].reshape(*shape, 1)
+            if "Guiding Benefit" in names:
+                images["Guiding Benefit"] = (1.0 + features[:, FEATURE_GUIDING_BENEFIT]).reshape(*shape, 1)
+            points = self.sums.points
+            for name, column, width in (
+                ("Depth", FIRST_DEPTH, 1),
+                ("Position", FIRST_POSITION, 3),
+                ("IndexOB", FIRST_OBJECT_INDEX, 1),
+                ("IndexMA", FIRST_MATERIAL_INDEX, 1),
+            ):
+                if name in names:
+                    image = np.ascontiguousarray(points[:, column : column + width]).reshape(*shape, width)
+                    images[name] = image.astype(np.float32)
+        return images

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One render's threads: they take tasks from its schedule, trace them, and put them on the film."""
+
+from __future__ import annotations
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.source_model import TrainedSource
+from engine.guiding.policy import trial
+from engine.guiding.policy.costs import IterationCosts
+from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.learning import Learner
+from engine.guiding.records.vertices import VertexRecords
+from engine.render.batch import Batch, Statistics
+from engine.render.film import Film
+from engine.render.report import Progress
+from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Task
+from engine.render.strata import StrataFilm, StrataSchedule
+from engine.render.tracer import Tracer
+from engine.scene.description import Frame
+from engine.settings import RenderSettings
+from engine.state.unit import ALL_STRATA, PLAIN, Unit
+
+#: Side of a tile [pixels].
+TILE_SIZE = 32
+_PREPARING = "Preparing kernels"
+
+
+def tiles_of(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pixels (column, row in the full image) and film indices of each tile of the region."""
+    x0, y0, x1, y1 = frame.region
+    width = x1 - x0
+    tiles = []
+    for top in range(y0, y1, TILE_SIZE):
+        for left in range(x0, x1, TILE_SIZE):
+            rows, columns = np.mgrid[top : min(top + TILE_SIZE, y1), left : min(left + TILE_SIZE, x1)]
+            pixels = np.ascontiguousarray(np.stack([columns.ravel(), rows.ravel()], axis=1), np.int32)
+            tiles.append((pixels, ((rows - y0) * width + (columns - x0)).ravel()))
+    return tiles
+
+
+class Job:
+    """One render.
+
+    Parameters
+    ----------
+    tracer : Tracer
+        That has taken the scene.
+    frame : Frame
+    film : Film
+    settings : RenderSettings
+    thread_count : int
+    source, sink : optional
+        See `Session.render`.
+    """
+
+    def __init__(
+        self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
+        source: TrainedSource | None = None, sink: RowSink | None = None,
+    ) -> None:
+        self.tracer, self.film, self.settings = tracer, film, settings
+        self.thread_count = thread_count
+        self.film_lock = threading.Lock()
+        self.cancelled = False
+        self.has_image = False
+        self.prepare_seconds = 0.0
+        self.render_seconds = 0.0
+        self.learner: Learner | None = None
+        self._tiles = tiles_of(frame)
+        self._strata = max(settings.strata, 1)
+        self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples)
+        self._iterations: Iterations | None = None
+        if settings.is_guided:
+            largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
+            pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
+            self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink)
+            strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
+            self._schedule = self._iterations = Iterations(len(self._tiles), settings.samples, strata)
+            self._iterations.begin(self.learner.parts)
+        self._units: dict[int, list[VertexRecords]] = {}
+        self._before = Statistics()
+        self._queue_changed = threading.Condition()
+        self._busy = 0
+        #: Read by kernels: not 0 ends them after the round in work.
+        self._stop_flag = np.zeros(1, np.int32)
+        self._batches: list[Batch] = []
+        self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
+        self._futures: list = []
+        self._finished_paths = 0
+        self._total_paths = sum(len(pixels) for pixels, _ in self._tiles) * settings.samples
+        self._created = time.perf_counter()
+        self._render_start: float | None = None
+
+    def start(self) -> None:
+        """Begin: one thread readies the kernels on a single path, then all trace."""
+        self._futures = [self._pool.submit(self._prepare)]
+
+    def stop(self) -> None:
+        """Ask all threads to stop at the next stage."""
+        with self._queue_changed:
+            self._stop_flag[0] = 1
+            self._queue_changed.notify_all()
+
+    @property
+    def _stop(self) -> bool:
+        """True once `stop` was called."""
+        return bool(self._stop_flag[0])
+
+    @property
+    def _is_learning(self) -> bool:
+        """Whether the render goes in iterations: it is guided, and guiding has not been given up."""
+        return self._schedule is self._iterations
+
+    def wait(self, seconds: float) -> bool:
+        """Wait a little; True once all is done. Raises what a thread raised."""
+        deadline = time.perf_counter() + seconds
+        while True:
+            pending = [future for future in list(self._futures) if not future.done()]
+            if not pending:
+                for future in list(self._futures):
+                    future.result()
+                if all(future.done() for future in self._futures):
+                    return True
+                continue
+            left = deadline - time.perf_counter()
+            if left <= 0.0:
+                return False
+            try:
+                pending[0].exception(timeout=left)
+            except TimeoutError:
+                return False
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether there is anything to show; it may be a part of the image."""
+        return self._finished_paths > 0
+
+    @property
+    def is_preparing(self) -> bool:
+        """Whether kernels are still being loaded, which cannot be interrupted where one must be compiled."""
+        return self._render_start is None
+
+    def join(self) -> None:
+        """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""
+        self._pool.shutdown(wait=not (self._stop and self.is_preparing))
+        if self._render_start is not None:
+            self.render_seconds = time.perf_counter() - self._render_start
+
+    def statistics(self) -> Statistics:
+        """Sum over threads."""
+        total = Statistics()
+        for batch in self._batches:
+            total.add(batch.statistics)
+        return total
+
+    def progress(self) -> Progress:
+        """Where it stands now."""
+        now = time.perf_counter()
+        elapsed = now - (self._render_start or self._created)
+        fraction = self._finished_paths / max(self._total_paths, 1)
+        limit = self.settings.time_limit
+        remaining = None
+        if self._render_start is None:
+            return Progress(0.0, 0, self.settings.samples, elapsed, None, 0.0, _PREPARING)
+        if fraction > 0.0:
+            remaining = elapsed * (1.0 - fraction) / fraction
+        if limit:
+            remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
+            fraction = max(fraction, min(elapsed / limit, 1.0))
+        rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
+        sample = int(self._finished_paths / max(self._total_paths, 1) * self.settings.samples)
+        speed = rays / max(elapsed, 1e-6)
+        return Progress(min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, speed, "Rendering")
+
+    def _prepare(self) -> None:
+        largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
+        tracer = self.tracer
+        self._batches = tracer.make_batches(
+            self.thread_count, largest * self._strata, is_guided=self.learner is not None
+        )
+        if self._tiles and not tracer.is_linked(self._batches[0]):
+            if self.learner is not None:
+                self.learner.rehearse()
+            tracer.warm_up(self._batches[0])
+        if self.learner is not None:
+            self.tracer.guidance = self.learner.first()
+        self.prepare_seconds = time.perf_counter() - self._created
+        if self._stop:
+            return
+        self._render_start = time.perf_counter()
+        self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
+
+    def _time_is_up(self) -> bool:
+        limit = self.settings.time_limit
+        assert self._render_start is not None
+        return bool(limit and self.has_image and time.perf_counter() - self._render_start >= limit)
+
+    def _next_task(self) -> Task | None:
+        with self._queue_changed:
+            while not self._schedule.has_task and self._busy and not self._stop:
+                self._queue_changed.wait(0.5)
+            if self._time_is_up():
+                self._schedule.clear()
+            if self._stop or not self._schedule.has_task:
+                return None
+            self._busy += 1
+            return self._schedule.take()
+
+    def _work(self, batch: Batch) -> None:
+        try:
+            while (task := self._next_task()) is not None:
+                pixels, film_index = self._tiles[task.tile]
+                unit = Unit(pixels, film_index, *task.part, task.stratum, self._strata)
+                if self.tracer.trace_unit(batch, unit, self._stop_flag):
+                    self._keep(batch, task, unit)
+                    with self._queue_changed:
+                        is_waiting = self._schedule.finish(task)
+                    if is_waiting:
+                        # One thread only: the others find no task.
+                        self._finish_iteration()
+                with self._queue_changed:
+                    self._busy -= 1
+                    if not task.is_first or not self._schedule.lacks_first_tasks:
+                        self.has_image = True
+                    self._queue_changed.notify_all()
+        except BaseException:
+            self.stop()
+            raise
+
+    def _keep(self, batch: Batch, task: Task, unit: Unit) -> None:
+        """Put a finished unit on the film, and what it recorded aside."""
+        weight = 1.0
+        if self.learner is not None:
+            weight = iteration_weight(task.weighs_as, self.settings.sample_weighting)
+            if unit.arm == PLAIN:
+                weight *= trial.PLAIN_WEIGHT
+            elif self._is_learning:
+                rows = [column[: batch.record_count].copy() for column in batch.records]
+                self._units.setdefault(task.tile, []).append(VertexRecords(*rows))
+        with self.film_lock:
+            sums = batch.film
+            if isinstance(self.film, StrataFilm):
+                sums = self.film.merge_stratum(unit.film_index, sums, weight, unit.stratum)
+            else:
+                self.film.merge(unit.film_index, sums, weight)
+            self._finished_paths += len(unit.pixels) * unit.sample_count
+            if self.learner is not None:
+                self.learner.compare(unit, sums, batch.unit_costs)
+
+    def _finish_iteration(self) -> None:
+        """After the last unit of an iteration: learn, and begin the next. The other threads wait meanwhile."""
+        learner, iterations = self.learner, self._iterations
+        assert learner is not None and iterations is not None and self._render_start is not None
+        following = iterations.plan(time.perf_counter() - self._render_start)
+        is_last = following is None or self._time_is_up()
+        if self._stop or (is_last and learner.sink is None):
+            return
+        units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
+        self._units = {}
+        if is_last:
+            learner.keep(units)
+            return
+        assert following is not None and self.tracer.guidance is not None
+        self.tracer.guidance = learner.learn(
+            units, self.tracer.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
+            self._costs_since(), following, is_whole=iterations.is_whole,
+        )
+        with self._queue_changed:
+            if learner.is_over:
+                # Nobody waits for anybody from here on.
+                stratum = ALL_STRATA if self._strata > 1 else 0
+                self._schedule = PlainSchedule(
+                    len(self._tiles), self.settings.samples, following[0], LARGEST_TASK_SAMPLES, stratum
+                )
+            else:
+                iterations.begin(learner.parts)
+
+    def _costs_since(self) -> IterationCosts:
+        """What the threads have counted since this was last asked."""
+        total, before = self.statistics(), self._before
+        self._before = total
+        return IterationCosts(
+            total.stage_seconds - before.stage_seconds,
+            sum(total.rays.values()) - sum(before.rays.values()),
+            total.path_count - before.path_count,
+            total.guided_count - before.guided_count,
+            total.several_count - before.several_count,
+            total.several_candidate_count - before.several_candidate_count,
+            total.record_drop_count - before.record_drop_count,
+        )

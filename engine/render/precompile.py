@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compiling kernels before they are needed, in helper processes.
+
+Numba compiles one kernel at a time and cannot be interrupted while it does. Where the cache is cold, Python processes
+of our own therefore compile a part each into the cache, while this one only waits: it can tell the user and be
+cancelled. Where there is no Python to start, or a helper fails, kernels are compiled by their first call as ever.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+
+from engine.runtime.jit import source_hash
+from engine.runtime.kernel_cache import cache_root
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+#: What helpers compile, about the same work each: the shader interpreter, and all other stages.
+PARTS = ("shaders", "tracing")
+#: What one more compiles for guided renders, with the others in place.
+GUIDED_PARTS = ("guiding",)
+#: And for renders with wavelengths.
+SPECTRAL_PARTS = ("spectral",)
+SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
+
+#: The engine's own name: a part of Blender's packages in an extension.
+_PACKAGE = __package__.rpartition(".")[0]
+_POLL_SECONDS = 0.05
+
+# Inside Blender the engine is a package within packages that are Blender's to make: stand-ins are enough.
+_BOOTSTRAP = """
+import importlib, json, sys, types
+path, package, folder, part = json.loads(sys.argv[1])
+sys.path[:] = path
+parents = package.split(".")[:-1]
+for depth in range(1, len(parents) + 1):
+    module = types.ModuleType(".".join(parents[:depth]))
+    module.__path__ = [folder] if depth == len(parents) else []
+    sys.modules[module.__name__] = module
+importlib.import_module(package + ".render.precompile_worker").compile_part(part)
+"""
+
+
+def stamp_file(part: str) -> Path:
+    """File that says that `part` is in the cache, for these sources and this processor."""
+    sources = source_hash(f"{_PACKAGE}.render.precompile_worker", Path(__file__).with_name("precompile_worker.py"))
+    processor = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()  # type: ignore[no-untyped-call]
+    digest = hashlib.sha256((sources + processor).encode()).hexdigest()[:16]
+    return cache_root() / f"{part}-{digest}.complete"
+
+
+def is_cold(parts: Sequence[str] = PARTS) -> bool:
+    """Whether kernels are to be compiled before the first render."""
+    return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in parts)
+
+
+def compile_ahead(
+    poll: Callable[[float], None], *, is_guided: bool = False, is_spectral: bool = False
+) -> None:
+    """Fill the cache, if it is cold; does nothing where that is impossible.
+
+    Parameters
+    ----------
+    poll : callable
+        Called often with the seconds so far. What it raises ends the helpers and is raised again.
+    is_guided : bool
+        Whether the kernels of guiding are needed too.
+    is_spectral : bool
+        Whether paths have wavelengths: tracing has kernels of its own for them.
+    """
+    started = time.monotonic()
+    needed: list[tuple[str, ...]] = [PARTS]
+    if is_guided:
+        needed.append(GUIDED_PARTS)
+    if is_spectral:
+        needed.append(SPECTRAL_PARTS)
+    if is_guided and is_spectral:
+        needed.append(SPECTRAL_GUIDED_PARTS)
+    for parts in needed:
+        if is_cold(parts):
+            _compile_parts(parts, lambda: poll(time.monotonic() - started))
+
+
+def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
+    python = _interpreter()
+    if python is None or not os.access(cache_root(), os.W_OK):
+        return
+    helpers: list[subprocess.Popen] = []
+    try:
+        with contextlib.suppress(OSError):
+            for part in parts:
+                if not stamp_file(part).is_file():
+                    helpers.append(_start(python, part))
+        while any(helper.poll() is None for helper in helpers):
+            poll()
+            time.sleep(_POLL_SECONDS)
+    finally:
+        for helper in helpers:
+            if helper.poll() is None:
+                helper.kill()
+            helper.wait()
+
+
+@contextlib.contextmanager
+def exclusive(part: str) -> Iterator[None]:
+    """Let only one process at a time compile `part` of these sources: others wait, then find it done."""
+    with stamp_file(part).with_suffix(".lock").open("w", encoding="ascii") as file:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield  # closing the file frees the lock, as the end of the process does
+
+
+def _interpreter() -> str | None:
+    """A Python to start: this process's own unless that is a program with Python inside, None if there is none."""
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    prefix = Path(sys.prefix)
+    for candidate in (Path(sys.executable or ""), prefix / "bin" / version, prefix / "bin" / "python.exe"):
+        if candidate.stem.lower().startswith("python") and candidate.is_file():
+            return str(candidate)
+    return None
+
+
+def _start(python: str, part: str) -> subprocess.Popen:
+    folder = Path(__file__).resolve().parents[2]
+    arguments = json.dumps([sys.path, _PACKAGE, str(folder), part])
+    return subprocess.Popen(
+        [python, "-I", "-S", "-B", "-c", _BOOTSTRAP, arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "NEURALGUIDE_KERNEL_CACHE": str(cache_root())},
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+    )

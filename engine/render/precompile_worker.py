@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a helper process of `engine.render.precompile` does: call every kernel of its part once, on a small scene."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from engine.builder.geometry import plain_instances
+from engine.render import precompile
+from engine.runtime import kernel_cache
+from engine.scene.description import (
+    Camera,
+    Frame,
+    Light,
+    Link,
+    Material,
+    Mesh,
+    Node,
+    NodeGraph,
+    SceneDescription,
+    World,
+)
+
+
+def compile_part(part: str) -> None:
+    """Put a part of the kernels into the cache, unless another process has or does.
+
+    Parameters
+    ----------
+    part : str
+        One of the parts that `precompile` names.
+
+    Raises
+    ------
+    OSError
+        If a kernel cannot be saved.
+    """
+    kernel_cache.must_save = True
+    # Numba's data of a kernel are kept, in millions of small objects: looking for rubbish among them takes a sixth of
+    # the time, and finds little.
+    gc.disable()
+    with precompile.exclusive(part):
+        stamp = precompile.stamp_file(part)
+        if not stamp.is_file():
+            {
+                "shaders": _compile_shaders,
+                "tracing": _compile_tracing,
+                "guiding": _compile_guiding,
+                "spectral": _compile_spectral,
+                "spectral_guiding": _compile_spectral_guiding,
+            }[part]()
+            stamp.touch()
+
+
+def _compile_shaders() -> None:
+    from engine.builder.programs import compile_scene
+
+    # The compiler runs programs on a stand-in surface.
+    compile_scene(small_scene())
+
+
+def _compile_tracing() -> None:
+    from engine.kernels.shader import interpreter
+
+    # The other helper has this kernel. It must go before any module imports it by name.
+    interpreter.evaluate_shaders = _nothing_in_place_of("evaluate_shaders")
+
+    _render("OFF")
+
+
+def _compile_guiding() -> None:
+    # Every method has a stage of its own; the rest is the same.
+    _render("VMM_RIS")
+    _render("TABLE_RIS")
+
+
+def _compile_spectral() -> None:
+    _render("OFF", spectral="ON")
+
+
+def _compile_spectral_guiding() -> None:
+    _render("VMM_RIS", spectral="ON")
+    _render("TABLE_RIS", spectral="ON")
+
+
+def _render(guiding_method: str, spectral: str = "OFF") -> None:
+    from engine.builder.scene import SceneCache, build_scene
+    from engine.render.session import Session
+    from engine.settings import RenderSettings
+
+    settings = RenderSettings(samples=3, threads=1, guiding_method=guiding_method, spectral=spectral)
+    session = Session(settings)
+    session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
+    session.render(passes=("Combined", "Normal"))
+
+
+def _nothing_in_place_of(name: str) -> Callable[..., None]:
+    """A function of that name, by which stages are called, that does nothing."""
+
+    def nothing(*_arguments: Any) -> None:
+        return None
+
+    nothing.__name__ = name
+    return nothing
+
+
+def small_scene() -> SceneDescription:
+    """A scene in which every stage has something to do: all kinds of lights, see-through shadows, a textured world."""
+    up = np.eye(4, dtype=np.float32)
+    up[2, 3] = 2.0
+    down = np.eye(4, dtype=np.float32)
+    down[2, 3] = -1.0
+    gradient = NodeGraph(
+        [
+            Node("ShaderNodeTexGradient", "Gradient", {}, {"gradient_type": "LINEAR"}),
+            Node("ShaderNodeBackground", "Background", {"Color": Link(0, "Color"), "Strength": 1.0}),
+        ],
+        Link(1, "Background"),
+    )
+    see_through = NodeGraph(
+        [Node("ShaderNodeBsdfTransparent", "Clear", {"Color": (1.0, 1.0, 1.0, 1.0)})], Link(0, "BSDF")
+    )
+    glowing = NodeGraph([Node("ShaderNodeEmission", "Glow", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": 5.0})])
+    glowing.surface = Link(0, "Emission")
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
+    mesh = Mesh("square", "Square", corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), None, np.zeros(2, np.int32))
+    white = (1.0, 1.0, 1.0)
+    return SceneDescription(
+        camera=Camera(transform=up),
+        frame=Frame(4, 4, (0, 0, 4, 4)),
+        meshes=[mesh],
+        instances=plain_instances(np.stack([np.eye(4), down, 2.0 * down]), materials=range(3), name="Square"),
+        materials=[Material(name, name, graph) for name, graph in (("a", None), ("b", see_through), ("c", glowing))],
+        images=[],
+        lights=[
+            Light("point", "Point", "POINT", up, white, 10.0, radius=0.1),
+            Light("spot", "Spot", "SPOT", up, white, 10.0, radius=0.1),
+            Light("area", "Area", "AREA", up, white, 10.0),
+            Light("sun", "Sun", "SUN", up, white, 1.0, angle=0.1),
+        ],
+        world=World("world", "World", gradient, sampling="MANUAL", map_resolution=8),
+    )

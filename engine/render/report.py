@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a render says of itself: while it goes on, and at its end."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.guiding.models.report import GuidingReport
+from engine.guiding.policy.guidance import Guidance
+from engine.scene.description import Notice
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a render stands. `remaining` is in seconds, None while unknown."""
+
+    fraction: float
+    sample: int
+    samples: int
+    elapsed: float
+    remaining: float | None
+    rays_per_second: float
+    message: str
+
+
+@dataclass
+class RenderReport:
+    """What happened, for logs and benchmarks; times in seconds, memory in bytes."""
+
+    notices: list[Notice] = field(default_factory=list)
+    build_seconds: float = 0.0
+    compile_seconds: float = 0.0  # kernels, the first time ever
+    prepare_seconds: float = 0.0  # kernels: loading from the cache
+    render_seconds: float = 0.0
+    sample_count: float = 0.0  # mean per pixel
+    path_count: int = 0
+    rays: dict[str, int] = field(default_factory=dict)
+    stage_seconds: dict[str, float] = field(default_factory=dict)  # summed over threads
+    reject_count: int = 0  # samples that were not finite: black in the picture
+    record_reject_count: int = 0  # records that were not finite: nothing is learned from them
+    record_drop_count: int = 0  # records of units whose paths left more than there is room for
+    peak_memory: int = 0
+    thread_count: int = 1
+    is_spectral: bool = False  # paths had wavelengths
+    cancelled: bool = False
+    guiding: GuidingReport = field(default_factory=GuidingReport)
+
+
+@dataclass
+class RenderResult:
+    """passes : dict of float32 (height, width, channels), row 0 at the bottom.
+
+    guidance : Guidance or None
+        What the last iteration went by; None of an unguided render.
+    """
+
+    passes: dict[str, np.ndarray]
+    report: RenderReport
+    guidance: Guidance | None = None
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far [bytes]; 0 where the system does not tell."""
+    if resource is None:
+        return 0
+    usage = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return usage if sys.platform == "darwin" else usage * 1024

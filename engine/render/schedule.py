@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is rendered when: schedules hand out tasks and are told of finished ones; they know nothing of rays or threads.
+
+A task is a tile by a range of samples. Tasks of one tile follow each other in the order of their samples; those of
+different tiles can be done at the same time. A guided render goes in iterations: all tiles' tasks of one, then
+learning, then the next; once guiding is given up it goes on as an unguided one.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from engine.guiding.policy.iterations import iteration_lengths
+from engine.guiding.policy.trial import Part
+from engine.render.strata import StrataSchedule
+from engine.state.unit import ALL_STRATA, CURRENT
+
+#: Samples of a tile's successive tasks grow to this: small first for an early image, large later to keep lanes full.
+LARGEST_TASK_SAMPLES = 64
+#: A tile's successive tasks grow by this factor: the first should show soon, and each costs a start and an end with few
+#: paths in flight.
+_TASK_GROWTH = 4
+
+
+def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[int, int]]:
+    """(first, count) of a tile's successive tasks in an unguided render, from a first one of so many samples on."""
+    ranges = []
+    while first < samples:
+        count = min(count, samples - first)
+        ranges.append((first, count))
+        first += count
+        count = min(_TASK_GROWTH * count, LARGEST_TASK_SAMPLES)
+    return ranges
+
+
+@dataclass(frozen=True)
+class Task:
+    """A tile by a range of samples.
+
+    tile : int
+    part : Part, which samples, and by which arm
+    stratum : int, part of u that they lie in, or ALL_STRATA
+    weighs_as : int, the sample by which they are weighed: the first of their iteration
+    is_first : bool, whether the tile has no samples before
+    step, place : int, of an iteration, and of the part in it
+    """
+
+    tile: int
+    part: Part
+    stratum: int
+    weighs_as: int
+    is_first: bool
+    step: int
+    place: int = 0
+
+
+class Schedule(Protocol):
+    """Hands out tasks. Not safe for threads: who shares it locks it."""
+
+    @property
+    def has_task(self) -> bool:
+        """Whether there is something to hand out now."""
+
+    @property
+    def lacks_first_tasks(self) -> bool:
+        """Whether first tasks of tiles wait to be handed out."""
+
+    def take(self) -> Task:
+        """The next task; there must be one."""
+
+    def clear(self) -> None:
+        """Hand out no more of what waits."""
+
+    def finish(self, task: Task) -> bool:
+        """Take note of a finished task; True if the schedule waits for `Iterations.begin`."""
+
+
+class PlainSchedule:
+    """All samples of each tile, in tasks that grow.
+
+    Parameters
+    ----------
+    tile_count : int
+    samples : int
+    first, count : int
+        Sample to begin with, and samples of the first task.
+    stratum : int
+    """
+
+    def __init__(self, tile_count: int, samples: int, first: int = 0, count: int = 1, stratum: int = 0) -> None:
+        self._ranges = sample_ranges(samples, first, count)
+        self._stratum = stratum
+        self._waiting = deque((tile, 0) for tile in range(tile_count) if self._ranges)
+
+    @property
+    def has_task(self) -> bool:
+        return bool(self._waiting)
+
+    @property
+    def lacks_first_tasks(self) -> bool:
+        return any(self._ranges[step][0] == 0 for _, step in self._waiting)
+
+    def take(self) -> Task:
+        tile, step = self._waiting.popleft()
+        first, count = self._ranges[step]
+        return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
+
+    def clear(self) -> None:
+        self._waiting.clear()
+
+    def finish(self, task: Task) -> bool:
+        if task.step + 1 < len(self._ranges):
+            self._waiting.append((task.tile, task.step + 1))
+        return False
+
+
+class Iterations:
+    """Iterations, each of all tiles; between two of them somebody learns, and says how the next is divided.
+
+    Parameters
+    ----------
+    tile_count : int
+    samples : int
+    strata : StrataSchedule, optional
+        Which stratum an iteration belongs to, and how long it is; without, lengths go by index.
+    """
+
+    def __init__(self, tile_count: int, samples: int, strata: StrataSchedule | None = None) -> None:
+        self._tile_count = tile_count
+        self._strata = strata
+        self._stratum = 0 if strata is None else ALL_STRATA
+        self._ranges: list[tuple[int, int]] = []
+        if strata is None:
+            first = 0
+            for length in iteration_lengths(samples):
+                self._ranges.append((first, length))
+                first += length
+        self._step = -1
+        self._unfinished = 0
+        self._parts: list[Part] = []
+        self._waiting: deque[tuple[int, int]] = deque()
+        self.plan(0.0)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether samples of the iteration lie in all of u."""
+        return self._strata is None or self._stratum == ALL_STRATA
+
+    @property
+    def stratum(self) -> int:
+        """Part of u that the iteration lies in."""
+        return self._stratum
+
+    def plan(self, seconds: float) -> tuple[int, int] | None:
+        """Go on to the next iteration, which `begin` begins: its first sample and samples a pixel; None: there is none.
+
+        Parameters
+        ----------
+        seconds : float
+            Time since the beginning.
+        """
+        if self._strata is not None:
+            first = sum(self._ranges[-1]) if self._ranges else 0
+            following = self._strata.next(first, seconds)
+            if following is not None:
+                self._stratum, count = following
+                self._ranges.append((first, count))
+        if self._step + 1 >= len(self._ranges):
+            return None
+        self._step += 1
+        return self._ranges[self._step]
+
+    def begin(self, parts: Sequence[Part]) -> None:
+        """Hand out the iteration that was planned, divided so."""
+        self._parts = list(parts)
+        self._unfinished = self._tile_count
+        self._waiting.extend((tile, 0) for tile in range(self._tile_count))
+
+    @property
+    def has_task(self) -> bool:
+        return bool(self._waiting)
+
+    @property
+    def lacks_first_tasks(self) -> bool:
+        return self._step == 0 and self.has_task
+
+    def take(self) -> Task:
+        tile, place = self._waiting.popleft()
+        first = self._ranges[self._step][0]
+        return Task(tile, self._parts[place], self._stratum, first, self._step == 0, self._step, place)
+
+    def clear(self) -> None:
+        self._waiting.clear()
+
+    def finish(self, task: Task) -> bool:
+        if task.place + 1 < len(self._parts):
+            self._waiting.append((task.tile, task.place + 1))
+            return False
+        self._unfinished -= 1
+        return not self._unfinished

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine's front door: load a scene description, render it, hand out images while it goes."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
+
+import numpy as np
+
+from engine.builder.scene import Scene, SceneCache, build_scene
+from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.report import GuidingReport
+from engine.guiding.models.source_model import TrainedSource
+from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.film import FEATURE_PASSES, Film
+from engine.render.job import Job
+from engine.render.precompile import compile_ahead
+from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
+from engine.render.strata import StrataFilm, strata_count
+from engine.render.tracer import Tracer
+from engine.runtime.kernel_cache import problem as cache_problem
+from engine.scene.description import Frame, Notice, SceneDescription
+from engine.settings import RenderSettings
+
+#: Said while there is nothing to show yet.
+_COMPILING = "Compiling kernels (once, takes about a minute)"
+_BUILDING = "Building the scene"
+#: How often the main thread looks for a cancel [s].
+_POLL_SECONDS = 0.05
+#: Time until the first image, from there to the second, and the growth of that interval.
+_FIRST_IMAGE_SECONDS = 0.1
+_IMAGE_INTERVAL_SECONDS = 0.5
+_IMAGE_INTERVAL_GROWTH = 1.6
+_LONGEST_IMAGE_INTERVAL = 20.0
+
+
+class LoadCancelled(Exception):
+    """`Session.load` was cancelled; no scene is loaded."""
+
+
+def _cache_notices() -> list[Notice]:
+    problem = cache_problem()
+    return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
+
+
+def _is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
+    """Whether paths have wavelengths."""
+    return settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
+
+
+def _with_u(
+    settings: RenderSettings, description: SceneDescription, source: TrainedSource | None = None
+) -> RenderSettings:
+    """Settings in which `u_dimension` is what the scene has of it: without it the rest is learned sooner."""
+    if source is not None:
+        return with_sequence_u(settings, source.u_dimension)
+    has_time = description.is_moving and settings.u_dimension in ("AUTO", "TIME")
+    has_wavelength = (
+        settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
+    )
+    return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
+
+
+class Session:
+    """Renders scene descriptions with one set of settings.
+
+    Keep the session between frames: only what changed is rebuilt.
+    """
+
+    def __init__(self, settings: RenderSettings) -> None:
+        self.settings = settings
+        self.scene: Scene | None = None
+        self._cache = SceneCache()
+        self._tracer: Tracer | None = None
+        self._build_seconds = 0.0
+        self._compile_seconds = 0.0
+
+    @property
+    def thread_count(self) -> int:
+        """Threads that trace."""
+        if self.settings.threads:
+            return self.settings.threads
+        try:
+            return max(len(os.sched_getaffinity(0)), 1)
+        except AttributeError:
+            return os.cpu_count() or 1
+
+    def load(
+        self,
+        description: SceneDescription,
+        *,
+        on_progress: Callable[[Progress], None] | None = None,
+        should_cancel: Callable[[], bool] | None = None,
+    ) -> list[Notice]:
+        """Build or update the scene; compile the kernels before, where they never were.
+
+        Parameters
+        ----------
+        on_progress, should_cancel : callable, optional
+            Called in this thread only, often.
+
+        Returns
+        -------
+        list of Notice
+            Everything that will look different from what the host meant, the exporter's notices included.
+
+        Raises
+        ------
+        ValueError
+            Naming what in the description cannot be rendered.
+        LoadCancelled
+            Soon after `should_cancel()` was true.
+        """
+        self.scene = None
+        if self._tracer is not None:
+            self._tracer.let_go()
+        samples = self.settings.samples
+
+        def poll(message: str, seconds: float) -> None:
+            if should_cancel is not None and should_cancel():
+                raise LoadCancelled
+            if on_progress is not None:
+                on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
+
+        start = time.perf_counter()
+        compile_ahead(
+            lambda seconds: poll(_COMPILING, seconds), is_guided=self.settings.is_guided,
+            is_spectral=_is_spectral(self.settings, description),
+        )
+        self._compile_seconds = time.perf_counter() - start
+        start = time.perf_counter()
+        self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
+        self._build_seconds = time.perf_counter() - start
+        return [*self.scene.notices, *_cache_notices()]
+
+    def _build(self, description: SceneDescription, poll: Callable[[], None]) -> Scene:
+        """Build in a thread, so that steps of seconds do not keep a cancel waiting; `poll` raises to cancel."""
+        is_abandoned = threading.Event()
+
+        def check_cancel() -> None:
+            if is_abandoned.is_set():
+                raise LoadCancelled
+
+        pool = ThreadPoolExecutor(1, thread_name_prefix="build")
+        future = pool.submit(
+            build_scene,
+            description,
+            self.settings,
+            self._cache,
+            threads=self.thread_count,
+            check_cancel=check_cancel,
+        )
+        pool.shutdown(wait=False)
+        try:
+            while not wait((future,), _POLL_SECONDS).done:
+                poll()
+        except BaseException:
+            # The thread ends at its next check. Until then the cache is its own.
+            is_abandoned.set()
+            self._cache = SceneCache()
+            raise
+        return future.result()
+
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+        """The tracer of the last render, ready for this one; a new one for the first."""
+        if self._tracer is None:
+            self._tracer = Tracer(scene, settings, use_features=use_features)
+        else:
+            self._tracer.take(scene, settings, use_features=use_features)
+        return self._tracer
+
+    def close(self) -> None:
+        """Free the scene, its acceleration structure and the threads' memory."""
+        self.scene = self._tracer = None
+        self._cache = SceneCache()
+
+    def render(
+        self,
+        *,
+        on_progress: Callable[[Progress], None] | None = None,
+        on_image: Callable[[dict[str, np.ndarray]], None] | None = None,
+        should_cancel: Callable[[], bool] | None = None,
+        passes: Iterable[str] = ("Combined",),
+        ray_observer: Callable[..., None] | None = None,
+        source: TrainedSource | None = None,
+        sink: RowSink | None = None,
+    ) -> RenderResult:
+        """Render the loaded scene.
+
+        Parameters
+        ----------
+        on_progress, on_image, should_cancel : callable, optional
+            Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
+            a large image there may be black parts at first. After a cancel the result holds every finished unit.
+        passes : iterable of str
+            Of `film.PASS_NAMES`.
+        ray_observer : callable, optional
+            See `Tracer.ray_observer`.
+        source : TrainedSource, optional
+            What directions are drawn from, instead of what the settings would have this render learn
+            (`SequenceField.source`).
+        sink : RowSink, optional
+            Gets what paths record, if the render is guided.
+
+        Raises
+        ------
+        RuntimeError
+            If no scene is loaded.
+        """
+        if self.scene is None:
+            raise RuntimeError("load a scene before rendering")
+        scene, settings = self.scene, self.settings
+        settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
+        settings = _with_u(settings, scene.description, source)
+        names = frozenset(passes)
+        frame = scene.description.frame
+        use_features = bool(names & FEATURE_PASSES)
+        film, strata = _make_film(frame, settings, use_features=use_features)
+        settings = replace(settings, strata=strata)
+        tracer = self._take_tracer(scene, settings, use_features)
+        tracer.ray_observer = ray_observer
+        job = Job(tracer, frame, film, settings, self.thread_count, source, sink)
+
+        def images() -> dict[str, np.ndarray]:
+            with job.film_lock:
+                return film.passes(names, exposure=frame.exposure)
+
+        try:
+            _watch(job, images, on_progress, on_image, should_cancel)
+        except BaseException:
+            job.stop()
+            raise
+        finally:
+            job.join()
+            if job.is_preparing:
+                # A thread may still be at it.
+                self._tracer = None
+            if job.learner is not None:
+                job.learner.close()
+        if on_progress is not None:
+            on_progress(replace(job.progress(), remaining=0.0))
+        return RenderResult(images(), self._report(job, scene, settings), tracer.guidance)
+
+    def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
+        """What happened in a render that is over."""
+        total, learner, film = job.statistics(), job.learner, job.film
+        guiding = GuidingReport(method=settings.guiding_method)
+        if learner is not None:
+            guiding = learner.report
+            guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
+            guiding.describe(dict(total.stage_seconds))
+        elif settings.method.rungs:
+            guiding.chosen = "OFF"
+            guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
+        return RenderReport(
+            notices=[*scene.notices, *_cache_notices(), *(learner.notices if learner is not None else [])],
+            build_seconds=self._build_seconds,
+            compile_seconds=self._compile_seconds,
+            prepare_seconds=job.prepare_seconds,
+            render_seconds=job.render_seconds,
+            sample_count=float(film.sums.count.mean()) if film.sums.count.size else 0.0,
+            path_count=total.path_count,
+            rays=dict(total.rays),
+            stage_seconds=dict(total.stage_seconds),
+            reject_count=total.reject_count,
+            record_reject_count=total.record_reject_count,
+            record_drop_count=total.record_drop_count,
+            peak_memory=peak_memory(),
+            thread_count=self.thread_count,
+            is_spectral=settings.spectral == "ON",
+            cancelled=job.cancelled,
+            guiding=guiding,
+        )
+
+
+def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
+    """A film for the frame's region, and how many strata it has."""
+    x0, y0, x1, y1 = frame.region
+    film = Film(x1 - x0, y1 - y0, use_features=use_features)
+    strata = strata_count(settings, film.nbytes)
+    if strata > 1:
+        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features)
+    return film, strata
+
+
+def _watch(
+    job: Job, images: Callable[[], dict[str, np.ndarray]], on_progress: Callable[[Progress], None] | None,
+    on_image: Callable[[dict[str, np.ndarray]], None] | None, should_cancel: Callable[[], bool] | None,
+) -> None:
+    """Start a job and tell how it goes until it is over: images soon after the start, then at widening intervals."""
+    started = time.perf_counter()
+    next_image = _FIRST_IMAGE_SECONDS
+    interval = _IMAGE_INTERVAL_SECONDS
+    job.start()
+    while not job.wait(_POLL_SECONDS):
+        elapsed = time.perf_counter() - started
+        if should_cancel is not None and should_cancel():
+            job.cancelled = True
+            job.stop()
+            if job.is_preparing:
+                break
+            continue
+        if on_progress is not None:
+            on_progress(job.progress())
+        if on_image is not None and job.has_paths and elapsed >= next_image:
+            on_image(images())
+            next_image = time.perf_counter() - started + interval
+            interval = min(interval * _IMAGE_INTERVAL_GROWTH, _LONGEST_IMAGE_INTERVAL)

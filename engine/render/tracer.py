@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The path tracer: kernels and memory for `trace_rounds`, and what it needs of scene, settings and guidance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from engine.builder.scene import Scene
+from engine.guiding.fields.table import no_table
+from engine.guiding.fields.vmm.field import no_field
+from engine.guiding.networks.radiance import network_shape
+from engine.guiding.networks.radiance_query import no_network
+from engine.guiding.policy.guidance import Guidance
+from engine.render.batch import Arm, Batch
+from engine.ris.orca import no_allocation
+from engine.runtime.jit import BoundKernel, in_python
+from engine.runtime.stage_table import StageTable
+from engine.settings import RenderSettings
+from engine.spectral.tables import no_spectral_tables, tables_for
+from engine.state.camera import CAMERA_LENS_RADIUS
+from engine.state.lanes import RGB
+from engine.state.lights import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
+from engine.state.shaders import (
+    MODE_CLOSURES,
+    MODE_NO_REFLECTIVE_CAUSTICS,
+    MODE_NO_REFRACTIVE_CAUSTICS,
+    PROGRAM_EMISSION_CONSTANT,
+    PROGRAM_FLAGS,
+)
+from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
+from engine.wavefront.columns import (
+    SCENE_HANDLE,
+    SCENE_HAS_EMITTERS,
+    SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HEADER_WIDTH,
+    SCENE_IS_SPECTRAL,
+    SCENE_WIDTH,
+    SCENE_WORLD_IS_CONSTANT,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    SHADOW_ROWS,
+    UNIT_DIVIDES_WAVELENGTHS,
+    UNIT_HEADER_WIDTH,
+    UNIT_IS_GUIDED,
+    UNIT_PATH_COUNT,
+    UNIT_RECORD_THRESHOLD,
+    UNIT_SAMPLE_FIRST,
+    UNIT_SEED,
+    UNIT_SHADER_MODE,
+    UNIT_STRATA,
+    UNIT_STRATUM,
+    UNIT_USE_FEATURES,
+)
+from engine.wavefront.options import make_guiding_options, make_options
+from engine.wavefront.stages import STAGES, stage_arguments
+from engine.wavefront.trace_rounds import trace_rounds
+from engine.wavefront.work import LaneQueue, RadianceView, SceneView, UnitView, Work
+
+#: Entries of the scene's header that say which stages are needed.
+_STAGE_FLAGS = [
+    SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_IS_SPECTRAL,
+]  # fmt: skip
+
+
+class Tracer:
+    """Path tracing; shared by all threads, changed by none while they trace.
+
+    It stays for many renders: kernels stay linked and threads keep their memory while what they work on has the same
+    types. Between renders it takes another scene or other settings. Between iterations `guidance` is replaced by what
+    has been learned; None: nothing yet, or nothing asked for.
+    """
+
+    def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+        self._batches: list[Batch] = []
+        self._batch_key: object = None
+        #: What the kernels in the table are linked for: types, and which stages have something to do.
+        self._linked_for: object = None
+        self._python_loop = in_python(trace_rounds)
+        self.take(scene, settings, use_features=use_features)
+
+    def take(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+        """Be ready to trace this scene with these settings; what was learned is forgotten."""
+        channel_count = settings.channel_count
+        self.seed = settings.seed
+        self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
+        self.use_features = use_features
+        header = scene.lights.header
+        has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
+        self.mode = MODE_CLOSURES
+        if not settings.use_caustics_reflective:
+            self.mode |= MODE_NO_REFLECTIVE_CAUSTICS
+        if not settings.use_caustics_refractive:
+            self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
+        world = scene.world_program
+        world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
+        numbers[SCENE_HANDLE] = scene.accelerator.handle
+        numbers[SCENE_WIDTH] = scene.description.frame.width
+        numbers[SCENE_WORLD_PROGRAM] = world
+        numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
+        numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
+        numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
+        numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
+        numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
+        numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
+        self.view = SceneView(
+            numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
+            tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
+            scene.shaders, scene.tables, scene.lights, make_options(settings, scene.description.frame.exposure),
+        )
+        #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
+        self.ray_observer: Callable[..., None] | None = None
+        nothing = np.zeros(1, np.float32)
+        self._nothing_learned = {
+            "field": no_field(), "allocation": no_allocation(), "probability": nothing, "light_share": nothing,
+            "benefit": nothing,
+        }
+        self._no_radiance = RadianceView(no_table(channel_count), no_network(network_shape(settings)))
+        self._settings = settings
+        self.guidance: Guidance | None = None
+        if self._linked_for is None:
+            self._unlink()
+
+    def _unlink(self) -> None:
+        """A new table: the types of the stages' arguments follow from scene and settings."""
+        self.stages = StageTable(STAGES)
+        self._compiled_loop: BoundKernel | None = None
+
+    def let_go(self) -> None:
+        """Hold on to no scene and to nothing learned, for their memory; `take` comes before the next unit."""
+        self.guidance = None
+        if hasattr(self, "view"):
+            del self.view
+
+    def make_batches(self, count: int, pixel_count: int, *, is_guided: bool) -> list[Batch]:
+        """Memory of so many threads: what they had in the last render, where it fits this one.
+
+        Parameters
+        ----------
+        pixel_count : int
+            Most rows that a unit has on the film.
+        is_guided : bool
+            Whether paths are recorded and guided.
+        """
+        settings, shaders = self._settings, self.view.shaders
+        key = (count, pixel_count, is_guided, self.use_features, settings)
+        if key != self._batch_key:
+            self._batches, self._batch_key = [], None
+            self._batches = [
+                Batch(shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided)
+                for _ in range(count)
+            ]
+            self._batch_key = key
+        for batch in self._batches:
+            batch.take(shaders)
+        return self._batches
+
+    def is_linked(self, batch: Batch) -> bool:
+        """Whether the kernels are those for this render, from an earlier one; if not, `warm_up` links them."""
+        _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
+        needed = (
+            *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
+            batch.is_guided, self.use_features, *scene.header[_STAGE_FLAGS].tolist(),
+        )
+        if needed != self._linked_for:
+            self._linked_for = needed
+            self._unlink()
+        return self._compiled_loop is not None
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What paths are guided by."""
+        return self._guidance
+
+    @guidance.setter
+    def guidance(self, guidance: Guidance | None) -> None:
+        self._guidance = guidance
+        challenger = guidance.challenger if guidance is not None else None
+        self._arms = {PLAIN: self._make_arm(None), CURRENT: self._make_arm(guidance)}
+        if challenger is not None:
+            self._arms[CHALLENGER] = self._make_arm(challenger)
+
+    def _make_arm(self, guidance: Guidance | None) -> Arm:
+        if guidance is None or guidance.field is None:
+            options = make_guiding_options(self._settings, candidate_count=1)
+            return Arm(guidance, {"options": options, **self._nothing_learned}, self._no_radiance)
+        options = make_guiding_options(
+            self._settings,
+            candidate_count=guidance.candidate_count,
+            predicts_color=guidance.table is not None or guidance.network is not None,
+            probes_only=guidance.probes_only,
+        )
+        learned = {
+            "options": options, "field": guidance.field, "allocation": guidance.allocation,
+            "probability": guidance.probability, "light_share": guidance.light_share, "benefit": guidance.benefit,
+        }
+        radiance = RadianceView(
+            guidance.table if guidance.table is not None else self._no_radiance.table,
+            guidance.network if guidance.network is not None else self._no_radiance.network,
+        )
+        if radiance._numba_type_ != self._no_radiance._numba_type_:
+            raise TypeError("what was learned is not of the shape that kernels were compiled for")
+        return Arm(guidance, learned, radiance)
+
+    def warm_up(self, batch: Batch) -> None:
+        """Load (or compile) every kernel that this scene can need."""
+        arguments = self._rehearsed_arguments(batch)
+        _, scene, view, guidance, radiance, work, _ = arguments
+        is_linked = self.stages.link(
+            stage_arguments(scene, view, guidance, radiance, work, is_guided=batch.is_guided)
+        )
+        if hasattr(trace_rounds, "overloads"):
+            loop = BoundKernel(trace_rounds)
+            loop.bind(*arguments)
+            if is_linked:
+                self._compiled_loop = loop
+
+    def _rehearsed_arguments(self, batch: Batch) -> tuple:
+        """What `trace_rounds` takes, of the types that it takes in this render."""
+        unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int32), 0, 1, arm=PLAIN)
+        return self._arguments(self.stages, batch, unit, np.zeros(1, np.int32))
+
+    def look_at(self, batch: Batch, pixel: tuple[int, int], path_count: int) -> np.ndarray:
+        """Bring paths through a pixel's centre to the first surface and ready it for guiding, as a round would.
+
+        For showing what was learned: `batch.work` then holds the lanes' points and closures, `batch.guidance` their
+        guides. Lanes are guided wherever there is something to guide them by, whatever the region's guiding
+        probability.
+
+        Parameters
+        ----------
+        batch : Batch, made for guided rendering
+        pixel : (int, int)
+            Column and row in the full image, row 0 at the bottom.
+        path_count : int
+            Lanes that look the field up, each with random numbers of its own; at most LANE_COUNT.
+
+        Returns
+        -------
+        int32 (surface_count,)
+            Lanes that met a surface; those that can be guided have `batch.work.guided.rough_share` above 0.
+        """
+        unit = Unit(np.array([pixel], np.int32), np.zeros(1, np.int32), 0, path_count, arm=CURRENT)
+        stages, view, unit_view, guidance, _, b, _ = self._arguments(self.stages, batch, unit, np.zeros(1, np.int32))
+        batch.begin()
+        # Nothing of these paths is recorded.
+        unit_view.header[UNIT_RECORD_THRESHOLD] = 0
+        pinhole = view.camera.copy()
+        pinhole[CAMERA_LENS_RADIUS] = 0.0
+        scene = view._replace(camera=pinhole, pixel_filter=np.zeros_like(view.pixel_filter))
+        stages.init_from_camera(scene, unit_view, b, b.free)
+        stages.play_roulette(scene, unit_view, b, b.active)
+        stages.intersect_closest(scene, unit_view, b, b.traced)
+        stages.prepare_surface(scene, unit_view, b, b.traced)
+        surface_count = int(b.surface.count[0])
+        stages.evaluate_shaders(
+            view.shaders, view.geometry, view.tables, b.points, b.shaded, b.surface.lanes, surface_count, b.registers,
+            self.mode,
+        )
+        if view.header[SCENE_IS_SPECTRAL]:
+            stages.upsample_closures(scene, unit_view, b, b.surface)
+        if unit_view.header[UNIT_IS_GUIDED]:
+            sure = guidance._replace(
+                probability=np.ones_like(guidance.probability), light_share=np.ones_like(guidance.light_share)
+            )
+            stages.prepare_guides(scene, unit_view, sure, b, b.surface)
+        return b.surface.lanes[:surface_count].copy()
+
+    def trace_unit(self, batch: Batch, unit: Unit, stop: np.ndarray) -> bool:
+        """Trace all paths of a unit into `batch.film`.
+
+        Parameters
+        ----------
+        stop : int32 (1,)
+            Set to anything but 0, from any thread, it ends the unit after the round in work.
+
+        Returns
+        -------
+        bool
+            False if it was stopped; the film is then incomplete.
+        """
+        batch.begin()
+        started = time.perf_counter()
+        if self.ray_observer is None and self._compiled_loop is not None:
+            is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
+        else:
+            is_finished = self._python_loop(*self._arguments(self._python_stages(), batch, unit, stop))
+        batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
+        return bool(is_finished)
+
+    def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
+        """What `trace_rounds` takes."""
+        arm = self._arms[unit.arm]
+        guidance = arm.guidance
+        weights = batch.no_weight
+        if guidance is not None and guidance.pixel_weight is not None:
+            weights = guidance.pixel_weight[unit.film_index]
+            if unit.stratum == ALL_STRATA:
+                weights = np.repeat(weights, unit.strata)
+        header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
+        header[UNIT_SEED] = self.seed
+        header[UNIT_SAMPLE_FIRST] = unit.sample_first
+        header[UNIT_PATH_COUNT] = len(unit.pixels) * unit.sample_count
+        header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
+        header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
+        header[UNIT_SHADER_MODE] = self.mode
+        header[UNIT_USE_FEATURES] = self.use_features
+        header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
+        header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
+        view = UnitView(header, unit.pixels, weights, batch.film)
+        return (
+            stages, self.view, view, batch.follow(arm), arm.radiance, batch.work, stop
+        )  # fmt: skip
+
+    def _python_stages(self) -> SimpleNamespace:
+        """The stages for a loop in Python, with an observer of rays if there is one."""
+        stages = self.stages.as_dict()
+        observer = self.ray_observer
+        if observer is not None:
+            closest, shadow = stages["intersect_closest"], stages["intersect_shadow"]
+
+            def intersect_closest(scene: SceneView, unit: UnitView, work: Work, queue: LaneQueue) -> None:
+                observer("closest", work.paths, queue.lanes, int(queue.count[0]))
+                closest(scene, unit, work, queue)
+
+            def intersect_shadow(scene: SceneView, unit: UnitView, work: Work, queue: LaneQueue) -> None:
+                observer("shadow", work.shadows, work.paths, int(work.counts[SHADOW_ROWS]))
+                shadow(scene, unit, work, queue)
+
+            stages |= {"intersect_closest": intersect_closest, "intersect_shadow": intersect_shadow}
+        return SimpleNamespace(**stages)

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`Bundle`: a named group of arrays that a kernel takes as one pointer.
+
+Numba passes an array as seven words and a named tuple as all its arrays' words, at every call that is not inlined: a
+hundred stores before the first useful instruction, and a reference count for each array. A bundle is one word. Reading
+a field loads the array's address from a table; the loads are marked invariant, so LLVM hoists them out of loops. Sizes
+of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
+
+In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays. A
+field may be a bundle too: what a compiled loop hands to many stages comes as one.
+
+A bundle of lanes (`_rows` set) goes further, for data read by lane in every stage: its fields may be strided views of
+one array of records, so that a lane's data lie in few cache lines, and in kernels they are bare pointers (`RowsType`)
+with constant strides: only elements can be read and written, and indices must not be negative.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, typeof, types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin, lower_getattr_generic
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
+from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
+from numba.np.arrayobj import make_array, populate_array
+
+#: Words per field in a bundle's table: address, then the shape.
+_FIELD_WORDS = 4
+#: Of a number of a named tuple.
+_WORD_BYTES = 8
+
+
+class Bundle:
+    """Base class: annotate fields in the subclass, construct by position or keyword.
+
+    A field is a C-contiguous array of at most three dimensions, another bundle, a named tuple of numbers, which kernels
+    read as such, or a tuple of ints (`channels`), which becomes part of the type.
+    """
+
+    _fields: ClassVar[tuple[str, ...]] = ()
+    #: Fields whose inner dimensions vary from scene to scene: they must not be part of the type.
+    _dynamic: ClassVar[frozenset[str]] = frozenset()
+    #: Whether fields are `RowsType` in kernels.
+    _rows: ClassVar[bool] = False
+    _address: int
+    _numba_type_: BundleType
+
+    def __init_subclass__(cls) -> None:
+        cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
+
+    def __init__(self, *arrays: Any, **named: Any) -> None:
+        values = dict(zip(self._fields, arrays, strict=False), **named)
+        if len(arrays) + len(named) != len(self._fields) or set(values) != set(self._fields):
+            raise TypeError(f"{type(self).__name__} takes the fields {', '.join(self._fields)}")
+        table = np.zeros(max(len(self._fields), 1) * _FIELD_WORDS, np.int64)
+        described: list[tuple[str, Any]] = []
+        packed: list[np.ndarray] = []
+        for index, name in enumerate(self._fields):
+            value = values[name]
+            object.__setattr__(self, name, value)
+            if isinstance(value, tuple) and hasattr(value, "_fields"):
+                stored = np.zeros((len(value), _WORD_BYTES), np.uint8)
+                for row, number in zip(stored, value, strict=True):
+                    stored_as = np.asarray(number)
+                    row[: stored_as.nbytes] = np.frombuffer(stored_as.tobytes(), np.uint8)
+                packed.append(stored)
+                table[index * _FIELD_WORDS] = stored.ctypes.data
+                described.append((name, typeof(value)))
+                continue
+            if isinstance(value, tuple):
+                described.append((name, value))
+                continue
+            if isinstance(value, Bundle):
+                table[index * _FIELD_WORDS] = value._address
+                described.append((name, value._numba_type_))
+                continue
+            is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
+            if not (is_array and (self._rows or value.flags.c_contiguous)):
+                raise TypeError(f"{type(self).__name__}.{name} must be a C-contiguous array of 1 to 3 dimensions")
+            word = index * _FIELD_WORDS
+            table[word] = value.ctypes.data
+            if self._rows:
+                described.append((name, RowsType(from_dtype(value.dtype), value.shape[1:], value.strides)))
+                continue
+            table[word + 1 : word + 1 + value.ndim] = value.shape
+            inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
+            described.append((name, (from_dtype(value.dtype), value.ndim, inner)))
+        object.__setattr__(self, "_table", table)
+        object.__setattr__(self, "_packed", packed)
+        object.__setattr__(self, "_address", table.ctypes.data)
+        object.__setattr__(self, "_numba_type_", BundleType(type(self).__name__, tuple(described)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{type(self).__name__}.{name} cannot be assigned: use _replace")
+
+    def __iter__(self) -> Iterator[Any]:
+        return (getattr(self, name) for name in self._fields)
+
+    def __reduce__(self) -> Any:
+        return (type(self), tuple(self))
+
+    def _asdict(self) -> dict[str, Any]:
+        """Fields by name."""
+        return {name: getattr(self, name) for name in self._fields}
+
+    def _replace(self, **changes: Any) -> Self:
+        """A bundle of the same arrays but for `changes`."""
+        return type(self)(**{**self._asdict(), **changes})
+
+
+class RowsType(types.Type):
+    """Numba's type of a field of a bundle of lanes: a pointer; strides [bytes], one a dimension, are constants."""
+
+    def __init__(self, dtype: types.Type, inner: tuple[int, ...], strides: tuple[int, ...]) -> None:
+        self.dtype, self.inner, self.strides = dtype, inner, strides
+        super().__init__(name=f"Rows({dtype}, {inner}, {strides})")
+
+
+class BundleType(types.Type):
+    """Numba's type of a bundle: its name; per field a tuple, a named tuple's type, a bundle, rows, or
+    (dtype, dimensions, inner shape)."""
+
+    def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
+        self.class_name = name
+        self.fields = fields
+        self.index = {field: k for k, (field, _) in enumerate(fields)}
+        super().__init__(name=f"{name}({fields})")
+
+    def field_type(self, name: str) -> types.Type | None:
+        """Numba type of a field, None if there is no such field."""
+        if name not in self.index:
+            return None
+        described = self.fields[self.index[name]][1]
+        if _is_tuple_field(described):
+            return types.UniTuple(types.int64, len(described))
+        if isinstance(described, types.Type):
+            return described
+        dtype, dimensions, _inner = described
+        return types.Array(dtype, dimensions, "C")
+
+
+def _is_tuple_field(described: Any) -> bool:
+    return isinstance(described, tuple) and (not described or isinstance(described[0], int))
+
+
+@register_model(BundleType)
+class AddressModel(models.PrimitiveModel):
+    """In kernels an object is the address it has in Python."""
+
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, ir.IntType(64))
+
+
+@unbox(BundleType)
+def unbox_address(typ: types.Type, obj: Any, c: Any) -> NativeValue:
+    """Read an object's `_address`."""
+    address = c.pyapi.object_getattr_string(obj, "_address")
+    value = c.pyapi.long_as_longlong(address)
+    c.pyapi.decref(address)
+    return NativeValue(value)
+
+
+@infer_getattr
+class _BundleAttributes(AttributeTemplate):
+    key = BundleType
+
+    def generic_resolve(self, typ: BundleType, attr: str) -> types.Type | None:
+        return typ.field_type(attr)
+
+
+@lower_getattr_generic(BundleType)
+def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, attr: str) -> Any:
+    index = typ.index[attr]
+    described = typ.fields[index][1]
+    if _is_tuple_field(described):
+        result = context.get_constant_generic(builder, types.UniTuple(types.int64, len(described)), described)
+        return result
+    intp = ir.IntType(64)
+    table = builder.inttoptr(value, intp.as_pointer())
+    invariant = builder.module.add_metadata([])
+
+    def word(offset: int) -> Any:
+        pointer = builder.gep(table, [ir.Constant(intp, index * _FIELD_WORDS + offset)])
+        loaded = builder.load(pointer)
+        loaded.set_metadata("invariant.load", invariant)
+        return loaded
+
+    if isinstance(described, RowsType):
+        return builder.inttoptr(word(0), context.get_value_type(described))
+    if isinstance(described, BundleType):
+        return word(0)
+    if isinstance(described, types.BaseNamedTuple):
+        numbers = word(0)
+        values = []
+        for position, number_type in enumerate(described.types):
+            address = builder.add(numbers, ir.Constant(intp, position * _WORD_BYTES))
+            pointer = builder.inttoptr(address, context.get_value_type(number_type).as_pointer())
+            values.append(builder.load(pointer))
+            values[-1].set_metadata("invariant.load", invariant)
+        return context.make_tuple(builder, described, values)
+    dtype, dimensions, inner = described
+    array_type = typ.field_type(attr)
+    array = make_array(array_type)(context, builder)
+    shape = [word(1)]
+    for axis in range(1, dimensions):
+        size = inner[axis - 1]
+        shape.append(ir.Constant(intp, size) if size >= 0 else word(1 + axis))
+    itemsize = context.get_abi_sizeof(context.get_data_type(dtype))
+    strides = [ir.Constant(intp, itemsize)]
+    for axis in range(dimensions - 1, 0, -1):
+        strides.insert(0, builder.mul(strides[0], shape[axis]))
+    data = builder.inttoptr(word(0), context.get_data_type(dtype).as_pointer())
+    populate_array(
+        array,
+        data=data,
+        shape=cgutils.pack_array(builder, shape),
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=ir.Constant(intp, itemsize),
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+@register_model(RowsType)
+class _RowsModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, ir.IntType(8).as_pointer())
+
+
+def _index_types(index: Any) -> tuple | None:
+    """Types of the indices of an element, None if it is anything else (a slice, an array)."""
+    parts = tuple(index) if isinstance(index, types.BaseTuple) else (index,)
+    return parts if all(isinstance(part, types.Integer) for part in parts) else None
+
+
+@infer_global(operator.getitem)
+class _RowsGetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        rows, index = args
+        if isinstance(rows, RowsType):
+            parts = _index_types(index)
+            if parts is not None and len(parts) == len(rows.strides):
+                return signature(rows.dtype, rows, index)
+        return None
+
+
+@infer_global(operator.setitem)
+class _RowsSetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        rows, index, _value = args
+        if isinstance(rows, RowsType):
+            parts = _index_types(index)
+            if parts is not None and len(parts) == len(rows.strides):
+                return signature(types.none, rows, index, rows.dtype)
+        return None
+
+
+def _element_pointer(context: Any, builder: Any, rows: RowsType, value: Any, index_type: Any, index: Any) -> Any:
+    """Address of one element, as a pointer to the data type's stored form."""
+    intp = ir.IntType(64)
+    parts = _index_types(index_type)
+    assert parts is not None
+    values = cgutils.unpack_tuple(builder, index) if isinstance(index_type, types.BaseTuple) else [index]
+    offset = ir.Constant(intp, 0)
+    for part, part_value, stride in zip(parts, values, rows.strides, strict=True):
+        position = context.cast(builder, part_value, part, types.intp)
+        offset = builder.add(offset, builder.mul(position, ir.Constant(intp, stride), flags=["nsw"]), flags=["nsw"])
+    return builder.bitcast(builder.gep(value, [offset]), context.get_data_type(rows.dtype).as_pointer())
+
+
+@lower_builtin(operator.getitem, RowsType, types.Any)
+def _lower_rows_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    rows, index_type = sig.args
+    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
+    return context.unpack_value(builder, rows.dtype, pointer)
+
+
+@lower_builtin(operator.setitem, RowsType, types.Any, types.Any)
+def _lower_rows_setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    rows, index_type, value_type = sig.args
+    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
+    context.pack_value(builder, rows.dtype, context.cast(builder, args[2], value_type, rows.dtype), pointer)
+    return context.get_dummy_value()

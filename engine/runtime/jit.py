@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one decorator every compiled function wears, and where its machine code is kept.
+
+`kernel` differs from a bare `numba.njit` in these ways:
+
+- a float literal in a kernel is float32 (numba would promote every expression it touches to float64);
+- kernels do not allocate, so arrays are not reference counted (numba's counting is not always optimised away);
+- other kernels call a twin without Python wrapper, machine code and cache file of its own;
+- divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
+- literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
+- the cache on disk is keyed by the sources a kernel is made of, imports included: numba's own cache does not see
+  an edited callee in another file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import sigutils, types
+from numba.core.typing.typeof import typeof_impl
+
+from engine.runtime.kernel_cache import KernelCache, cache_root
+
+#: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
+#: never occur: rejects are counted by looking for them.
+SAFE_FASTMATH = frozenset({"contract", "reassoc", "arcp", "nsz", "afn"})
+
+_PACKAGE = __package__.rpartition(".")[0]
+_ROOT = Path(__file__).resolve().parents[1]
+
+
+@cache
+def _module_file(name: str) -> Path | None:
+    """Source file of `name` if it belongs to the engine, else None."""
+    if not name.startswith(_PACKAGE):
+        return None
+    parts = name.removeprefix(_PACKAGE).strip(".")
+    base = _ROOT.joinpath(*parts.split(".")) if parts else _ROOT
+    for file in (base.with_suffix(".py"), base / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
+
+
+#: Import statements, in functions too; text of a docstring that reads like one does no harm.
+_IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
+_COMMENT = re.compile(r"#[^\n]*")
+
+
+@cache
+def _imports(name: str, file: Path) -> frozenset[str]:
+    """Engine modules that module `name` imports, read from its source without running it.
+
+    By regular expression: to parse all sources at every start would take longer than to load all kernels.
+    """
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    found: set[str] = set()
+    for source, names in _IMPORT.findall(_text(file).decode()):
+        imported = [item.split()[0] for item in _COMMENT.sub("", names).strip("() \t").split(",") if item.split()]
+        if not source:
+            found.update(imported)
+            continue
+        base = importlib.util.resolve_name(source, package) if source.startswith(".") else source
+        found.add(base)
+        found.update(f"{base}.{item}" for item in imported)
+    if file.name == "__init__.py" and b"import_module(" in _text(file):
+        # A package that looks its modules up by name.
+        found.update(f"{name}.{module.stem}" for module in file.parent.glob("*.py") if module != file)
+    return frozenset(module for module in found if _module_file(module) is not None)
+
+
+@cache
+def _text(file: Path) -> bytes:
+    return file.read_bytes()
+
+
+@cache
+def source_hash(name: str, file: Path) -> str:
+    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed.
+
+    The module itself may lie outside the engine (tests and benchmarks have kernels too).
+    """
+    seen: dict[str, Path] = {}
+    pending = [(name, file)]
+    while pending:
+        module, module_file = pending.pop()
+        if module not in seen:
+            seen[module] = module_file
+            for imported in _imports(module, module_file):
+                imported_file = _module_file(imported)
+                if imported_file is not None:
+                    pending.append((imported, imported_file))
+    # The package's own name, since what is saved refers to classes of ours by theirs.
+    digest = hashlib.sha256(f"{_PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
+    for module in sorted(seen):
+        digest.update(_text(seen[module]))
+    return digest.hexdigest()[:16]
+
+
+class _ConstantTuple(tuple):
+    """A tuple that numpy scalars do not compare with elementwise: numba compares constants with ==."""
+
+    __slots__ = ()
+    __array_ufunc__ = None
+
+
+@typeof_impl.register(_ConstantTuple)
+def _type_of_constant_tuple(value: Any, context: Any) -> Any:
+    return typeof_impl(tuple(value), context)
+
+
+def _float32_constants(value: Any) -> Any:
+    if type(value) is float:
+        return np.float32(value)
+    if type(value) is tuple:
+        return _ConstantTuple(_float32_constants(item) for item in value)
+    return value
+
+
+def call_type(argument: Any) -> Any:
+    """Type by which an argument is passed to other kernels."""
+    general = types.unliteral(argument)  # type: ignore[attr-defined]
+    return types.int64 if general == types.int32 else general
+
+
+def _serve_callers(dispatcher: Any, callee: Any) -> Any:
+    """Make calls from other kernels use `callee`: the same function without what only Python needs.
+
+    Numba would give every helper a Python wrapper, machine code and a file in the cache, all unused once it is inlined;
+    and compile it, and all it calls, again for every value of a literal argument and for int32 beside int64.
+    """
+    if numba.config.DISABLE_JIT:
+        return dispatcher
+    keys: dict[Any, object] = {}
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return callee.get_call_template(
+            tuple(call_type(argument) for argument in args),
+            {name: call_type(argument) for name, argument in kws.items()},
+        )
+
+    def get_overload(signature: Any) -> object:
+        # Numba looks a callee up by its entry point, of which one without wrapper has none: give it a name.
+        arguments, _returned = sigutils.normalize_signature(signature)
+        if arguments not in keys:
+            compiled = callee.overloads[arguments]
+            keys[arguments] = object()
+            compiled.target_context.insert_user_function(keys[arguments], compiled.fndesc, [compiled.library])
+        return keys[arguments]
+
+    dispatcher.get_call_template = get_call_template
+    dispatcher.get_overload = get_overload
+    return dispatcher
+
+
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    forceinline: bool = False,
+    fastmath: frozenset[str] | bool = SAFE_FASTMATH,
+    float64_literals: bool = False,
+) -> Any:
+    """Compile a function with numba; see the module's docstring for what differs from `numba.njit`.
+
+    Parameters
+    ----------
+    function : callable
+        Plain Python over scalars, tuples and arrays; it must not raise.
+    forceinline : bool
+        Ask LLVM to inline every call: for helpers that take many arrays and are called from one or two places.
+    fastmath : set of str or bool
+        LLVM fast-math flags, if `SAFE_FASTMATH` does not suit.
+    float64_literals : bool
+        Leave float literals double: for the few kernels that accumulate in float64.
+    """
+
+    def decorate(target: Callable[..., Any]) -> Any:
+        if not float64_literals:
+            code = target.__code__
+            target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
+        module = target.__module__
+        options = {
+            "nogil": True,
+            "error_model": "numpy",
+            "fastmath": set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
+            "forceinline": forceinline,
+            # No allocation in kernels, so no reference counting: it was most of the code.
+            "_nrt": False,
+        }
+        dispatcher = numba.njit(**options)(target)
+        if not numba.config.DISABLE_JIT:
+            sources = source_hash(module, Path(target.__code__.co_filename))
+            dispatcher._cache = KernelCache(target, cache_root() / f"{module.rpartition('.')[2]}-{sources}")
+        return _serve_callers(dispatcher, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target))
+
+    return decorate if function is None else decorate(function)
+
+
+def by_bundle(kernels: Mapping[type, Any] | Callable[[str], Any], argument: int = 0, like: Any = None) -> Any:
+    """A kernel that stands for several with the same arguments: which one, the class of a bundle among them decides.
+
+    The choice is made when a caller is compiled, and costs nothing.
+
+    Parameters
+    ----------
+    kernels : mapping of bundle class to kernel, or callable (name of the class) -> kernel
+    argument : int
+        Position of the bundle that decides.
+    like : kernel, optional
+        One of them, where they are not listed.
+    """
+    if callable(kernels):
+        choose, example = kernels, like
+    else:
+        by_name = {cls.__name__: chosen for cls, chosen in kernels.items()}
+        choose, example = by_name.__getitem__, next(iter(by_name.values()))
+    if numba.config.DISABLE_JIT:
+        return lambda *arguments: choose(type(arguments[argument]).__name__)(*arguments)
+    dispatcher = numba.njit(example.py_func)
+    dispatcher.get_call_template = lambda args, kws: choose(args[argument].class_name).get_call_template(args, kws)
+
+    def get_overload(signature: Any) -> object:
+        arguments, _returned = sigutils.normalize_signature(signature)
+        return choose(arguments[argument].class_name).get_overload(signature)
+
+    dispatcher.get_overload = get_overload
+    return dispatcher
+
+
+class BoundKernel:
+    """A kernel for callers that pass arguments of the same types every time.
+
+    Numba looks at the types of all arguments at every call, in Python for bundles and holding the GIL; a bound kernel
+    does so at the first call only.
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+        self._entry: Callable[..., Any] | None = None
+        self._compiled: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._entry is None:
+            self.bind(*arguments)
+            assert self._entry is not None
+        return self._entry(*arguments)
+
+    def bind(self, *arguments: Any) -> None:
+        """Load or compile the kernel for arguments of these types, without calling it."""
+        argument_types = tuple(self._dispatcher.typeof_pyval(argument) for argument in arguments)
+        self._entry = self._dispatcher.compile(argument_types)
+        self._compiled = self._dispatcher.overloads[argument_types]
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether it was called or bound."""
+        return self._entry is not None
+
+    @property
+    def signature(self) -> Any:
+        """Numba's signature of a bound kernel."""
+        return self._compiled.signature
+
+    @property
+    def address(self) -> int:
+        """Where a bound kernel's machine code is, in numba's calling convention."""
+        return self._compiled.library.get_pointer_to_function(self._compiled.fndesc.llvm_func_name)
+
+
+def in_python(dispatcher: Any) -> Callable[..., Any]:
+    """A kernel as the Python it was made from, and so the kernels of its own module that it calls."""
+    function = getattr(dispatcher, "py_func", dispatcher)
+    module = {
+        name: value
+        for name, value in function.__globals__.items()
+        if getattr(getattr(value, "py_func", None), "__module__", None) == function.__module__
+    }
+    plain = dict(function.__globals__)
+    for name, value in module.items():
+        plain[name] = FunctionType(value.py_func.__code__, plain, name)
+    return FunctionType(function.__code__, plain, function.__name__, function.__defaults__)

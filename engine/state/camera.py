@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The camera as kernels read it, and the pixel filter."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+# Columns of CameraArrays.real
+CAMERA_MATRIX = 0  # 12: camera to world
+CAMERA_SCALE_X = 12  # film coordinate = pixel * scale + offset, at distance 1 (perspective) or in metres (orthographic)
+CAMERA_SCALE_Y = 13
+CAMERA_OFFSET_X = 14
+CAMERA_OFFSET_Y = 15
+CAMERA_CLIP_START = 16
+CAMERA_CLIP_END = 17
+CAMERA_LENS_RADIUS = 18  # [m], 0 = pinhole
+CAMERA_FOCUS = 19  # [m]
+CAMERA_BLADES = 20
+CAMERA_BLADE_ROTATION = 21
+CAMERA_INVERSE_RATIO = 22
+CAMERA_KIND = 23
+CAMERA_IS_ZOOMING = 24
+CAMERA_ZOOM_OPENING = 25  # film coordinates at the shutter's opening over those in its middle
+CAMERA_ZOOM_CLOSING = 26
+CAMERA_ROLLING = 27  # share of a path's time that its row decides, 0 = none
+CAMERA_ROW_COUNT = 28  # of the full image
+CAMERA_WIDTH = 29
+
+KIND_PERSPECTIVE = 0
+KIND_ORTHOGRAPHIC = 1
+KIND_EQUIRECTANGULAR = 2
+
+FILTER_TABLE_SIZE = 4096
+SHUTTER_TABLE_SIZE = 256
+
+
+class CameraArrays(NamedTuple):
+    """The camera's numbers, its places, and what random numbers become.
+
+    real : float32 (CAMERA_WIDTH,)
+    filter : float32 (FILTER_TABLE_SIZE,), pixel offset by uniform number
+    motion : float32 (K, 12), camera to world at evenly spaced times of the shutter; one row where it stands still
+    shutter : float32 (SHUTTER_TABLE_SIZE,), time by uniform number
+    """
+
+    real: np.ndarray
+    filter: np.ndarray
+    motion: np.ndarray
+    shutter: np.ndarray

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sums of samples per pixel, as stages write them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.runtime.bundle import Bundle
+
+# Columns of the feature sums, written at the first surface that is not transparent.
+FEATURE_NORMAL = 0
+FEATURE_ALBEDO = 3
+FEATURE_EMISSION = 6
+FEATURE_ENVIRONMENT = 9
+FEATURE_CANDIDATES = 12
+FEATURE_GUIDING_BENEFIT = 13  # less one
+FEATURE_WIDTH = 14
+
+# Columns of the single-sample features: those that averaging would make meaningless.
+FIRST_DEPTH = 0
+FIRST_POSITION = 1
+FIRST_OBJECT_INDEX = 4
+FIRST_MATERIAL_INDEX = 5
+FIRST_WIDTH = 6
+
+#: Depth where nothing was hit, as Cycles writes it.
+NO_DEPTH = np.float32(1e10)
+
+
+class FilmTile(Bundle):
+    """Sums over samples, P pixels; also the shape of the whole film.
+
+    radiance, square : float32 (P, C), sum of samples and of their squares
+    alpha : float32 (P,)
+    weight, weight_squared : float32 (P,), sums of the samples' weights and of their squares (of the film; a unit's
+        samples weigh the same)
+    count : int32 (P,)
+    features : float32 (P or 0, FEATURE_WIDTH)
+    points : float32 (P or 0, FIRST_WIDTH), first sample only
+    """
+
+    radiance: np.ndarray
+    square: np.ndarray
+    alpha: np.ndarray
+    weight: np.ndarray
+    weight_squared: np.ndarray
+    count: np.ndarray
+    features: np.ndarray
+    points: np.ndarray
+
+
+def allocate_tile(pixel_count: int, channel_count: int, use_features: bool) -> FilmTile:
+    """Zeroed sums for `pixel_count` pixels."""
+    feature_count = pixel_count if use_features else 0
+    return FilmTile(
+        np.zeros((pixel_count, channel_count), np.float32),
+        np.zeros((pixel_count, channel_count), np.float32),
+        np.zeros(pixel_count, np.float32),
+        np.zeros(pixel_count, np.float32),
+        np.zeros(pixel_count, np.float32),
+        np.zeros(pixel_count, np.int32),
+        np.zeros((feature_count, FEATURE_WIDTH), np.float32),
+        np.zeros((feature_count, FIRST_WIDTH), np.float32),
+    )

@@ -1,0 +1,500 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one schema of per-path data: batches of lanes, one per thread, allocated once.
+
+In memory a lane's fields lie side by side in whole cache lines (`_records`), those that stages use together in the same
+line: lanes in flight are visited in any order, and a stage should fetch few lines for each. In code every field is an
+array of its own all the same, indexed by lane.
+
+`channels` is a tuple whose *length* is the spectrum's width (3 for RGB, 4 for hero wavelengths). Numba types a tuple by
+its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process. What only wavelengths
+need stands behind `if len(paths.channels) > RGB:`, which costs an RGB render nothing; its fields have no lanes there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array, Uint8Array, Uint32Array
+from engine.runtime.bundle import Bundle
+from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
+
+_CACHE_LINE = 64
+
+#: Channels of a render without wavelengths.
+RGB = 3
+
+
+def _aligned(byte_count: int) -> np.ndarray:
+    """Zeroed uint8 array that begins at a cache line."""
+    memory = np.zeros(byte_count + _CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % _CACHE_LINE
+    return memory[start : start + byte_count]
+
+
+def _records(lane_count: int, layout: list[list[tuple]]) -> dict[str, np.ndarray]:
+    """Fields of one record a lane, as views.
+
+    Parameters
+    ----------
+    layout : list of lists of (name, dtype[, shape])
+        In the order of memory; each list begins at a cache line.
+    """
+    names: list[str] = []
+    formats: list[object] = []
+    offsets: list[int] = []
+    size = 0
+    for fields in layout:
+        for name, dtype, *shape in fields:
+            kind = np.dtype((dtype, *shape)) if shape else np.dtype(dtype)
+            names.append(name)
+            formats.append(kind)
+            offsets.append(size)
+            size += kind.itemsize
+        size += -size % _CACHE_LINE
+    record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+    memory = _aligned(lane_count * record.itemsize).view(record)
+    return {name: memory[name] for name in names}
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Path flags (bits of PathState.flags). The first five are the visibility bits of scene.description.
+
+RAY_CAMERA = 1
+RAY_DIFFUSE = 2
+RAY_GLOSSY = 4
+RAY_TRANSMIT = 8
+RAY_VOLUME = 16
+RAY_SHADOW = 32
+RAY_VISIBILITY = 63
+RAY_REFLECT = 64
+RAY_SINGULAR = 128
+#: Passed through a transparent surface since the last scattering.
+RAY_TRANSPARENT = 256
+#: The last scattering was a delta lobe or the camera: emission it finds is counted whole, no MIS.
+RAY_MIS_SKIP = 512
+#: The surface scattered from had a transmissive lobe (the light tree's importance differs there).
+RAY_MIS_HAD_TRANSMISSION = 1024
+RAY_DIFFUSE_ANCESTOR = 2048
+#: A limit was reached: the next surface only emits, unless it is transparent.
+RAY_TERMINATE_AFTER_TRANSPARENT = 4096
+RAY_TERMINATE_ON_NEXT_SURFACE = 8192
+#: Only transparent surfaces since the camera: what is behind counts into alpha.
+RAY_TRANSPARENT_BACKGROUND = 16384
+#: Set by the shader's evaluation only: emission wanted, nothing else.
+RAY_EMISSION = 32768
+#: Passes of the first surface have been written.
+RAY_PASSES_DONE = 65536
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
+# and POINT_FLAG_BACKFACING is set.
+
+POINT_P = 0  # world position [m]
+POINT_WO = 3  # unit, towards the viewer
+POINT_NG = 6  # geometric normal
+POINT_NS = 9  # shading normal
+POINT_U = 12  # barycentrics as Embree: P = (1 - u - v) v0 + u v1 + v v2
+POINT_V = 13
+POINT_RAY_LENGTH = 14
+POINT_RADIUS = 15  # footprint radius of the ray at P [m] (compact ray differential)
+POINT_RANDOM = 16  # uniform in [0, 1), for stochastic nodes
+POINT_TIME = 17
+POINT_REAL_WIDTH = 18
+
+# Columns of ShadePoints.integer (int32).
+POINT_INSTANCE = 0  # -1: none (background or analytic light)
+POINT_TRIANGLE = 1  # row of GeometryArrays.triangles
+POINT_PROGRAM = 2  # row of ShaderArrays.programs
+POINT_RAY_FLAGS = 3
+POINT_FLAGS = 4
+# Surfaces that the path has met, by kind (`kernels/path_depths.py`).
+POINT_PATH_DEPTH = 5
+POINT_DIFFUSE_DEPTH = 6
+POINT_GLOSSY_DEPTH = 7
+POINT_TRANSMISSION_DEPTH = 8
+POINT_TRANSPARENT_DEPTH = 9
+POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
+POINT_INTEGER_WIDTH = 11
+
+POINT_FLAG_BACKFACING = 1
+
+
+class ShadePoints(Bundle):
+    """Points at which shader programs run: surface hits, light samples, background directions, shadow hits.
+
+    real : float32 (L, POINT_REAL_WIDTH)
+    integer : int32 (L, POINT_INTEGER_WIDTH)
+    """
+
+    _rows = True
+    real: Float32Array
+    integer: Int32Array
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Closures: the result of a shader program at a point.
+
+MAX_CLOSURES = 16
+CLOSURE_WIDTH = 32
+CLOSURE_CHANNELS = 4
+
+# Columns of Closures.param common to all kinds; the rest belongs to the kind (engine/kernels/bsdf). The first sixteen
+# are one cache line: what simple lobes need should stay there.
+CLOSURE_WEIGHT = 0  # 4 channels
+CLOSURE_N = 4  # unit normal, on the viewer's side
+CLOSURE_SAMPLE_WEIGHT = 7  # unnormalised selection probability
+_CLOSURE_KIND = 8  # Closures.kind
+CLOSURE_KIND_PARAMS = 9
+#: Paths in flight per thread, and the most lanes any batch may have: the distance between a lane's closures is part of
+#: their type, so that another would compile the kernels again. Their state has to stay near the core; fewer make the
+#: calls between stages show.
+LANE_COUNT = 2048
+#: Lanes between a lane's closures in memory (all first closures lie together, then all second ones); not a power of
+#: two, or they would compete for the same places in the cache.
+_CLOSURE_LANES = LANE_COUNT + 8
+
+
+class Closures(Bundle):
+    """Weighted lobes per lane.
+
+    kind : int32 (L, MAX_CLOSURES), engine.kernels.bsdf.kinds
+    param : float32 (L, MAX_CLOSURES, CLOSURE_WIDTH)
+    count : int32 (L,)
+    emission : float32 (L, 4), radiance emitted towards wo, per channel
+    transparency : float32 (L, 4), summed weight of transparent closures
+    holdout : float32 (L,), weight of holdout closures
+    ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`bsdf.reset_closures` sets it)
+    flags : int32 (L,), CLOSURE_* bits of engine.kernels.bsdf.kinds
+    dispersion : float32 (L,) [um^2], of the material (`engine.spectral.dispersion`); wavelength [nm], share : float32
+        (L, WAVELENGTHS), of the path, see `PathState`. Set where the lane disperses (CLOSURE_DISPERSES), else not read
+    channels : tuple of ints, its length is the spectrum's width
+    """
+
+    _rows = True
+    kind: Int32Array
+    param: Float32Array
+    count: Int32Array
+    emission: Float32Array
+    transparency: Float32Array
+    holdout: Float32Array
+    ns: Float32Array
+    flags: Int32Array
+    dispersion: Float32Array
+    wavelength: Float32Array
+    share: Float32Array
+    channels: tuple[int, ...]
+
+
+def _without_wavelengths(scalar: str) -> dict[str, np.ndarray]:
+    """Fields that a render in RGB has no use for: `wavelength`, `share` and one number a lane."""
+    return {
+        scalar: np.zeros(0, np.float32),
+        "wavelength": np.zeros((0, WAVELENGTHS), np.float32),
+        "share": np.zeros((0, WAVELENGTHS), np.float32),
+    }
+
+
+def value_width(channel_count: int) -> int:
+    """Columns that a BSDF's value takes: its channels; with wavelengths three times as many.
+
+    The second third is the density by channel of lanes that disperse, the last is for work.
+    """
+    return channel_count if channel_count == RGB else 3 * channel_count
+
+
+def allocate_points(lane_count: int) -> ShadePoints:
+    """Zeroed `ShadePoints` for `lane_count` lanes."""
+    width = POINT_REAL_WIDTH + POINT_INTEGER_WIDTH
+    memory = _aligned(lane_count * 2 * _CACHE_LINE).view(np.float32).reshape(lane_count, -1)
+    return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
+
+
+def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
+    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`."""
+    if lane_count > LANE_COUNT:
+        raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
+    real, integer = np.float32, np.int32
+    memory = _aligned(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(real)
+    param = memory.reshape(MAX_CLOSURES, _CLOSURE_LANES, CLOSURE_WIDTH)[:, :lane_count].transpose(1, 0, 2)
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("count", integer),
+                ("flags", integer),
+                ("holdout", real),
+                ("ns", real, 3),
+                ("emission", real, CLOSURE_CHANNELS),
+                ("transparency", real, CLOSURE_CHANNELS),
+            ]
+        ],
+    )
+    if channel_count == RGB:
+        fields |= _without_wavelengths("dispersion")
+    else:
+        # Apart, so that shaders meet the same closures (`as_rgb`) and are not compiled again.
+        fields |= _records(
+            lane_count, [[("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("dispersion", real)]]
+        )
+    return Closures(
+        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields, channels=tuple(range(channel_count))
+    )
+
+
+def as_rgb(closures: Closures) -> Closures:
+    """The same closures as shaders see them: their colours are RGB, whatever the render's spectrum."""
+    if len(closures.channels) == RGB:
+        return closures
+    return closures._replace(**_without_wavelengths("dispersion"), channels=tuple(range(RGB)))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Paths
+
+
+class PathState(Bundle):
+    """A batch of paths in flight, L lanes.
+
+    pixel : int32, index into the film; sample : int32
+    rng : uint32, hash of (seed, pixel); dimension : int32, next unused set of random numbers
+    origin, direction : float32 (L, 3), world; time : float32
+    throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
+    unguided : float32, factor that makes of the throughput what BSDF sampling would have, for roulette
+    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter
+    mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
+    mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
+    min_pdf : float32, smallest scattering density so far (filter_glossy)
+    radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
+    alpha : float32, 1 - transparency seen by the camera so far
+    flags : int32 (RAY_*); depth counters : int32
+    hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
+        triangle (row of GeometryArrays.triangles)
+    offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
+    random : float32 (L, 4), this vertex's numbers for the BSDF; the last for roulette, then made uniform again
+    survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
+        played the least that guiding asks for, -1 = nothing
+    alive : uint8, 0 once the path has ended in this round
+    hero : float32 in [0, 1), by which wavelengths are drawn; wavelength : float32 (L, WAVELENGTHS) [nm], hero first
+    share : float32 (L, WAVELENGTHS), of each wavelength in the path's density: with which it would have been sampled,
+        had that been the hero, over the sum of all
+    """
+
+    _rows = True
+    pixel: Int32Array
+    sample: Int32Array
+    rng: Uint32Array
+    dimension: Int32Array
+    origin: Float32Array
+    direction: Float32Array
+    time: Float32Array
+    throughput: Float32Array
+    radiance: Float32Array
+    unguided: Float32Array
+    mis_pdf: Float32Array
+    mis_origin: Float32Array
+    mis_normal: Float32Array
+    mis_distance: Float32Array
+    min_pdf: Float32Array
+    radius: Float32Array
+    spread: Float32Array
+    alpha: Float32Array
+    flags: Int32Array
+    depth: Int32Array
+    diffuse_depth: Int32Array
+    glossy_depth: Int32Array
+    transmission_depth: Int32Array
+    transparent_depth: Int32Array
+    hit_distance: Float32Array
+    hit_u: Float32Array
+    hit_v: Float32Array
+    hit_instance: Int32Array
+    hit_triangle: Int32Array
+    offset: Float32Array
+    random: Float32Array
+    survival: Float32Array
+    alive: Uint8Array
+    hero: Float32Array
+    wavelength: Float32Array
+    share: Float32Array
+    channels: tuple[int, ...]
+
+
+class ShadowRays(Bundle):
+    """Light samples waiting for their visibility, at most one a lane.
+
+    Row k waits for path `lane[k]`; how many rows are in use is kept by the integrator.
+
+    lane : int32
+    origin, direction : float32 (L, 3); distance : float32
+    radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
+    weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
+    transparent_depth : int32, transparent surfaces passed, the path's own included
+    """
+
+    _rows = True
+    lane: Int32Array
+    origin: Float32Array
+    direction: Float32Array
+    distance: Float32Array
+    radiance: Float32Array
+    weight: Float32Array
+    transparent_depth: Int32Array
+    channels: tuple[int, ...]
+
+
+class GuidedLanes(Bundle):
+    """What is decided for a lane before its light sample is weighed.
+
+    rough_share : float32, probability of scattering off a lobe that is not delta, and resampling it; 0 = not guided,
+        the BSDF samples all lobes
+    region : int32, of the guiding field; leaf : int32, region that the point itself lies in
+    candidate_count : int32
+    probability : float32, that the guide proposes a candidate, not the BSDF
+    """
+
+    rough_share: Float32Array
+    region: Int32Array
+    leaf: Int32Array
+    candidate_count: Int32Array
+    probability: Float32Array
+
+
+def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
+    """`GuidedLanes` of which none is guided."""
+    return GuidedLanes(
+        np.zeros(lane_count, np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.int32),
+        np.zeros(lane_count, np.int32), np.zeros(lane_count, np.float32),
+    )
+
+
+class LightSamples(Bundle):
+    """One light sample a lane, between choosing it and connecting to it.
+
+    direction : float32 (L, 3), from the surface, unit; distance : float32, 1e30 for distant lights
+    pdf : float32 [sr^-1], the tree's pmf included (a delta light's pmf); 0 = none
+    radiance : float32 (L, C), or the factor on the light program's emission where there is a program
+    terminate : float32 in [0, 1), for the roulette on dim light samples
+    offset : float32 [m], rounding error of the point on the light along the ray
+    flags : int32, LIGHT_*
+    visibility : int32, RAY_* kinds that see this light
+    guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
+        BSDF's density in it (0 and 1 where the lane is not guided)
+    weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
+    """
+
+    _rows = True
+    direction: Float32Array
+    distance: Float32Array
+    pdf: Float32Array
+    radiance: Float32Array
+    terminate: Float32Array
+    offset: Float32Array
+    flags: Int32Array
+    visibility: Int32Array
+    guide_pdf: Float32Array
+    bsdf_share: Float32Array
+    weight: Float32Array
+    channels: tuple[int, ...]
+
+
+LIGHT_USES_MIS = 1
+LIGHT_CASTS_SHADOW = 2
+#: The program's emission at this sample is in the light closures.
+LIGHT_HAS_PROGRAM = 4
+
+
+def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
+    """Zeroed `LightSamples` for `lane_count` lanes."""
+    real, integer = np.float32, np.int32
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("direction", real, 3),
+                ("distance", real),
+                ("pdf", real),
+                ("radiance", real, channel_count),
+                ("terminate", real),
+                ("offset", real),
+                ("flags", integer),
+                ("visibility", integer),
+                ("guide_pdf", real),
+                ("bsdf_share", real),
+                ("weight", real),
+            ]
+        ],
+    )
+    fields["bsdf_share"][:] = fields["weight"][:] = 1.0
+    return LightSamples(**fields, channels=tuple(range(channel_count)))
+
+
+def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
+    """Zeroed `PathState` for `lane_count` lanes."""
+    real, integer = np.float32, np.int32
+    layout: list[list[tuple]] = [
+        [
+            ("origin", real, 3),
+            ("direction", real, 3),
+            ("time", real),
+            ("flags", integer),
+            ("hit_distance", real),
+            ("hit_u", real),
+            ("hit_v", real),
+            ("hit_instance", integer),
+            ("hit_triangle", integer),
+            ("depth", integer),
+            ("offset", real),
+            ("alive", np.uint8),
+        ],
+        [
+            ("throughput", real, channel_count),
+            ("radiance", real, channel_count),
+            ("random", real, 4),
+            ("rng", np.uint32),
+            ("sample", integer),
+            ("dimension", integer),
+            ("pixel", integer),
+            ("unguided", real),
+            ("survival", real),
+        ],
+        [
+            ("mis_origin", real, 3),
+            ("mis_normal", real, 3),
+            ("mis_distance", real),
+            ("mis_pdf", real),
+            ("min_pdf", real),
+            ("radius", real),
+            ("spread", real),
+            ("alpha", real),
+            ("diffuse_depth", integer),
+            ("glossy_depth", integer),
+            ("transmission_depth", integer),
+            ("transparent_depth", integer),
+        ],
+    ]
+    if channel_count > RGB:
+        layout.append([("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("hero", real)])
+    fields = _records(lane_count, layout)
+    if channel_count == RGB:
+        fields |= _without_wavelengths("hero")
+    return PathState(**fields, channels=tuple(range(channel_count)))
+
+
+def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
+    """Zeroed `ShadowRays` for `lane_count` lanes."""
+    real, integer = np.float32, np.int32
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("origin", real, 3),
+                ("direction", real, 3),
+                ("distance", real),
+                ("radiance", real, channel_count),
+                ("weight", real),
+                ("lane", integer),
+                ("transparent_depth", integer),
+            ]
+        ],
+    )
+    return ShadowRays(**fields, channels=tuple(range(channel_count)))

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lights as kernels read them; built by `engine.builder.lights`.
+
+An *emitter* is what the light tree picks: an emissive triangle, a lamp or the background. Emitters are numbered
+triangles first (so a triangle emitter's number is its row in `triangles`), then lamps, then the background.
+"""
+
+from __future__ import annotations
+
+from engine.array_types import Float32Array, Int32Array, Int64Array
+from engine.runtime.bundle import Bundle
+
+# Kinds of emitters
+LIGHT_TRIANGLE = 0
+LIGHT_POINT = 1
+LIGHT_SPOT = 2
+LIGHT_AREA = 3
+LIGHT_SUN = 4
+LIGHT_BACKGROUND = 5
+
+# ---------------------------------------------------------------------------------------------------------------------
+# LightArrays.nodes (float32, one cache line): what lies below a node of the light tree.
+
+NODE_CENTER = 0
+NODE_RADIUS = 3
+NODE_HALF_SIZE = 4
+#: Radiant intensity [W/sr] along the strongest direction, mean of channels.
+NODE_ENERGY = 7
+NODE_AXIS = 8
+#: The cone around the axis that holds all normals: cosine and sine of its half angle theta_o.
+NODE_COS_NORMALS = 11
+NODE_SIN_NORMALS = 12
+#: Cosine of theta_e, how far from its normal each emitter still emits.
+NODE_COS_EMISSION = 13
+#: 1 where emitters emit to both sides of their normals.
+NODE_TWO_SIDED = 14
+#: Added to the squared distance: mean squared distance of the energy from the centre, plus its emitters' own size.
+NODE_SPREAD = 15
+NODE_WIDTH = 16
+
+# LightArrays.links (int32)
+LINK_PARENT = 0
+#: Children are the rows [LINK_CHILD, LINK_CHILD + LINK_COUNT); ~emitter for a leaf.
+LINK_CHILD = 1
+LINK_COUNT = 2
+LINK_WIDTH = 4
+
+# LightArrays.distant (float32): emitters at infinity.
+DISTANT_DIRECTION = 0  # towards the light
+DISTANT_COS = 3  # of the half angle it is seen under; -1 for the background
+DISTANT_SIN = 4
+DISTANT_ENERGY = 5  # irradiance [W m^-2] on a plane facing it, mean of channels
+DISTANT_EMITTER = 6
+DISTANT_WIDTH = 8
+
+# LightArrays.emitters (int32)
+EMITTER_KIND = 0
+#: Row in `lamps`; -1 for triangles and the background.
+EMITTER_LAMP = 1
+EMITTER_INSTANCE = 2
+EMITTER_TRIANGLE = 3
+#: Program to evaluate for the emission, -1: the radiance is constant and known.
+EMITTER_PROGRAM = 4
+EMITTER_FLAGS = 5
+#: Its leaf in `nodes`, or ~row of `distant`.
+EMITTER_NODE = 6
+EMITTER_VISIBILITY = 7
+EMITTER_WIDTH = 8
+
+#: Sides of a triangle that are sampled as a light.
+EMITTER_FRONT = 1
+EMITTER_BACK = 2
+#: The front is the opposite of cross(edge 1, edge 2): a mirroring transform.
+EMITTER_MIRRORED = 4
+#: It moves or changes its shape while the shutter is open: where it is tells the geometry.
+EMITTER_MOVING = 8
+
+# LightArrays.triangles (float32): world space, at the middle of the shutter.
+TRIANGLE_V0 = 0
+TRIANGLE_EDGE1 = 3  # v1 - v0
+TRIANGLE_EDGE2 = 6  # v2 - v0
+TRIANGLE_RADIANCE = 9  # constant emission, or 1 where a program tells
+TRIANGLE_WIDTH = 12
+
+# ---------------------------------------------------------------------------------------------------------------------
+# LightArrays.lamps (float32)
+
+LAMP_P = 0  # position; suns: unit direction towards the sun
+#: Radiance [W m^-2 sr^-1]; radiant intensity [W/sr] of points without a radius, irradiance [W m^-2] of suns without
+#: an angle and of area lights without spread.
+LAMP_RADIANCE = 3
+LAMP_RADIUS = 6
+LAMP_AXIS_U = 7  # area: unit
+LAMP_AXIS_V = 10
+LAMP_DIRECTION = 13  # area and spot: where it emits to
+LAMP_LENGTH_U = 16
+LAMP_LENGTH_V = 17
+LAMP_TAN_SPREAD = 18  # area: tangent of half the spread
+LAMP_SPREAD_SCALE = 19  # area: 1 / (tan a - a), 0 = no spread
+LAMP_INVERSE = 20  # spot: 3x3, world directions to local ones
+LAMP_COS_SPOT = 29
+LAMP_SPOT_SCALE = 30  # 1 / ((1 - cos) blend)
+LAMP_ONE_MINUS_COS = 31  # sun: of its half angle; spot: of the widest cone after scaling
+LAMP_ESTIMATE = 32  # mean emission of its program, 1 without
+LAMP_TEMPERATURE = 35  # of black bodies [K], else 0
+LAMP_WIDTH = 36
+
+# LightArrays.lamp_table (int32)
+LAMP_KIND = 0
+LAMP_FLAGS = 1
+LAMP_VISIBILITY = 2
+LAMP_MAX_BOUNCES = 3
+LAMP_PROGRAM = 4
+LAMP_EMITTER = 5
+LAMP_LIGHT = 6  # index into SceneDescription.lights
+LAMP_TABLE_WIDTH = 8
+
+LAMP_FLAG_MIS = 1
+LAMP_FLAG_SHADOW = 2
+#: Points and spots: a sphere, else a disc that faces the receiver (soft falloff).
+LAMP_FLAG_SPHERE = 4
+LAMP_FLAG_ELLIPSE = 8
+#: Can only be sampled, never hit.
+LAMP_FLAG_DELTA = 16
+
+# LightArrays.header (int32)
+HEADER_EMITTERS = 0
+#: Lamps [0, HEADER_HITTABLE) have an extent in space: rays may cross them.
+HEADER_HITTABLE = 1
+#: Lamps [HEADER_FIRST_SUN, HEADER_LAST_SUN) are suns with an angle.
+HEADER_FIRST_SUN = 2
+HEADER_LAST_SUN = 3
+HEADER_BACKGROUND_EMITTER = 4  # -1: the background is not sampled as a light
+HEADER_BACKGROUND_PROGRAM = 5
+HEADER_BACKGROUND_VISIBILITY = 6
+HEADER_BACKGROUND_MAX_BOUNCES = 7
+#: Rows of `sources`; -1: light may come from anywhere.
+HEADER_SOURCES = 8
+HEADER_BACKGROUND_SHADOW = 9
+HEADER_WIDTH = 10
+
+#: Steps of `map_guide`; a power of two, so that finding one's own does not round.
+MAP_GUIDE_SIZE = 64
+
+
+class LightArrays(Bundle):
+    """All emitters, the tree over them and their shapes.
+
+    header : int32 (HEADER_WIDTH,)
+    nodes : float32 (M, NODE_WIDTH); links : int32 (M, LINK_WIDTH); M = 0 without local emitters
+    distant : float32 (D, DISTANT_WIDTH)
+    emitters : int32 (E, EMITTER_WIDTH)
+    triangles : float32 (T, TRIANGLE_WIDTH)
+    sources : float32 (S, 4), spheres that hold all that scattered rays can find by chance: centre, squared radius [m]
+    lamps : float32 (L, LAMP_WIDTH); lamp_table : int32 (L, LAMP_TABLE_WIDTH)
+    lookup_offset : int64 (I, 2), where the triangles of instance i start in `lookup` (-1: it has no emitters), and
+        the first triangle of its mesh
+    lookup : int32 (K,), emitter of a triangle, -1 = none
+    map_marginal : float32 (H + 1, 2), cumulative probability of rows and cosine of their lower latitude bound
+    map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
+    map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
+        last row, whose cumulative probability is not above k / MAP_GUIDE_SIZE
+    """
+
+    #: The map's width differs from world to world.
+    _dynamic = frozenset({"map_conditional"})
+
+    header: Int32Array
+    nodes: Float32Array
+    links: Int32Array
+    distant: Float32Array
+    emitters: Int32Array
+    triangles: Float32Array
+    sources: Float32Array
+    lamps: Float32Array
+    lamp_table: Int32Array
+    lookup_offset: Int64Array
+    lookup: Int32Array
+    map_marginal: Float32Array
+    map_conditional: Float32Array
+    map_guide: Int32Array

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compiled shader programs as kernels read them, and the memory a thread runs them in.
+
+A program is a run of instructions in `ShaderArrays.code`:
+
+    code[pc] opcode | code[pc + 1] length in words | outputs ... | inputs ... | immediates ...
+
+Outputs and inputs are indices into the thread's memory (`allocate_memory`): registers first, constants behind them, so
+a kernel reads either the same way. Vectors and colours take three consecutive floats. Immediates are plain integers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
+from engine.runtime.bundle import Bundle
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Evaluation modes (the `mode` argument of evaluate_shaders): one of the first three, plus any of the caustics bits.
+
+#: Everything: lobes, emission, transparency.
+MODE_CLOSURES = 0
+#: Emission only (light samples, background).
+MODE_EMISSION = 1
+#: Weights of transparent and holdout closures only (shadow rays).
+MODE_TRANSPARENCY = 2
+MODE_MASK = 3
+#: Glossy lobes vanish behind a diffuse bounce, as Cycles does with reflective caustics off.
+MODE_NO_REFLECTIVE_CAUSTICS = 4
+MODE_NO_REFRACTIVE_CAUSTICS = 8
+
+# Columns of ShaderArrays.programs: a range of `code` per mode (the others are slices of the first), and facts.
+PROGRAM_START = 0  # + 2 * (mode & MODE_MASK)
+PROGRAM_END = 1
+PROGRAM_FLAGS = 6
+#: Row of `images`, plus 1, that a lookup by an unchanged UV map will read; 0 = not known. And the map's slot, or -1.
+PROGRAM_AHEAD_IMAGE = 7
+PROGRAM_AHEAD_SLOT = 8
+PROGRAM_WIDTH = 9
+
+#: May emit light.
+PROGRAM_HAS_EMISSION = 1
+#: Emission is program_values[row, 0:3] wherever and however it is seen.
+PROGRAM_EMISSION_CONSTANT = 2
+#: May let shadow rays through (transparent or holdout closures).
+PROGRAM_MAY_BE_TRANSPARENT = 4
+#: Its transparency is program_values[row, 4:7] everywhere: shadow rays need not run it.
+PROGRAM_TRANSPARENCY_CONSTANT = 8
+#: Every closure's inputs are constants.
+PROGRAM_IS_CONSTANT = 16
+#: Adds reflecting or refracting lobes (not only emission and transparency).
+PROGRAM_HAS_LOBES = 32
+#: The material turned "bump map correction" off.
+PROGRAM_NO_BUMP_CORRECTION = 64
+#: Nothing but one Lambertian lobe about the smooth normal, of weight program_values[row, 8:11].
+PROGRAM_IS_LAMBERTIAN = 128
+
+# Columns of ShaderArrays.program_values.
+VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean
+VALUE_TRANSPARENCY = 4
+VALUE_LAMBERTIAN = 8
+VALUE_WIDTH = 12
+
+# Columns of ShaderArrays.images.
+IMAGE_X = 0  # width [texels]
+IMAGE_Y = 1  # height
+IMAGE_OFFSET = 2  # first value in its pool
+IMAGE_IS_FLOAT = 3
+IMAGE_IS_SRGB = 4
+IMAGE_IS_ASSOCIATED = 5
+IMAGE_WIDTH = 8
+
+#: Registers 0..3 swallow outputs nobody reads.
+SINK = 0
+FIRST_REGISTER = 4
+
+#: ShaderArrays.tables begins with this many samples of the sRGB decoding curve on [0, 1].
+SRGB_TABLE_SIZE = 2049
+
+# Rows of ShaderArrays.camera
+CAMERA_WORLD_TO_CAMERA = 0
+CAMERA_TO_WORLD = 1
+CAMERA_WORLD_TO_NDC = 2  # three homogeneous rows: x, y, weight
+CAMERA_ROWS = 3
+
+
+class ShaderArrays(Bundle):
+    """All programs of a scene.
+
+    code : int32 (K,)
+    constants : float32 (C,), copied behind the registers of each thread's memory
+    programs : int32 (P, PROGRAM_WIDTH)
+    program_values : float32 (P, VALUE_WIDTH)
+    program_pass_index : float32 (P,), material index pass
+    program_dispersion : float32 (P,)  [um^2], of all refracting lobes (`engine.spectral.dispersion.ior_at`)
+    program_temperature : float32 (P,)  [K], of programs that emit as a black body (`engine.shaders.blackbody`), else 0
+    images : int64 (I, IMAGE_WIDTH)
+    pixels_byte, pixels_float : uint8 and float32 pools, RGBA, row 0 at the bottom
+    tables : float32 pool of ramps and curves
+    camera : float32 (CAMERA_ROWS, 12), 3x4 matrices, camera space looks along +z as in Cycles
+    register_count : int64 (1,)
+    """
+
+    code: Int32Array
+    constants: Float32Array
+    programs: Int32Array
+    program_values: Float32Array
+    program_pass_index: Float32Array
+    program_dispersion: Float32Array
+    program_temperature: Float32Array
+    images: Int64Array
+    pixels_byte: Uint8Array
+    pixels_float: Float32Array
+    tables: Float32Array
+    camera: Float32Array
+    register_count: Int64Array
+
+
+def allocate_memory(shaders: ShaderArrays) -> Float32Array:
+    """A thread's memory for `evaluate_shaders` (its `scratch`): registers, then a copy of the constants.
+
+    It belongs to these programs: allocate anew whenever `shaders` changes.
+    """
+    register_count = int(shaders.register_count[0])
+    memory = np.zeros(register_count + len(shaders.constants), np.float32)
+    memory[register_count:] = shaders.constants
+    return memory
+
+
+def identity_camera() -> Float32Array:
+    """`ShaderArrays.camera` where there is none: all spaces are the world.
+
+    Returns
+    -------
+    float32 (CAMERA_ROWS, 12)
+    """
+    rows = np.tile(np.eye(4, dtype=np.float32)[:3].ravel(), (CAMERA_ROWS, 1))
+    rows[CAMERA_WORLD_TO_NDC, 8:] = (0.0, 0.0, 0.0, 1.0)
+    return rows

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Columns of the headers, the counters and the clock of `engine.wavefront.work`.
+
+Apart from the bundles, so that stages import little: a kernel is compiled anew when a module it reaches changes.
+"""
+
+from typing import NamedTuple
+
+# SceneView.header
+SCENE_HANDLE = 0  # Embree's, an address
+SCENE_WIDTH = 1  # of the full image [px]
+SCENE_WORLD_PROGRAM = 2
+SCENE_WORLD_VISIBILITY = 3
+SCENE_WORLD_IS_CONSTANT = 4
+SCENE_HAS_EMITTERS = 5
+SCENE_HAS_HITTABLE_LIGHTS = 6
+SCENE_HAS_TRANSPARENT_SHADOWS = 7
+SCENE_IS_SPECTRAL = 8  # paths have wavelengths
+SCENE_HEADER_WIDTH = 9
+
+# UnitView.header
+UNIT_SEED = 0
+UNIT_SAMPLE_FIRST = 1
+UNIT_PATH_COUNT = 2  # pixels x samples
+UNIT_RECORD_THRESHOLD = 3
+UNIT_IS_GUIDED = 4
+UNIT_SHADER_MODE = 5
+UNIT_USE_FEATURES = 6
+UNIT_STRATUM = 7  # part of the shutter that times lie in; or ALL_STRATA: a path's time says which row of its pixel
+UNIT_STRATA = 8
+UNIT_DIVIDES_WAVELENGTHS = 9  # strata divide what a path's wavelengths have in common, their offset from a quarter
+UNIT_HEADER_WIDTH = 10
+
+# Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
+NEXT_PATH = 0
+RECORDS = 1
+SHADOW_ROWS = 2  # of `Work.shadows`, in use
+NEXT_LANE = 3  # of those to be resampled
+VERTICES = 4  # and rows of `Work.candidates`, in use
+ROWS = 5
+REJECTS = 6
+RECORD_REJECTS = 7
+RECORDS_DROPPED = 8  # for want of room
+CLOSEST_RAYS = 9
+SHADOW_RAYS = 10
+TRANSPARENT_SHADOW_RAYS = 11
+GUIDED_VERTICES = 12
+RESAMPLED_VERTICES = 13
+CANDIDATES = 14
+RESAMPLED_CANDIDATES = 15
+COUNT_WIDTH = 16
+
+
+class ClockEntries(NamedTuple):
+    """Entries of `Work.clock`, whose last element is the last mark."""
+
+    init_from_camera: int
+    play_roulette: int
+    intersect_closest: int
+    shade_lights: int
+    prepare_surface: int
+    shade_background: int
+    evaluate_shaders: int
+    upsample: int
+    shade_emission: int
+    write_features: int
+    prepare_guides: int
+    write_guiding: int
+    choose_lights: int
+    evaluate_light_shaders: int
+    guide_lights: int
+    connect_lights: int
+    intersect_shadow: int
+    scatter: int
+    sample_source: int
+    draw_candidates: int
+    predict_radiance: int
+    guide_resample: int
+    collect_records: int
+    accumulate: int
+
+
+CLOCK = ClockEntries(*range(len(ClockEntries._fields)))

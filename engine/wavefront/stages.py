@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All stages by name, and what the main loop passes to each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from engine.state.shaders import MODE_CLOSURES
+from engine.wavefront.accumulate import accumulate
+from engine.wavefront.collect_records import collect_records
+from engine.wavefront.columns import (
+    SCENE_HAS_EMITTERS,
+    SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_IS_SPECTRAL,
+    SCENE_WORLD_IS_CONSTANT,
+    UNIT_USE_FEATURES,
+)
+from engine.wavefront.draw_candidates import draw_candidates
+from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.wavefront.guide_lights import guide_lights
+from engine.wavefront.guide_resample import guide_resample
+from engine.wavefront.init_from_camera import init_from_camera
+from engine.wavefront.intersect_closest import intersect_closest
+from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.play_roulette import play_roulette
+from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
+from engine.wavefront.prepare_guides import prepare_guides
+from engine.wavefront.prepare_surface import prepare_surface
+from engine.wavefront.sample_light import choose_lights, connect_lights
+from engine.wavefront.sample_source import sample_source
+from engine.wavefront.scatter import scatter
+from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
+from engine.wavefront.shade_emission import shade_emission
+from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
+from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
+from engine.wavefront.write_features import write_features
+from engine.wavefront.write_guiding import write_guiding
+
+_Stages = dict[str, Callable[..., Any]]
+
+
+def _by_name(*stages: Callable[..., Any]) -> _Stages:
+    return {stage.__name__: stage for stage in stages}
+
+
+#: Take scene, unit, work and a queue.
+_PLAIN = _by_name(
+    init_from_camera, play_roulette, intersect_closest, prepare_surface, shade_background, shade_emission, scatter,
+    accumulate,
+)
+#: The same, where the scene or what is asked for needs them.
+_HITTABLE_LIGHTS = _by_name(shade_lights)
+_CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
+_FEATURES = _by_name(write_features)
+_EMITTERS = _by_name(choose_lights, connect_lights, intersect_shadow)
+_TRANSPARENT_SHADOWS = _by_name(pass_transparent)
+_WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
+_RECORDS = _by_name(collect_records)
+#: Take scene, unit, guidance, work and a queue.
+_GUIDED = _by_name(prepare_guides, guide_lights, draw_candidates, guide_resample, sample_source)
+_GUIDED_FEATURES = _by_name(write_guiding)
+#: Take what they need.
+_SHADERS = _by_name(evaluate_shaders)
+_EMISSION_WAVELENGTHS = _by_name(upsample_emission)
+_PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
+
+#: Every stage.
+STAGES: _Stages = {
+    **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_EMITTERS, **_TRANSPARENT_SHADOWS,
+    **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS, **_EMISSION_WAVELENGTHS, **_PREDICTION,
+    **_BLENDING,
+}
+
+
+def stage_arguments(
+    scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool
+) -> dict[str, tuple[Any, ...]]:
+    """What `StageTable.link` is to know of every stage that `trace_rounds` may call for these bundles.
+
+    Returns
+    -------
+    dict
+        By the stage's name, arguments of the types that the loop passes.
+    """
+    header, use_features = scene.header, unit.header[UNIT_USE_FEATURES]
+    plain, guided = (scene, unit, work, work.active), (scene, unit, guidance, work, work.active)
+    arguments: dict[str, tuple[Any, ...]] = {}
+
+    def add(stages: _Stages, taken: tuple[Any, ...], when: Any = True) -> None:
+        if when:
+            arguments.update(dict.fromkeys(stages, taken))
+
+    add(_PLAIN, plain)
+    add(_HITTABLE_LIGHTS, plain, header[SCENE_HAS_HITTABLE_LIGHTS])
+    add(_CONSTANT_WORLD if header[SCENE_WORLD_IS_CONSTANT] else _OTHER_WORLD, plain)
+    add(_FEATURES, plain, use_features)
+    add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
+    add(_TRANSPARENT_SHADOWS, plain, header[SCENE_HAS_EMITTERS] and header[SCENE_HAS_TRANSPARENT_SHADOWS])
+    add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])
+    add(_RECORDS, plain, is_guided)
+    add(_GUIDED, guided, is_guided)
+    add(_GUIDED_FEATURES, guided, is_guided and use_features)
+    shading = (scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes)
+    add(_SHADERS, (*shading, 0, work.registers, MODE_CLOSURES))
+    add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])
+    add(_PREDICTION, (radiance, guidance, work), is_guided)
+    add(_BLENDING, (guidance, work), is_guided)
+    return arguments

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the loop over the stages works on, as bundles: scene, what has been learned, a unit, a thread's memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.guiding.fields.table import TableField
+from engine.guiding.fields.vmm.field import VmmField
+from engine.guiding.networks.radiance_query import NetworkField
+from engine.guiding.records.vertices import VertexLog, VertexRecords
+from engine.kernels.bsdf.tables import BsdfTables
+from engine.ris.candidates import Candidates
+from engine.ris.orca import Allocation
+from engine.runtime.bundle import Bundle
+from engine.spectral.tables import SpectralTables
+from engine.state.film import FilmTile
+from engine.state.geometry import GeometryArrays
+from engine.state.lanes import Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
+from engine.state.lights import LightArrays
+from engine.state.shaders import ShaderArrays
+from engine.wavefront.options import GuidingOptions, IntegratorOptions
+
+
+class SceneView(Bundle):
+    """A scene with the settings that no iteration changes, for kernels.
+
+    header : int64 (SCENE_HEADER_WIDTH,)
+    camera, camera_motion, shutter, pixel_filter : float32, as `engine.builder.camera.CameraArrays`
+    """
+
+    header: np.ndarray
+    camera: np.ndarray
+    camera_motion: np.ndarray
+    shutter: np.ndarray
+    pixel_filter: np.ndarray
+    spectrum: SpectralTables
+    geometry: GeometryArrays
+    shaders: ShaderArrays
+    tables: BsdfTables
+    lights: LightArrays
+    options: IntegratorOptions
+
+
+class RadianceView(Bundle):
+    """What predicts radiance along candidates, if it is not the mixture; where there is none, its shape and never read.
+
+    Apart from `GuidanceView`: a network's shape depends on settings, and only one stage is to be compiled for it.
+    """
+
+    table: TableField
+    network: NetworkField
+
+
+class GuidanceView(Bundle):
+    """`engine.guiding.policy.guidance.Guidance` for kernels; where there is none, of its shape and never read.
+
+    probability : float32 (R,), of guiding; light_share : float32 (R,), of sampling a light
+    benefit : float32 (R,), of guiding (`engine.guiding.models.selection.SelectionModel`)
+    guide : a thread's lanes, see `engine.guiding.sampling.guide`
+    """
+
+    options: GuidingOptions
+    field: VmmField
+    allocation: Allocation
+    probability: np.ndarray
+    light_share: np.ndarray
+    benefit: np.ndarray
+    guide: Bundle
+
+
+class UnitView(Bundle):
+    """A tile of pixels by a range of samples.
+
+    header : int64 (UNIT_HEADER_WIDTH,)
+    pixels : int32 (P, 2), column and row in the full image
+    pixel_weight : float32 (P,), of ALL_STRATA (P * strata,), a pixel's strata one after the other
+        (`engine.ris.orca.pixel_weights`)
+    film : sums, as many rows as `pixel_weight` or more
+    """
+
+    header: np.ndarray
+    pixels: np.ndarray
+    pixel_weight: np.ndarray
+    film: FilmTile
+
+
+class LaneQueue(Bundle):
+    """Lanes that wait for a stage, or rows of shadow rays.
+
+    lanes : int32 (L,); count : int64 (1,), how many of them wait
+    """
+
+    lanes: np.ndarray
+    count: np.ndarray
+
+
+def allocate_queue(lane_count: int) -> LaneQueue:
+    """A queue that is empty and has room for all lanes."""
+    return LaneQueue(np.zeros(lane_count, np.int32), np.zeros(1, np.int64))
+
+
+#: Queues in `Work`.
+QUEUES = ("active", "free", "traced", "surface", "missed", "lit", "programs", "pending", "single", "several")
+
+
+class Work(Bundle):
+    """A thread's memory, L lanes; of the same type whatever a render is guided by.
+
+    counts : int64 (COUNT_WIDTH,); clock : int64, ticks by `ClockEntries`
+    ray, ray_bits : one RTCRayHit, as float32 and as uint32; ray_address : int64 (1,)
+    registers : float32, of the shader interpreter
+    active, free : lanes with a path and without
+    traced, surface, missed, lit, programs, pending : lanes that a stage has left for another
+    single, several : guided lanes with one candidate, and with several
+    light_points, light_closures : of lights and of what shadow rays meet
+    shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
+    f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
+    latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
+    """
+
+    counts: np.ndarray
+    clock: np.ndarray
+    ray: np.ndarray
+    ray_bits: np.ndarray
+    ray_address: np.ndarray
+    registers: np.ndarray
+    active: LaneQueue
+    free: LaneQueue
+    traced: LaneQueue
+    surface: LaneQueue
+    missed: LaneQueue
+    lit: LaneQueue
+    programs: LaneQueue
+    pending: LaneQueue
+    single: LaneQueue
+    several: LaneQueue
+    f_cos: np.ndarray
+    latent: np.ndarray
+    hidden: np.ndarray
+    paths: PathState
+    points: ShadePoints
+    closures: Closures
+    shaded: Closures
+    samples: LightSamples
+    shadows: ShadowRays
+    light_points: ShadePoints
+    light_closures: Closures
+    light_shaded: Closures
+    guided: GuidedLanes
+    log: VertexLog
+    candidates: Candidates
+    records: VertexRecords

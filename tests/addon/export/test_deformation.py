@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Motion blur: shapes at Cycles' times, positions and normals, and what is not blurred is named."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.helpers.blender_scenes import export
+from tests.helpers.motion_scenes import add_cube, blurred_scene, curves_of, keyframe, open_shutter
+
+
+@pytest.fixture
+def scene() -> Any:
+    return blurred_scene()
+
+
+def add_stretching_cube(scene: Any, is_smooth: bool = True) -> Any:
+    """A cube whose vertices are at z = 2 * z * value of a shape key, which goes from 0 to 1 in 20 frames."""
+    cube = add_cube()
+    for face in cube.data.polygons:
+        face.use_smooth = is_smooth
+    cube.shape_key_add(name="Basis")
+    stretched = cube.shape_key_add(name="Stretched")
+    for point in stretched.data:
+        point.co.z *= 3.0
+    keyframe(stretched, "value", {0: 0.0, 20: 1.0})
+    scene.frame_set(10)
+    return cube
+
+
+def shape_at(item: Any, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """What Blender itself makes of an object at a time: positions and normals of corners of its triangles."""
+    import bpy
+
+    scene = bpy.context.scene
+    found = scene.frame_current, scene.frame_subframe
+    scene.frame_set(math.floor(time), subframe=time - math.floor(time))
+    mesh = item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    mesh.calc_loop_triangles()
+    positions = np.array([vertex.co for vertex in mesh.vertices], np.float32)
+    normals = np.array(
+        [[mesh.corner_normals[corner].vector for corner in triangle.loops] for triangle in mesh.loop_triangles],
+        np.float32,
+    )
+    scene.frame_set(found[0], subframe=found[1])
+    return positions, normals
+
+
+@pytest.mark.parametrize("position", ["START", "CENTER"])
+@pytest.mark.parametrize("steps", [1, 2])
+def test_shape_keys(scene: Any, position: str, steps: int) -> None:
+    cube = add_stretching_cube(scene)
+    cube.cycles.motion_steps = steps
+    cube.update_tag()
+    open_shutter(scene, 4.0, position)
+    scene.frame_set(10)
+    description = export()
+    mesh = description.meshes[0]
+    start = 10.0 if position == "START" else 8.0
+    assert mesh.motion_vertices.shape == (2**steps + 1, 8, 3) and mesh.motion_vertices.dtype == np.float32
+    assert mesh.motion_normals.shape == (2**steps + 1, 12, 3, 3)
+    for step, time in enumerate(np.linspace(start, start + 4.0, 2**steps + 1)):
+        positions, normals = shape_at(cube, float(time))
+        np.testing.assert_allclose(mesh.motion_vertices[step], positions, atol=1e-6)
+        np.testing.assert_allclose(mesh.motion_normals[step], normals, atol=1e-6)
+    np.testing.assert_array_equal(mesh.motion_vertices[2 ** (steps - 1)], mesh.vertices)
+    np.testing.assert_array_equal(mesh.motion_normals[2 ** (steps - 1)], mesh.corner_normals)
+    assert description.instances.motion == {} and description.notices == []
+
+
+def test_flat_faces_have_no_normals(scene: Any) -> None:
+    add_stretching_cube(scene, is_smooth=False)
+    mesh = export().meshes[0]
+    assert mesh.corner_normals is None and mesh.motion_normals is None and mesh.motion_vertices is not None
+
+
+@pytest.mark.parametrize("switch", ["use_motion_blur", "use_deform_motion"])
+def test_switches(scene: Any, switch: str) -> None:
+    cube = add_stretching_cube(scene)
+    keyframe(cube, "location", {0: (0.0, 0.0, 0.0), 20: (20.0, 0.0, 0.0)})
+    setattr(cube.cycles, switch, False)
+    cube.update_tag()
+    scene.frame_set(10)
+    description = export()
+    assert description.meshes[0].motion_vertices is None
+    assert bool(description.instances.motion) == (switch == "use_deform_motion")
+
+
+def test_instances_share_a_shape_and_its_key_tells_it(scene: Any) -> None:
+    import bpy
+
+    from addon.export import ExportCache
+
+    cube = add_stretching_cube(scene)
+    for x in (3.0, 6.0):
+        other = bpy.data.objects.new("Other", cube.data)
+        other.location.x = x
+        scene.collection.objects.link(other)
+    cache = ExportCache()
+
+    def meshes() -> Any:
+        return export(cache=cache).meshes
+
+    first = meshes()
+    keys = [mesh.key for mesh in first]
+    assert all(mesh.motion_vertices is not None for mesh in first) and len(set(keys)) == len(keys)
+    assert [mesh.key for mesh in meshes()] == keys
+    open_shutter(scene, 2.0)
+    scene.update_tag()
+    longer = meshes()
+    assert all(a.key != b.key and np.array_equal(a.vertices, b.vertices) for a, b in zip(first, longer, strict=True))
+    scene.render.use_motion_blur = False
+    scene.update_tag()
+    still = meshes()
+    assert all(mesh.motion_vertices is None for mesh in still)
+    assert not {mesh.key for mesh in still} & set(keys)
+
+
+def test_modifiers_and_text(scene: Any) -> None:
+    import bpy
+
+    cube = add_cube()
+    modifier = cube.modifiers.new("Turn", "SIMPLE_DEFORM")
+    modifier.deform_method = "TWIST"
+    keyframe(modifier, "angle", {0: 0.0, 20: 2.0})
+    text = bpy.data.objects.new("Text", bpy.data.curves.new("Text", "FONT"))
+    text.data.body = "I"
+    scene.collection.objects.link(text)
+    keyframe(text.data, "extrude", {0: 0.1, 20: 2.1})
+    still = add_cube("Still")
+    still.modifiers.new("Bevel", "BEVEL")
+    scene.frame_set(10)
+    description = export()
+    by_name = dict(zip(description.instances.name, description.instances.mesh, strict=True))
+    meshes = {name: description.meshes[row] for name, row in by_name.items()}
+    for time, shape in zip((9.5, 10.0, 10.5), meshes["Cube"].motion_vertices, strict=True):
+        np.testing.assert_allclose(shape, shape_at(cube, time)[0], atol=1e-6)
+    extents = meshes["Text"].motion_vertices[:, :, 2].max(axis=1)
+    np.testing.assert_allclose(extents, [1.05, 1.1, 1.15], atol=1e-5)
+    assert meshes["Still"].motion_vertices is None and description.notices == []
+
+
+def test_other_faces_are_named(scene: Any) -> None:
+    cube = add_cube()
+    modifier = cube.modifiers.new("Array", "ARRAY")
+    keyframe(modifier, "count", {9: 2, 10: 3}, "CONSTANT")
+    keyframe(cube, "location", {0: (0.0, 0.0, 0.0), 20: (20.0, 0.0, 0.0)})
+    scene.frame_set(10)
+    description = export()
+    assert len(description.meshes[0].vertices) == 24 and description.meshes[0].motion_vertices is None
+    assert [(notice.subject, "not blurred" in notice.problem) for notice in description.notices] == [("Cube", True)]
+    assert 0 in description.instances.motion
+
+
+def test_velocities_of_simulations(scene: Any) -> None:
+    cube = add_cube()
+    velocity = cube.data.attributes.new("velocity", "FLOAT_VECTOR", "POINT")
+    velocity.data.foreach_set("vector", np.tile(np.float32((24.0, 0.0, 0.0)), 8))
+    scene.render.fps = 24
+    open_shutter(scene, 0.5)
+    cube.data.update_tag()
+    scene.update_tag()
+    mesh = export().meshes[0]
+    # A metre a frame, a quarter of a frame each way.
+    move = mesh.motion_vertices[:, :, 0] - mesh.vertices[:, 0]
+    np.testing.assert_allclose(move, np.repeat([[-0.25], [0.0], [0.25]], 8, axis=1), atol=1e-6)
+
+
+def test_vertices_that_are_not_finite_keep_the_middle(scene: Any) -> None:
+    cube = add_stretching_cube(scene)
+    key = cube.data.shape_keys.key_blocks["Stretched"]
+    for point in key.data:
+        point.co.x = 3e38 if point.co.x > 0.0 else point.co.x
+    curve = curves_of(key)[0]
+    for point, value in zip(curve.keyframe_points, (0.0, 0.0), strict=True):
+        point.co[1] = value
+    curve.keyframe_points.insert(10.25, 1e30)
+    for point in curve.keyframe_points:
+        point.interpolation = "CONSTANT"
+    key.slider_max = 10.0
+    scene.frame_set(10)
+    mesh = export().meshes[0]
+    assert mesh.motion_vertices is None or np.isfinite(mesh.motion_vertices).all()
+
+
+def test_geometry_nodes(scene: Any) -> None:
+    """Meshes that nodes make, and their instances, which have no object of their own, in an order that changes."""
+    import bpy
+
+    tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes, links = tree.nodes, tree.links
+    points = nodes.new("GeometryNodeMeshLine")
+    points.inputs["Count"].default_value = 3
+    points.inputs["Offset"].default_value = (0.0, 4.0, 0.0)
+    cube = nodes.new("GeometryNodeMeshCube")
+    instance = nodes.new("GeometryNodeInstanceOnPoints")
+    move = nodes.new("GeometryNodeTranslateInstances")
+    stretch = nodes.new("GeometryNodeTransform")
+    output = nodes.new("NodeGroupOutput")
+    links.new(points.outputs[0], instance.inputs["Points"])
+    links.new(cube.outputs[0], stretch.inputs["Geometry"])
+    links.new(stretch.outputs[0], instance.inputs["Instance"])
+    links.new(instance.outputs[0], move.inputs["Instances"])
+    links.new(move.outputs[0], output.inputs[0])
+    keyframe(move.inputs["Translation"], "default_value", {0: (0.0, 0.0, 0.0), 20: (20.0, 0.0, 0.0)})
+    keyframe(stretch.inputs["Scale"], "default_value", {0: (1.0, 1.0, 1.0), 20: (1.0, 1.0, 21.0)})
+    owner = add_cube("Owner")
+    owner.modifiers.new("Nodes", "NODES").node_group = tree
+    scene.frame_set(10)
+    description = export()
+    motion = description.instances.motion
+    assert sorted(motion) == [0, 1, 2]
+    for row in range(3):
+        np.testing.assert_allclose(motion[row][:, 0, 3], [9.5, 10.0, 10.5], atol=1e-5)
+        np.testing.assert_allclose(motion[row][:, 1, 3], 4.0 * row, atol=1e-5)
+    heights = description.meshes[0].motion_vertices[:, :, 2].max(axis=1)
+    np.testing.assert_allclose(heights, 0.5 * np.array([10.5, 11.0, 11.5]), atol=1e-4)
+    # Fewer points at the end: who is there is known by its id.
+    keyframe(points.inputs["Count"], "default_value", {10: 3, 10.25: 2}, "CONSTANT")
+    scene.frame_set(10)
+    motion = export().instances.motion
+    np.testing.assert_allclose(motion[1][:, 0, 3], [9.5, 10.0, 10.5], atol=1e-5)
+    np.testing.assert_allclose(motion[2][:, 0, 3], [9.5, 10.0, 10.0], atol=1e-5)

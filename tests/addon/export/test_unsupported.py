@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nothing is dropped in silence: whatever of a Cycles scene is not exported is named, once, with what has it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+
+@pytest.fixture
+def scene() -> Any:
+    """A camera, a plane with a material that displaces, and a lamp; nothing in it is worth a notice."""
+    import bpy
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    bpy.ops.mesh.primitive_plane_add()
+    plane = bpy.context.object
+    material = bpy.data.materials.new("Paint")
+    material.use_nodes = True
+    plane.data.materials.append(material)
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    scene.collection.objects.link(lamp)
+    return scene
+
+
+def displace(scene: Any, method: str) -> None:
+    material = scene.objects["Plane"].data.materials[0]
+    nodes = material.node_tree.nodes
+    noise, displacement = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeDisplacement")
+    output = next(node for node in nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    material.node_tree.links.new(noise.outputs[0], displacement.inputs["Height"])
+    material.node_tree.links.new(displacement.outputs[0], output.inputs["Displacement"])
+    material.displacement_method = method
+
+
+def link_light(scene: Any, attribute: str) -> None:
+    import bpy
+
+    setattr(scene.objects["Lamp"].light_linking, attribute, bpy.data.collections.new("Receivers"))
+
+
+def subdivide(scene: Any) -> None:
+    scene.objects["Plane"].modifiers.new("Subdivision", "SUBSURF").use_adaptive_subdivision = True
+
+
+def cull(scene: Any) -> None:
+    scene.render.use_simplify = scene.cycles.use_camera_cull = True
+    scene.objects["Plane"].cycles.use_camera_cull = True
+
+
+def limit_textures(scene: Any) -> None:
+    scene.render.use_simplify = True
+    scene.cycles.texture_limit_render = "1024"
+
+
+def texture_resolution(scene: Any) -> None:
+    scene.render.use_simplify = True
+    scene.cycles.texture_resolution_render = 0.5
+
+
+def panorama(scene: Any) -> None:
+    scene.camera.data.type = "PANO"
+    scene.camera.data.panorama_type = "FISHEYE_EQUIDISTANT"
+
+
+def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
+    """Set `name` of what the expression `owner` gives for the scene."""
+
+    def change(scene: Any) -> None:
+        names = {"scene": scene, "lamp": scene.objects["Lamp"], "plane": scene.objects["Plane"]}
+        setattr(eval(owner, names), name, value)
+
+    return change
+
+
+CASES = {
+    "displacement": (lambda scene: displace(scene, "DISPLACEMENT"), "Plane / Paint", "displacement of the geometry"),
+    "displacement-and-bump": (lambda scene: displace(scene, "BOTH"), "Plane / Paint", "displacement of the geometry"),
+    "light-linking": (lambda scene: link_light(scene, "receiver_collection"), "Lamp", "light linking"),
+    "shadow-linking": (lambda scene: link_light(scene, "blocker_collection"), "Lamp", "shadow linking"),
+    "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
+    "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
+    "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
+    "camera-culling": (cull, "Plane", "culling"),
+    "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
+    "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
+    "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
+    "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
+    "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
+}  # fmt: skip
+
+
+#: Cases about what Blender 5.2 has and older ones have not.
+NEW = {"texture-resolution", "texture-cache"}
+
+
+def notices(scene: Any) -> list[Any]:
+    import bpy
+
+    from addon.export import export_scene
+    from engine.builder.programs import compile_scene
+
+    description = export_scene(bpy.context.evaluated_depsgraph_get())
+    return description.notices + compile_scene(description).notices
+
+
+def test_the_plain_scene_has_no_notices(scene: Any) -> None:
+    displace(scene, "BUMP")
+    assert notices(scene) == []
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_dropped_is_named_once(scene: Any, case: str) -> None:
+    import bpy
+
+    if case in NEW and bpy.app.version < (5, 2):
+        pytest.skip("Blender 5.2 has that")
+    change, subject, problem = CASES[case]
+    change(scene)
+    found = [notice for notice in notices(scene) if problem in notice.problem]
+    assert [notice.subject for notice in found] == [subject]
+    assert "not supported" in found[0].problem
+    assert found[0].fallback
+
+
+SHADERS = {
+    "ShaderNodeSubsurfaceScattering": "Subsurface Scattering",
+    "ShaderNodeBsdfToon": "Toon",
+    "ShaderNodeBsdfHair": "Hair",
+    "ShaderNodeBsdfHairPrincipled": "Hair",
+    "ShaderNodeBsdfRayPortal": "Ray Portal",
+}
+
+
+@pytest.mark.parametrize("kind", SHADERS)
+def test_closures_that_are_missing_are_named_with_their_node(scene: Any, kind: str) -> None:
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(kind)
+    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    found = notices(scene)
+    assert [notice.subject for notice in found] == [f"Plane / Paint / {node.name}"]
+    assert SHADERS[kind].lower() in found[0].problem.lower()
+
+
+TEXTURES = ["ShaderNodeTexIES", "ShaderNodeAmbientOcclusion", "ShaderNodeBevel", "ShaderNodeWireframe",
+            "ShaderNodeParticleInfo"]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TEXTURES)
+def test_nodes_that_are_missing_are_named(scene: Any, kind: str) -> None:
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(kind)
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    to = "Normal" if kind == "ShaderNodeBevel" else "Base Color"
+    tree.links.new(next(socket for socket in node.outputs if socket.enabled), shader.inputs[to])
+    found = notices(scene)
+    assert [notice.subject for notice in found] == [f"Plane / Paint / {node.name}"]
+
+
+@pytest.mark.parametrize("socket", ["Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"])
+def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
+    import bpy
+
+    if not hasattr(bpy.types, "ShaderNodeRaycast"):
+        pytest.skip("Blender 5.1 has the node")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new("ShaderNodeRaycast")
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(node.outputs[socket], shader.inputs["Base Color"])
+    found = notices(scene)
+    assert [(notice.subject, notice.fallback) for notice in found] == [(f"Plane / Paint / {node.name}", "0")]
+    assert found[0].problem == "ShaderNodeRaycast is not supported"
+
+
+@pytest.mark.parametrize("is_linked", [False, True])
+def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    if "Thin Wall" not in shader.inputs:
+        pytest.skip("Blender 5.2 has Thin Wall")
+    if is_linked:
+        path = tree.nodes.new("ShaderNodeLightPath")
+        tree.links.new(path.outputs["Is Camera Ray"], shader.inputs["Thin Wall"])
+    else:
+        shader.inputs["Thin Wall"].default_value = True
+    assert notices(scene) == []  # Opaque surfaces have no other side.
+    shader.inputs["Transmission Weight"].default_value = 0.5
+    found = notices(scene)
+    assert [notice.subject for notice in found] == [f"Plane / Paint / {shader.name}"]
+    assert found[0].problem == "Thin Wall is not supported"
+
+
+@pytest.mark.parametrize("where", ["material", "world"])
+def test_volumes_are_named(scene: Any, where: str) -> None:
+    import bpy
+
+    if where == "world":
+        scene.world = bpy.data.worlds.new("Fog")
+        scene.world.use_nodes = True
+    tree = scene.world.node_tree if where == "world" else scene.objects["Plane"].data.materials[0].node_tree
+    output = next(item for item in tree.nodes if item.bl_idname.startswith("ShaderNodeOutput"))
+    volume = tree.nodes.new("ShaderNodeVolumePrincipled")
+    tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    found = notices(scene)
+    assert len(found) == 1 and "volume" in found[0].problem
+    assert ("Fog" if where == "world" else "Plane / Paint") in found[0].subject
+
+
+def test_an_ies_lamp_is_named(scene: Any) -> None:
+    data = scene.objects["Lamp"].data
+    data.use_nodes = True
+    tree = data.node_tree
+    ies = tree.nodes.new("ShaderNodeTexIES")
+    emission = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeEmission")
+    tree.links.new(ies.outputs[0], emission.inputs["Strength"])
+    found = notices(scene)
+    assert len(found) == 1 and "Lamp" in found[0].subject and ies.name in found[0].subject
+
+
+def test_passes_of_cycles_and_light_groups_are_named(scene: Any) -> None:
+    from addon.passes import unsupported_passes
+
+    layer = scene.view_layers[0]
+    assert unsupported_passes(layer) == []
+    layer.cycles.use_pass_volume_direct = True
+    layer.use_pass_subsurface_color = True
+    layer.lightgroups.add(name="Key")
+    assert unsupported_passes(layer) == ["Subsurface Color", "Volume Direct", "Light Group Key"]

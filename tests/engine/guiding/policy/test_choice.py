@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is chosen, given what comparisons find; and whole renders with AUTO: unbiased, and close to the best method."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from engine.guiding.models import predictors
+from engine.guiding.policy import worth
+from engine.guiding.policy.choice import Choice
+from engine.guiding.policy.trial import Part
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
+from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
+from tests.helpers.small_scenes import corner_scene, pit_scene
+
+SAMPLES = 16
+WEIGHTS = np.ones(1, np.float32)
+
+
+class Measured:
+    """Stands for a trial of one iteration: says what it is told to."""
+
+    def __init__(self, efficiency):
+        self._efficiency = efficiency
+
+    def efficiency(self, _weights):
+        return self._efficiency
+
+
+def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_plain=True):
+    """A choice after so many iterations in which methods are worth what `worth` says, OFF being 1."""
+    choice = Choice(1, "VMM", tries_plain=tries_plain)
+    first, history = 1, []
+    for _ in range(iterations):
+        if choice._trial is not None:
+            pair = (choice.challenger, choice.rung) if choice.challenger else (choice.rung, "OFF")
+            choice._trial = Measured(worth[pair[0]] / worth[pair[1]])
+        choice.judge(WEIGHTS, first, 0.0)
+        if choice.has_lost:
+            return choice, history, first
+        choice.plan(first, SAMPLES, offers)
+        history.append((choice.rung, choice.challenger, [part.arm for part in choice.parts]))
+        assert [s for f, n, _ in choice.parts for s in range(f, f + n)] == list(range(first, first + SAMPLES))
+        first += SAMPLES
+    return choice, history, first
+
+
+def test_unguided_rendering_is_compared_first():
+    choice, history, _ = run({"OFF": 1.0, "VMM": 4.0, "VMM_RIS": 4.0, "TABLE_RIS": 4.0})
+    firsts = [arms for _, _, arms in history if len(arms) > 1]
+    assert firsts[0] == [CURRENT, PLAIN] and all(arms == [CURRENT, CHALLENGER] for arms in firsts[1:])
+    assert choice.efficiency == 4.0
+
+
+def test_guiding_that_loses_is_given_up_soon():
+    _, _, first = run({"OFF": 1.0, "VMM": 0.4})
+    assert first <= 1 + 4 * SAMPLES
+
+
+def test_one_lucky_comparison_does_not_bind_for_good():
+    """Guiding that looked twice as good once, and is worth less than nothing, is left at four times the samples."""
+    for later, is_kept in ((0.9, False), (1.1, True)):
+        choice, first, count = Choice(1, "VMM", tries_plain=True), 1, 0
+        for _ in range(120):
+            if choice._trial is not None:
+                choice._trial = Measured(2.1 if count == 0 else later)
+                count += 1
+            choice.judge(WEIGHTS, first, 0.0)
+            if choice.has_lost:
+                break
+            choice.plan(first, SAMPLES, ())
+            first += SAMPLES
+        assert choice.has_lost != is_kept
+        # One at first, and then three at a time.
+        assert count in ((1 + 3 * 2, 1 + 3 * 3) if is_kept else (1 + 3,)), count
+
+
+def test_the_first_comparison_is_not_believed_so_easily():
+    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 0.95))
+    while not choice.has_lost:
+        if choice._trial is not None:
+            choice._trial = Measured(next(worth))
+        choice.judge(WEIGHTS, first, 0.0)
+        choice.plan(first, SAMPLES, ())
+        first += SAMPLES
+    assert len(choice.trials) == 3
+
+
+def test_what_is_clearly_better_is_not_doubted():
+    _, history, _ = run({"OFF": 1.0, "VMM": 4.0}, offers=())
+    assert sum(len(arms) > 1 for _, _, arms in history) == 1
+
+
+@pytest.mark.parametrize("best", ["VMM", "VMM_RIS", "TABLE_RIS"])
+def test_the_best_method_is_found(best):
+    worth = {"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 2.0, "TABLE_RIS": 2.0} | {best: 2.6}
+    choice, history, _ = run(worth)
+    assert choice.rung == best
+    assert {challenger for _, challenger, _ in history} >= {"VMM_RIS", "TABLE_RIS"}, "all were tried"
+    compared = sum(len(arms) > 1 for _, _, arms in history)
+    assert compared < 0.5 * len(history)
+
+
+def test_a_method_that_lost_is_tried_again_much_later():
+    _, history, _ = run({"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 1.0}, offers=("VMM_RIS", "VMM"), iterations=80)
+    tried = [k for k, (_, challenger, _) in enumerate(history) if challenger == "VMM_RIS"]
+    assert len(tried) > 1 and all(b >= 3 * a for a, b in itertools.pairwise(tried))
+
+
+def test_a_finer_method_that_no_longer_pays_is_left():
+    worth = {"OFF": 1.0, "VMM": 2.0, "VMM_RIS": 4.0}
+
+    class Fading(dict):
+        """Resampling pays at the beginning only."""
+
+        asked = 0
+
+        def __getitem__(self, method):
+            self.asked += method == "VMM_RIS"
+            return 1.0 if method == "VMM_RIS" and self.asked > 1 else super().__getitem__(method)
+
+    choice, history, _ = run(Fading(worth), offers=("VMM_RIS", "VMM"), iterations=80)
+    assert any(rung == "VMM_RIS" for rung, _, _ in history)
+    assert choice.rung == "VMM"
+
+
+def test_nothing_is_compared_without_offers():
+    _, history, _ = run({"OFF": 1.0, "VMM": 2.0}, offers=(), tries_plain=False)
+    assert all(arms == [CURRENT] for _, _, arms in history)
+
+
+def test_a_challenger_that_is_no_longer_offered_is_dropped():
+    choice = Choice(1, "VMM", tries_plain=False)
+    choice.judge(WEIGHTS, 1, 0.0)
+    choice.plan(1, SAMPLES, ("VMM_RIS", "VMM"))
+    assert choice.challenger == "VMM_RIS"
+    choice.plan(17, SAMPLES, ())
+    assert not choice.challenger and len(choice.parts) == 1
+
+
+def unit_of(part: Part, variance: float) -> tuple[Unit, FilmTile]:
+    """A unit of one pixel whose samples have mean zero and this variance."""
+    unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), part.first_sample, part.sample_count, part.arm)
+    tile = allocate_tile(1, 3, False)
+    tile.square[:] = variance * part.sample_count
+    return unit, tile
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_within_a_stratum_guiding_is_compared_with_its_own_unguided_samples(is_whole: bool) -> None:
+    """Unguided samples of all strata vary more than those of one: guiding would seem to be what they gain."""
+    choice, first = Choice(1, "VMM", tries_plain=True), 0
+    for _ in range(3):
+        choice.plan(first, SAMPLES, (), knows_something=False)
+        for part in choice.parts:
+            choice.compare(*unit_of(part, 100.0), 1.0)
+        first += SAMPLES
+        choice.judge(WEIGHTS, first, 0.0)
+    choice.plan(first, SAMPLES, (), is_whole=is_whole)
+    assert [part.arm for part in choice.parts] == [CURRENT, PLAIN]
+    for part in choice.parts:
+        choice.compare(*unit_of(part, 1.0), 1.0 * part.sample_count)
+    choice.judge(WEIGHTS, first + SAMPLES, 0.0)
+    # A variance of four samples is four thirds of their mean square, that of twelve twelve elevenths.
+    expected = (4.0 / 3.0) / (12.0 / 11.0)
+    assert choice.efficiency > 50.0 if is_whole else choice.efficiency == pytest.approx(expected, rel=1e-6)
+
+
+# Whole renders
+
+SETTINGS = {"samples": 127, "max_bounces": 12, "diffuse_bounces": 12}
+
+
+@pytest.mark.parametrize("scene", [pit_scene, corner_scene])
+def test_the_mean_is_that_of_an_unguided_render(scene, monkeypatch):
+    """All methods take part: resampling is taken to promise much, and every method to win."""
+    from engine.guiding.policy import choice as choice_module
+
+    monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
+    monkeypatch.setattr(predictors, "TABLE_UPDATES", 1)
+    monkeypatch.setattr(choice_module, "_TAKEN", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(choice_module.trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
+    means, chosen = [], set()
+    for seed in range(6):
+        result = render("AUTO", seed, scene=scene, deterministic=True, **SETTINGS)
+        means.append(result.passes["Combined"][..., :3].mean())
+        chosen.add(result.report.guiding.chosen)
+    assert chosen == {"TABLE_RIS"}
+    plain = [render("OFF", s, scene=scene, **SETTINGS).passes["Combined"][..., :3].mean() for s in range(6)]
+    means, plain = np.array(means), np.array(plain)
+    assert z_score(means, plain) < Z_LIMIT
+    assert z_score(1.02 * means, plain) > Z_LIMIT, "a bias of 2% would be seen"
+
+
+def test_the_image_does_not_depend_on_threads():
+    images = [
+        render("AUTO", 1, scene=pit_scene, deterministic=True, threads=threads, **SETTINGS).passes["Combined"]
+        for threads in (1, 2)
+    ]
+    assert np.array_equal(*images)
+
+
+def test_the_report_says_what_was_chosen():
+    report = render("AUTO", 1, scene=pit_scene, deterministic=True, **SETTINGS).report.guiding
+    assert report.chosen in ("OFF", "VMM", "VMM_RIS", "TABLE_RIS")
+    assert any(line.startswith("chose ") for line in report.lines)
+    assert any(line.startswith("compared: VMM over OFF") for line in report.lines)
+
+
+def test_renders_of_a_few_samples_are_left_alone():
+    automatic = render("AUTO", 1, scene=pit_scene, samples=8)
+    assert np.array_equal(automatic.passes["Combined"], render("OFF", 1, scene=pit_scene, samples=8).passes["Combined"])
+    assert automatic.guidance is None
+    assert automatic.report.guiding.chosen == "OFF" and "few samples" in automatic.report.guiding.lines[0]

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many paths of an iteration are recorded."""
+
+from __future__ import annotations
+
+import pytest
+
+from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, RecordBudget
+from engine.guiding.records.vertices import RECORD_ROWS
+
+
+@pytest.mark.parametrize("pixels", [256, 1024, 4096, 8192, 36_864, 921_600])
+@pytest.mark.parametrize("per_path", [0.5, 4.0, 20.0])
+@pytest.mark.parametrize("samples", [1.0, 16.0, 32.0])
+def test_records_fit(pixels: int, per_path: float, samples: float) -> None:
+    """Those of a unit, with as much again to spare, and no more of the image than learning has time for."""
+    unit = min(pixels, 1024)
+    budget = RecordBudget(pixels, unit)
+    budget.count(round(1000 * per_path), 1000.0)
+    share = budget.threshold(samples) / 2**32
+    assert share * unit * samples * per_path <= 0.5 * RECORD_ROWS * 1.001
+    assert share * pixels * samples * per_path <= RECORDS_PER_ITERATION * 1.001
+    # And as many as these allow.
+    of_unit = share * unit * samples * per_path / (0.5 * RECORD_ROWS)
+    of_image = share * pixels * samples * per_path / RECORDS_PER_ITERATION
+    assert share == 1.0 or max(of_unit, of_image) == pytest.approx(1.0, rel=1e-3)

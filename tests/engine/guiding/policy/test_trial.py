@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The trial of guiding: what it measures, and that the image goes on without guiding where it loses."""
+
+import numpy as np
+import pytest
+
+from engine.guiding.policy import trial
+from engine.guiding.policy.trial import GuidingTrial, SampleMoments, parts
+from engine.state.unit import CURRENT
+from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
+from tests.helpers.small_scenes import corner_scene
+
+PIXELS = 4000
+
+
+def compared(plain_spread, guided_spread, *, cost_ratio=1.0, samples=8, outlier=0.0):
+    """A trial of pixels whose samples have these standard deviations, in three channels."""
+    rng = np.random.default_rng(11)
+    tried = GuidingTrial(PIXELS)
+    pixels = np.arange(PIXELS)
+    for is_guided, spread in ((False, plain_spread), (True, guided_spread)):
+        values = 1.0 + spread * rng.normal(size=(samples, PIXELS, 3))
+        values[0, 0] += outlier * is_guided
+        # In two units, with room for more pixels than they have.
+        for half in (pixels[:1500], pixels[1500:]):
+            sums = np.zeros((2, PIXELS, 3), np.float32)
+            sums[0, : len(half)] = values[:, half].sum(0)
+            sums[1, : len(half)] = (values[:, half] ** 2).sum(0)
+            tried.add(half, *sums, samples, is_guided)
+            tried.add_cost((cost_ratio if is_guided else 1.0) * len(half) * samples, len(half) * samples, is_guided)
+    return tried.efficiency(np.ones(PIXELS, np.float32))
+
+
+def test_efficiency_is_that_of_variance_times_cost():
+    assert compared(1.0, 0.5) == pytest.approx(4.0, rel=0.05)
+    assert compared(1.0, 0.5, cost_ratio=2.0) == pytest.approx(2.0, rel=0.05)
+    assert compared(1.0, 1.0, cost_ratio=1.6) == pytest.approx(1 / 1.6, rel=0.05)
+
+
+def test_single_bright_samples_do_not_decide():
+    assert compared(1.0, 0.5, outlier=1e4) == pytest.approx(4.0 / 1.05, rel=0.3)
+
+
+def test_nothing_compared_is_not_a_number():
+    tried = GuidingTrial(PIXELS)
+    assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
+    tried.add(np.arange(10), np.ones((10, 3), np.float32), np.ones((10, 3), np.float32), 4, True)
+    tried.add_cost(1.0, 40, True)
+    assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
+
+
+def test_moments_are_those_of_all_samples_together():
+    rng = np.random.default_rng(5)
+    values = rng.exponential(size=(12, PIXELS, 3)) + 30.0
+    values[:, 1] *= 1e4
+    moments = SampleMoments(PIXELS)
+    assert np.isnan(moments.variance()).all()
+    chosen = np.arange(PIXELS - 1)  # the last is in no unit
+    for first, last in ((0, 1), (1, 5), (5, 12)):
+        some = values[first:last, chosen].astype(np.float32)
+        moments.add(chosen, some.sum(0), (some**2).sum(0), last - first)
+        assert np.isfinite(moments.variance()[chosen]).all() == (last > 1)
+    expected = values.var(axis=0, ddof=1).mean(axis=1)[chosen]
+    assert moments.variance()[chosen] == pytest.approx(expected, rel=1e-2)
+    assert np.isnan(moments.variance()[-1])
+
+
+def test_unguided_samples_from_before_count():
+    """Where one unguided sample in a thousand is bright, four a pixel hide the variance of most pixels."""
+    rng = np.random.default_rng(2)
+    pixels = np.arange(400)
+
+    def take(add, chance, rounds):
+        for _ in range(rounds):
+            values = rng.binomial(1, chance, size=(4, len(pixels), 3)) / chance
+            add(pixels, values.sum(0).astype(np.float32), (values**2).sum(0).astype(np.float32), 4)
+
+    found = {False: [], True: []}
+    for _ in range(40):
+        for is_pooled, efficiencies in found.items():
+            before = SampleMoments(len(pixels))
+            take(before.add, 0.001, 20 * is_pooled)
+            tried = GuidingTrial(len(pixels), before if is_pooled else None)
+            take(lambda *sums, tried=tried: tried.add(*sums, False), 0.001, 1)
+            take(lambda *sums, tried=tried: tried.add(*sums, True), 0.1, 3)
+            for is_guided in (False, True):
+                tried.add_cost(1.0, 1, is_guided)
+            efficiencies.append(tried.efficiency(np.ones(len(pixels), np.float32)))
+    truth = 999.0 / 9.0
+    assert np.median(found[True]) == pytest.approx(truth, rel=0.15)
+    assert np.median(found[False]) < 0.7 * truth
+
+
+@pytest.mark.parametrize("iteration", range(8))
+@pytest.mark.parametrize("count", [1, 3, 5, 16])
+def test_parts_hold_every_sample_once(iteration, count):
+    for is_tried in (False, True):
+        pieces = parts(iteration, 7, count, is_tried=is_tried)
+        samples = [sample for first, size, _ in pieces for sample in range(first, first + size)]
+        assert samples == list(range(7, 7 + count))
+        assert pieces[0][2] == CURRENT, "the guided part comes first"
+        is_split = is_tried and iteration in trial.LEAST_EFFICIENCY and count >= 4
+        assert len(pieces) == (2 if is_split else 1)
+        assert not is_split or pieces[1][1] >= 2, "a variance takes two"
+
+
+@pytest.mark.parametrize("method", ["VMM", "VMM_RIS"])
+def test_guiding_ends_where_it_does_not_pay(method):
+    """Two sunlit planes: light sampling finds all there is, and half of the directions come from the guide."""
+    samples = 70
+    shared = {"scene": lambda: corner_scene((32, 28)), "samples": samples}
+    tried = [render(method, seed, learn_guiding_probability=False, **shared) for seed in range(SEEDS)]
+    for result in tried:
+        assert 0.0 < result.report.guiding.efficiency < 1.0
+        assert 15 <= result.report.guiding.stopped_at < samples
+        assert any("did not pay" in line for line in result.report.guiding.lines)
+    plain = [render("OFF", seed, **shared) for seed in range(SEEDS)]
+    means = [np.array([r.passes["Combined"][..., :3].mean() for r in results]) for results in (tried, plain)]
+    assert z_score(*means) < Z_LIMIT
+    assert z_score(means[0] * 1.05, means[1]) > Z_LIMIT
+
+
+def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
+    untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
+    assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 0.0))
+    won = render("VMM", 1, samples=31).report.guiding
+    assert won.stopped_at == 0 and won.efficiency > 0.0
+    assert won.record_count > 0
+
+
+def test_the_trial_does_not_depend_on_threads():
+    shared = {"scene": lambda: corner_scene((40, 40)), "samples": 70, "learn_guiding_probability": False}
+    one, two = (render("VMM", 3, threads=threads, **shared) for threads in (1, 2))
+    assert one.report.guiding.stopped_at == two.report.guiding.stopped_at > 0
+    assert one.report.guiding.efficiency == two.report.guiding.efficiency
+    assert np.array_equal(one.passes["Combined"], two.passes["Combined"])

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A source is a module and a line, a rung of AUTO is a line: one that tests define renders without bias as both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.guiding.policy import choice, trial, worth
+from engine.methods import METHODS, SOURCES, Method, Source
+from engine.settings import SETTINGS, Choice
+from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
+from tests.helpers.small_scenes import pit_scene
+
+SEEDS = 6
+RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
+
+
+@pytest.fixture(autouse=True)
+def cosine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lines of a new source, and of a rung that resamples what it proposes."""
+    source = Source("COSINE", "Cosine", "About the normal", "tests.helpers.cosine_source")
+    monkeypatch.setitem(SOURCES, "COSINE", source)
+    monkeypatch.setitem(METHODS, "COSINE", Method("COSINE", "Cosine", "About the normal", "cosine", source="COSINE"))
+    resampled = Method("COSINE_RIS", "Cosine, Resampled", "Weigh several", "resampled", source="COSINE", resamples=True)
+    monkeypatch.setitem(METHODS, "COSINE_RIS", resampled)
+    monkeypatch.setitem(METHODS, "AUTO", replace(METHODS["AUTO"], rungs=("COSINE", "COSINE_RIS")))
+    # Settings take their choices from these tables when they are imported.
+    for name in ("guiding_method", "source_field"):
+        choices = (*SETTINGS[name].choices, Choice("COSINE", "", ""), Choice("COSINE_RIS", "", ""))
+        monkeypatch.setitem(SETTINGS, name, replace(SETTINGS[name], choices=choices))
+
+
+def means(method: str, **settings: object) -> np.ndarray:
+    """Mean of the image by seed."""
+    return np.array(
+        [render(method, seed, **RENDER, **settings).passes["Combined"][..., :3].mean() for seed in range(SEEDS)]
+    )
+
+
+@pytest.fixture(scope="module")
+def plain() -> np.ndarray:
+    return means("OFF")
+
+
+def test_by_name(plain: np.ndarray) -> None:
+    found = means("COSINE", guiding_trial=False, learn_guiding_probability=False)
+    assert z_score(found, plain) < Z_LIMIT
+    assert z_score(1.02 * found, plain) > Z_LIMIT, "a bias of 2% would be seen"
+
+
+def test_as_a_rung(plain: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Resampling is taken to promise much, and the rung to win."""
+    monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
+    monkeypatch.setattr(choice, "_TAKEN", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
+    found = [render("AUTO", seed, **RENDER, source_field="COSINE") for seed in range(SEEDS)]
+    assert {result.report.guiding.chosen for result in found} == {"COSINE_RIS"}
+    assert all("chose resampled" in "".join(result.report.guiding.lines) for result in found)
+    images = np.array([result.passes["Combined"][..., :3].mean() for result in found])
+    assert z_score(images, plain) < Z_LIMIT
+    assert z_score(1.02 * images, plain) > Z_LIMIT, "a bias of 2% would be seen"

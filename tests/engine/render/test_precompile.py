@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Kernels compiled by helper processes: all of them, once, cancellable, and not at all where there is no Python."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from engine.render import precompile
+from engine.render.precompile_worker import small_scene
+from engine.render.report import Progress
+from engine.render.session import LoadCancelled, Session
+from engine.settings import RenderSettings
+
+_RENDER = """
+import json, sys
+from engine.render.precompile_worker import small_scene
+from engine.render.session import Session
+from engine.settings import RenderSettings
+session = Session(RenderSettings(samples=7, threads=2, guiding_method=sys.argv[1], spectral=sys.argv[2]))
+session.load(small_scene(), on_progress=lambda progress: print(progress.message))
+result = session.render(passes=("Combined", "Albedo"))
+assert result.passes["Combined"].mean() > 0.0
+print("compiled", result.report.compile_seconds > 1.0)
+"""
+
+
+@pytest.fixture
+def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, for `precompile` and for the processes it starts."""
+    monkeypatch.setenv("NEURALGUIDE_KERNEL_CACHE", str(tmp_path))
+    return tmp_path
+
+
+def machine_code(root: Path) -> set[str]:
+    return {str(path.relative_to(root)) for path in root.rglob("*.nbc")}
+
+
+def test_a_cold_cache_is_noticed(cold: Path) -> None:
+    assert precompile.is_cold()
+    for part in precompile.PARTS:
+        precompile.stamp_file(part).touch()
+    assert not precompile.is_cold()
+    assert precompile.is_cold(precompile.GUIDED_PARTS)
+
+
+def test_cancel_ends_the_helpers(cold: Path) -> None:
+    started: list[float] = []
+
+    def should_cancel() -> bool:
+        started.append(time.monotonic())
+        return started[-1] - started[0] > 1.0
+
+    messages: list[Progress] = []
+    session = Session(RenderSettings(samples=1))
+    with pytest.raises(LoadCancelled):
+        session.load(small_scene(), should_cancel=should_cancel, on_progress=messages.append)
+    assert time.monotonic() - started[-1] < 0.3
+    assert messages[-1].message.startswith("Compiling kernels (once")
+    # Nobody holds the lock any more: the helpers are gone.
+    with precompile.exclusive(precompile.PARTS[0]):
+        pass
+    with pytest.raises(RuntimeError, match="load a scene"):
+        session.render()
+
+
+def test_without_a_python_to_start_nothing_happens(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/opt/blender/blender")
+    monkeypatch.setattr(sys, "prefix", str(cold))
+    precompile.compile_ahead(lambda seconds: pytest.fail("something was started"))
+    assert precompile.is_cold()
+
+
+def test_a_helper_that_fails_is_no_failure(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(precompile, "_BOOTSTRAP", "raise SystemExit(3)")
+    precompile.compile_ahead(lambda seconds: None)
+    assert precompile.is_cold()
+
+
+def test_inside_blender_its_python_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    python = tmp_path / "bin" / f"python{sys.version_info.major}.{sys.version_info.minor}"
+    python.parent.mkdir()
+    python.touch()
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(sys, "executable", "/opt/blender/blender")
+    assert precompile._interpreter() == str(python)
+
+
+@pytest.mark.slow
+def test_helpers_compile_everything_a_render_needs(cold: Path) -> None:
+    """A first process waits for the helpers and a second finds all there; neither compiles a kernel itself.
+
+    Guided, and with wavelengths: such a render needs every part.
+    """
+    parts = (
+        *precompile.PARTS, *precompile.GUIDED_PARTS, *precompile.SPECTRAL_PARTS, *precompile.SPECTRAL_GUIDED_PARTS,
+    )  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+    def render() -> str:
+        command = [sys.executable, "-c", _RENDER, "TABLE_RIS", "ON"]
+        return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+
+    first = render()
+    assert "Compiling kernels (once" in first
+    assert "compiled True" in first
+    assert not precompile.is_cold()
+    made = {path: (cold / path).stat().st_mtime for path in machine_code(cold)}
+    newest_stamp = max(precompile.stamp_file(part).stat().st_mtime for part in parts)
+    assert max(made.values()) <= newest_stamp + 0.1, "the first process had to compile something itself"
+    second = render()
+    assert "Compiling" not in second
+    assert machine_code(cold) == set(made)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is rendered when, without rays: every sample once, tiles in the order of their samples, iterations apart."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from engine.guiding.policy.trial import Part
+from engine.render.schedule import Iterations, PlainSchedule, Schedule, Task
+from engine.render.strata import StrataSchedule
+from engine.settings import RenderSettings
+from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN
+
+TILES = 7
+
+
+def run(schedule: Schedule, workers: int, learn: Callable[[], Schedule | None] | None = None) -> list[Task]:
+    """Tasks in the order in which they ended, done by so many at a time that end in any order.
+
+    `learn` is called when the schedule waits; it returns the schedule to go on with, None: that was all.
+    """
+    order, in_work, done = random.Random(workers), [], []
+    current: Schedule | None = schedule
+    while True:
+        while current is not None and current.has_task and len(in_work) < workers:
+            in_work.append(current.take())
+        if not in_work:
+            return done
+        task = in_work.pop(order.randrange(len(in_work)))
+        done.append(task)
+        assert current is not None
+        if current.finish(task):
+            assert not in_work and not current.has_task, "learning waits for all"
+            assert learn is not None
+            current = learn()
+
+
+def check_samples(done: list[Task], samples: int) -> None:
+    """Every tile has every sample once, in order."""
+    for tile in range(TILES):
+        parts = [task.part for task in done if task.tile == tile]
+        assert [s for first, count, _ in parts for s in range(first, first + count)] == list(range(samples))
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+@pytest.mark.parametrize("samples", [1, 5, 21, 200])
+def test_unguided_tasks_grow_and_cover_all_samples(samples: int, workers: int) -> None:
+    done = run(PlainSchedule(TILES, samples), workers)
+    check_samples(done, samples)
+    counts = [task.part.sample_count for task in done if task.tile == 3]
+    assert counts[:-1] == [1, 4, 16, 64, 64, 64][: len(counts) - 1]
+    assert [task.is_first for task in done if task.tile == 3] == [True] + [False] * (len(counts) - 1)
+    assert {task.part.arm for task in done} == {CURRENT}
+
+
+def test_first_tasks_are_handed_out_before_any_second() -> None:
+    schedule = PlainSchedule(TILES, 100)
+    for _ in range(TILES):
+        assert schedule.lacks_first_tasks
+        schedule.finish(schedule.take())
+    assert not schedule.lacks_first_tasks and schedule.has_task
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers: int) -> None:
+    samples, planned = 63, []
+    iterations = Iterations(TILES, samples)
+    iterations.begin([Part(0, 1, CURRENT)])
+
+    def learn() -> Schedule | None:
+        following = iterations.plan(0.0)
+        if following is None:
+            return None
+        planned.append(following)
+        first, count = following
+        plain = count // 4
+        parts = [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
+        iterations.begin(parts if plain else [Part(first, count, CHALLENGER)])
+        return iterations
+
+    done = run(iterations, workers, learn)
+    check_samples(done, samples)
+    assert planned == [(1, 2), (3, 4), (7, 8), (15, 16), (31, 16), (47, 16)]
+    # No task of an iteration ends before all of the one before have.
+    assert [task.step for task in done] == sorted(task.step for task in done)
+    # All of an iteration are weighed by its first sample, whatever their part.
+    assert {task.weighs_as for task in done if task.step == 5} == {31}
+
+
+@pytest.mark.parametrize("workers", [1, 4])
+def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) -> None:
+    samples = 200
+    iterations = Iterations(TILES, samples)
+    iterations.begin([Part(0, 1, CURRENT)])
+
+    def learn() -> Schedule:
+        following = iterations.plan(0.0)
+        assert following is not None
+        if following[0] >= 15:
+            return PlainSchedule(TILES, samples, following[0], 64)
+        iterations.begin([Part(*following, CURRENT)])
+        return iterations
+
+    done = run(iterations, workers, learn)
+    check_samples(done, samples)
+    assert [task.part.sample_count for task in done if task.tile == 0] == [1, 2, 4, 8, 64, 64, 57]
+    assert not any(task.is_first for task in done if task.part.first_sample)
+
+
+def test_strata_follow_each_other_after_a_first_pass_over_all() -> None:
+    settings = RenderSettings(samples=256, guiding_method="NPM", strata=4)
+    iterations = Iterations(TILES, settings.samples, StrataSchedule(settings, 4))
+    assert iterations.is_whole and iterations.stratum == ALL_STRATA
+    iterations.begin([Part(0, 1, CURRENT)])
+
+    def learn() -> Schedule | None:
+        following = iterations.plan(0.0)
+        if following is None:
+            return None
+        iterations.begin([Part(*following, CURRENT)])
+        return iterations
+
+    done = run(iterations, 2, learn)
+    check_samples(done, settings.samples)
+    strata = [task.stratum for task in done if task.tile == 0]
+    assert strata == sorted(strata) and set(strata) == {ALL_STRATA, 0, 1, 2, 3}
+
+
+def test_what_is_cleared_is_not_handed_out() -> None:
+    """As when the time is up: tasks in work may end, and nothing follows but what they bring."""
+    schedule = PlainSchedule(TILES, 100)
+    task = schedule.take()
+    schedule.clear()
+    assert not schedule.has_task and not schedule.lacks_first_tasks
+    schedule.finish(task)
+    assert schedule.take().tile == task.tile

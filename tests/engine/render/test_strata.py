@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Strata of time: what is planned, what the film makes of them, and that the image is whole however a render ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.bias import find_bias
+from engine.guiding.policy import learning, trial
+from engine.guiding.records.training_rows import ROW_U, ROW_WIDTH
+from engine.guiding.worker.samples import SampleWindow
+from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
+from engine.render import session
+from engine.render.session import Session
+from engine.render.strata import StrataFilm, StrataSchedule, strata_count
+from engine.runtime.jit import kernel
+from engine.settings import RenderSettings
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.unit import ALL_STRATA
+from tests.helpers.seeded_renders import render_seeds
+from tests.helpers.small_scenes import emitter_scene
+from tests.helpers.training import require_torch
+from tests.helpers.untrained_networks import Untrained
+
+PROGRESSIVE = {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "guiding_trial": False}
+
+
+# Plans
+
+
+def planned(samples, count, time_limit=0.0, seconds_per_sample=0.0):
+    """(stratum, first sample, samples) of all iterations; samples take as long as said."""
+    schedule = StrataSchedule(RenderSettings(samples=samples, time_limit=time_limit), count)
+    steps, sample, seconds = [], 0, 0.0
+    while not time_limit or seconds < time_limit:
+        step = schedule.next(sample, seconds)
+        if step is None:
+            break
+        steps.append((step[0], sample, step[1]))
+        sample += step[1]
+        seconds += step[1] * seconds_per_sample
+    return steps
+
+
+@pytest.mark.parametrize("samples, count", [(16, 2), (256, 8), (257, 8), (511, 64), (512, 64), (4096, 64)])
+def test_samples_are_divided_among_the_strata(samples, count):
+    steps = planned(samples, count)
+    order = [step[0] for step in steps]
+    assert order == sorted(order) and set(order) == {ALL_STRATA, *range(count)}
+    of_stratum = {k: sum(length for stratum, _, length in steps if stratum == k) for k in order}
+    assert count <= of_stratum[ALL_STRATA] <= max(count, samples // 8)
+    assert sum(of_stratum.values()) == samples
+    shares = [of_stratum[k] for k in range(count)]
+    assert max(shares) - min(shares) <= 1
+
+
+@pytest.mark.parametrize("seconds_per_sample", [0.003, 0.05, 0.11])
+def test_time_is_divided_among_the_strata(seconds_per_sample):
+    limit = 10.0
+    steps = planned(1 << 20, 8, limit, seconds_per_sample)
+    samples = np.zeros(8)
+    for stratum, _, length in steps:
+        if stratum != ALL_STRATA:
+            samples[stratum] += length
+    seconds = samples * seconds_per_sample
+    # The last one is cut short by the end; each may be an iteration off.
+    assert np.abs(seconds - (limit - seconds_per_sample * steps[0][2]) / 8).max() < 0.3 + 8 * seconds_per_sample
+    assert (samples > 0).all()
+
+
+def test_no_more_strata_than_samples_and_memory_are_worth():
+    settings = RenderSettings(samples=512, strata=64, **PROGRESSIVE)
+    assert strata_count(settings, 40 * 1000) == 64
+    assert strata_count(replace(settings, samples=100), 40 * 1000) == 8
+    assert strata_count(replace(settings, samples=1), 40 * 1000) == 1
+    assert strata_count(replace(settings, strata=7), 40 * 1000) == 4
+    assert strata_count(settings, 40 * 8_300_000) == 2
+    for off in ({"strata": 0}, {"strata": 1}, {"guiding_method": "OFF"}, {"guiding_method": "VMM"}):
+        assert strata_count(replace(settings, **off), 40 * 1000) == 1
+
+
+@kernel
+def _times(rng, count, out):
+    for sample in range(count):
+        u, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        out[sample] = u
+
+
+@pytest.mark.parametrize("count", [2, 8, 64])
+def test_the_first_samples_of_a_pixel_lie_in_all_strata(count):
+    """Why strata are a power of two; and which comes first is even chance."""
+    times = np.zeros(count, np.float32)
+    first = np.zeros(count, int)
+    for pixel in range(2000):
+        _times(pixel_hash(3, pixel), count, times)
+        index = (times * count).astype(int)
+        assert len(set(index)) == count
+        first[index[0]] += 1
+    assert first.min() > 0.5 * 2000 / count - 10
+
+
+# The film
+
+
+def random_tile(rng, rows):
+    tile = allocate_tile(rows, 3, True)
+    for column in tile:
+        column[...] = rng.uniform(0.5, 2.0, column.shape)
+    tile.count[:] = rng.integers(1, 5, rows)
+    return tile
+
+
+def test_the_film_is_the_mean_of_the_strata():
+    rng = np.random.default_rng(1)
+    film = StrataFilm(5, 4, 4, use_features=True)
+    pixels = np.array([3, 19, 7])
+    tile = random_tile(rng, 12)
+    by_pixel = film.merge_stratum(pixels, tile, 0.5, ALL_STRATA)
+    np.testing.assert_allclose(by_pixel.radiance, tile.radiance.reshape(3, 4, 3).sum(axis=1), rtol=1e-6)
+    late = random_tile(rng, 8)
+    film.merge_stratum(pixels, late, 1.0, 2)
+
+    def mean(name):
+        values = getattr(tile, name).reshape(3, 4, -1) * 0.5
+        weights = tile.count.reshape(3, 4, 1) * 0.5
+        values[:, 2] += getattr(late, name).reshape(8, -1)[:3]
+        weights[:, 2] += late.count[:3, None]
+        return (values / weights).mean(axis=1)
+
+    for name in ("radiance", "square", "alpha", "features"):
+        found = getattr(film.sums, name)[pixels].reshape(3, -1) / film.sums.weight[pixels, None]
+        np.testing.assert_allclose(found, mean(name), rtol=1e-5)
+    assert np.array_equal(film.sums.count[pixels], tile.count.reshape(3, 4).sum(axis=1) + late.count[:3])
+    assert film.sums.weight.sum() == pytest.approx(film.sums.weight[pixels].sum())
+    np.testing.assert_array_equal(film.sums.points[pixels], tile.points.reshape(3, 4, -1)[:, 0])
+    images = film.passes({"Variance", "Normal"}, exposure=1.0)
+    assert all(np.isfinite(image).all() for image in images.values())
+
+
+def test_strata_without_samples_are_left_out():
+    film = StrataFilm(2, 1, 4)
+    tile: FilmTile = allocate_tile(8, 3, False)
+    tile.radiance[:, 0] = np.arange(8)
+    tile.count[:] = 0, 1, 1, 0, 0, 0, 0, 1
+    tile.radiance[tile.count == 0] = 0.0
+    film.merge_stratum(np.array([0, 1]), tile, 1.0, ALL_STRATA)
+    assert film.passes(set(), exposure=1.0)["Combined"][0, :, 0].tolist() == [1.5, 7.0]
+
+
+# Renders
+
+
+@cache
+def reference():
+    return render_seeds(emitter_scene(), range(10, 14), samples=512)
+
+
+@pytest.fixture
+def untrained(monkeypatch):
+    """A network with parameters drawn at random: no other is as wrong."""
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+
+
+@pytest.mark.parametrize("count", [1, 8, 64])
+def test_strata_leave_the_mean_unchanged(count, untrained):
+    images = render_seeds(emitter_scene(), range(2), **PROGRESSIVE, strata=count, samples=512)
+    bias = find_bias(images, reference())
+    assert not bias.is_biased and bias.detectable < 0.03, bias
+
+
+@pytest.mark.parametrize("end", [1, 5, 100, 250])
+def test_the_image_is_whole_however_it_ends(end, untrained, monkeypatch):
+    """In the first pass, and after some of the strata."""
+    following = StrataSchedule.next
+    monkeypatch.setattr(
+        StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < end else None
+    )
+    seeds = range(max(2, 256 // end))
+    images = render_seeds(emitter_scene(), seeds, **PROGRESSIVE, strata=8, samples=512)
+    if end < 8:
+        images = [np.mean(images[k::2], axis=0) for k in range(2)]
+    bias = find_bias(images, reference())
+    assert not bias.is_biased and bias.detectable < 0.06, bias
+
+
+def test_what_is_not_whole_would_be_seen(untrained, monkeypatch):
+    """The last test can fail: if samples counted the same whatever their stratum, it would."""
+    following = StrataSchedule.next
+    monkeypatch.setattr(
+        StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < 250 else None
+    )
+
+    def plain(film, pixels, tile, weight, stratum):
+        summed = film._by_pixel(tile, len(pixels)) if stratum == ALL_STRATA else tile
+        film.merge(pixels, summed, weight)
+        return summed
+
+    monkeypatch.setattr(StrataFilm, "merge_stratum", plain)
+    images = render_seeds(emitter_scene(), range(2), **PROGRESSIVE, strata=8, samples=512)
+    assert find_bias(images, reference()).is_biased
+
+
+def test_strata_of_no_length(untrained):
+    """A shutter that is open for a moment only: many strata are the same time, and one spans all the others."""
+    curve = np.zeros(65, np.float32)
+    curve[40] = 1.0
+    description = replace(emitter_scene(), shutter_curve=curve)
+    images = render_seeds(description, range(2), **PROGRESSIVE, strata=16, samples=512)
+    bias = find_bias(images, render_seeds(description, range(10, 14), samples=512))
+    assert not bias.is_biased and bias.detectable < 0.03, bias
+
+
+def test_guiding_given_up_goes_on_in_all_strata(untrained, monkeypatch):
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 1e9))
+    settings = PROGRESSIVE | {"guiding_trial": True}
+    images = render_seeds(emitter_scene(), range(2), **settings, strata=8, samples=512)
+    bias = find_bias(images, reference())
+    assert not bias.is_biased and bias.detectable < 0.03, bias
+
+
+def test_a_time_limit_is_kept_and_the_image_is_whole(untrained):
+    scene = emitter_scene()
+    images = []
+    for seed in range(2):
+        settings = RenderSettings(
+            samples=1 << 20, time_limit=1.0, threads=1, seed=seed, strata=8, **PROGRESSIVE
+        )
+        job = Session(settings)
+        job.load(scene)
+        result = job.render()
+        job.close()
+        assert result.report.render_seconds < 2.0
+        images.append(result.passes["Combined"][..., :3])
+    bias = find_bias(images, reference())
+    assert not bias.is_biased, bias
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_more_strata_than_samples_are_none(samples, untrained):
+    images = [
+        render_seeds(emitter_scene(), [1], **PROGRESSIVE, strata=count, samples=samples)[0] for count in (0, 64)
+    ]
+    assert np.isfinite(images[0]).all() and np.array_equal(*images)
+
+
+@pytest.mark.parametrize("is_moving", [True, False])
+def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
+    found = []
+    monkeypatch.setattr(session, "strata_count", lambda *given: found.append(strata_count(*given)) or found[-1])
+    description = emitter_scene()
+    if not is_moving:
+        description.instances.motion.clear()
+        description.meshes[1].motion_vertices = None
+    settings = PROGRESSIVE | {"samples": 32}
+    plain, asked = (render_seeds(description, [1], **settings, strata=count)[0] for count in (0, 4))
+    assert found == [1, 4 if is_moving else 1] and np.array_equal(plain, asked) != is_moving
+
+
+# What is learned
+
+
+def test_rows_of_other_strata_are_forgotten():
+    require_torch()
+    from engine.guiding.worker.mixture_training import MixtureTraining
+    from tests.helpers.analytic_fields import BOUNDS, NPM, rows_of, settings_of
+
+    training = MixtureTraining(NPM, settings_of(NPM, follows_u=True), 1, BOUNDS)
+    for low, high in ((0.0, 1.0), (0.0, 1.0), (0.25, 0.375), (0.25, 0.375), (0.625, 0.75)):
+        rows = rows_of(2000, 3)
+        rows[:, ROW_U] = np.random.default_rng(4).uniform(low, high, 2000)
+        training.add(rows, 1.0)
+        for window in (training._window, training._validation):
+            held = window.take(np.arange(window.count))[:, ROW_U]
+            # The strata beside it are kept.
+            assert held.min() >= low - 0.13 and held.max() <= high + 0.13
+        training.step()
+    assert training.row_count > 1900
+
+
+def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
+    require_torch()
+    from engine.guiding.worker.mixture_training import MixtureTraining
+    from tests.helpers.analytic_fields import BOUNDS, NPM, rows_of, settings_of
+
+    training = MixtureTraining(NPM, settings_of(NPM, follows_u=True, u_pieces=4), 1, BOUNDS)
+    rng = np.random.default_rng(4)
+    for low, high in ((0.0, 1.0), (0.5, 0.625)):
+        rows = rows_of(2000, 3)
+        rows[:, ROW_U] = (rng.integers(0, 4, 2000) + rng.uniform(low, high, 2000)) / 4.0
+        training.add(rows, 1.0)
+    held = 4.0 * training._window.take(np.arange(training.row_count))[:, ROW_U]
+    assert set(held.astype(int)) == {0, 1, 2, 3}
+    within = held % 1.0
+    assert within.min() >= 0.37 and within.max() <= 0.76 and len(within) > 2000
+
+
+def test_a_window_keeps_what_it_is_told():
+    window = SampleWindow(100, ROW_WIDTH, 3.0)
+    for k in range(4):
+        window.add(np.full((30, ROW_WIDTH), k, np.float32), 1.0)
+    held = window.take(np.arange(window.count))[:, 0]
+    window.keep(held != 2.0)
+    assert np.array_equal(window.take(np.arange(window.count))[:, 0], held[held != 2.0])
+    window.add(np.full((30, ROW_WIDTH), 9, np.float32), 2.0)
+    assert sorted(set(window.take(np.arange(window.count))[:, 0])) == [3.0, 9.0]
+    window.keep(np.zeros(window.count, bool))
+    assert window.count == 0
+    window.keep(np.zeros(0, bool))
+    window.add(np.full((5, ROW_WIDTH), 7, np.float32), 1.0)
+    assert window.count == 5
+    for k in range(4):
+        window.add(np.full((60, ROW_WIDTH), k, np.float32), 0.1)
+    window.keep(window.take(np.arange(window.count))[:, 0] == 3.0)
+    assert window.count == 60

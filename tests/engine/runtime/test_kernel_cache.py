@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A kernel cache that cannot be written, or read, costs time and nothing else, and the user is told."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from engine.render import session
+from engine.runtime import jit, kernel_cache
+from engine.scene.description import Notice
+from engine.settings import RenderSettings
+from tests.helpers.small_scenes import floor_scene
+
+ROOT = Path(__file__).resolve().parents[3]
+
+#: A module with one kernel, called with arguments of two types; prints what became of the cache.
+ONE_KERNEL = """
+import sys
+if {limit} >= 0:
+    import resource
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+from engine.runtime import kernel_cache
+from engine.runtime.jit import kernel
+
+@kernel
+def double(x):
+    return x + x
+
+print("results", double(4), double(2.5))
+print("hits", sum(double.stats.cache_hits.values()))
+print("root", kernel_cache.cache_root())
+print("problem", kernel_cache.problem())
+print("files", sum(1 for _ in kernel_cache.cache_root().rglob("*.nbc")))
+"""
+
+
+def environment_with(cache: Path) -> dict[str, str]:
+    """Of a process that writes no byte code: Python itself puts half of it in place where files may not grow."""
+    return {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "NEURALGUIDE_KERNEL_CACHE": str(cache),
+    }
+
+
+def run_kernel(tmp_path: Path, cache: Path, limit: int = -1) -> dict[str, str]:
+    """Call the kernel in a process of its own; files may grow to `limit` bytes there, if that is not negative."""
+    script = tmp_path / "one_kernel.py"
+    script.write_text(ONE_KERNEL.format(limit=limit))
+    environment = environment_with(cache)
+    done = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    facts = dict(line.partition(" ")[::2] for line in done.stdout.splitlines())
+    assert facts["results"] == "8 5.0"
+    return facts
+
+
+def test_a_second_process_finds_what_the_first_saved(tmp_path: Path) -> None:
+    cache = tmp_path / "deep" / "cache"
+    first, second = run_kernel(tmp_path, cache), run_kernel(tmp_path, cache)
+    assert (first["hits"], first["files"], first["problem"]) == ("0", "2", "")
+    assert (second["hits"], second["files"], second["problem"]) == ("2", "2", "")
+
+
+def test_sources_that_were_moved_are_found_again(tmp_path: Path) -> None:
+    """Another installation of the same version, or a folder unpacked anew, compiles nothing."""
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+    run_kernel(tmp_path / "here", tmp_path / "cache")
+    assert run_kernel(tmp_path / "there", tmp_path / "cache")["hits"] == "2"
+
+
+def test_a_temporary_folder_stands_in_for_one_that_cannot_be_written(tmp_path: Path) -> None:
+    """A file where a folder should be stops even root."""
+    (tmp_path / "file").write_text("no folder")
+    facts = run_kernel(tmp_path, tmp_path / "file" / "cache")
+    assert facts["problem"] == f"cannot write to {tmp_path / 'file' / 'cache'} (Not a directory)"
+    assert facts["root"].startswith(str(Path(tempfile.gettempdir()) / "neuralguide-kernels-"))
+    assert facts["files"] == "2"
+    assert not Path(facts["root"]).exists(), "it goes with the process"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+def test_kernels_stay_in_memory_where_the_disk_is_full(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    facts = run_kernel(tmp_path, cache, limit=100)
+    assert facts["problem"] == f"cannot save to {cache} (File too large)"
+    assert facts["files"] == "0"
+    again = run_kernel(tmp_path, cache)
+    assert (again["hits"], again["files"], again["problem"]) == ("0", "2", "")
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_damaged_files_count_as_missing(tmp_path: Path, suffix: str) -> None:
+    cache = tmp_path / "cache"
+    run_kernel(tmp_path, cache)
+    for file in cache.rglob(f"*.{suffix}"):
+        file.write_bytes(file.read_bytes()[:40])
+    assert run_kernel(tmp_path, cache)["problem"] == ""
+    assert run_kernel(tmp_path, cache)["hits"] == "2"
+
+
+@pytest.fixture
+def fresh() -> ModuleType:
+    """A copy of the module in which nothing has gone wrong yet."""
+    spec = importlib.util.spec_from_file_location("fresh_kernel_cache", kernel_cache.__file__)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def root_of(module: ModuleType, chosen: Path) -> Path:
+    """Where a module keeps kernels that is asked for the folder `chosen`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEURALGUIDE_KERNEL_CACHE", str(chosen))
+        return module.cache_root()
+
+
+def test_a_read_only_folder_that_is_filled_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: ModuleType
+) -> None:
+    def refuse(**_options: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    (tmp_path / "tracing-0123.complete").touch()
+    assert root_of(fresh, tmp_path) == tmp_path
+    assert fresh.problem() == ""
+    empty = tmp_path / "empty"
+    assert root_of(fresh, empty) != empty
+    assert fresh.problem() == f"cannot write to {empty} (Permission denied)"
+
+
+def test_without_any_writable_folder_nothing_is_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: ModuleType
+) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
+    assert root_of(fresh, tmp_path) == tmp_path
+    assert "Read-only file system" in fresh.problem()
+
+
+def test_imports_are_those_that_the_parser_finds() -> None:
+    """An import that goes unseen would leave stale machine code in use."""
+    count = 0
+    for file in (ROOT / "engine").rglob("*.py"):
+        name = ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        expected: set[str] = set()
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Import):
+                expected.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+                expected.update((base, *(f"{base}.{alias.name}" for alias in node.names)))
+        # A package that looks its modules up by name has all of them.
+        by_name = file.name == "__init__.py" and "import_module" in {name.split(".")[-1] for name in expected}
+        expected |= {f"{name}.{module.stem}" for module in file.parent.glob("*.py") if by_name and module != file}
+        assert jit._imports(name, file) == {module for module in expected if jit._module_file(module)}, name
+        count += len(jit._imports(name, file))
+    assert count > 300
+    assert "engine.guiding.sources.sdtree" in jit._imports(
+        "engine.guiding.sources", ROOT / "engine" / "guiding" / "sources" / "__init__.py"
+    )
+
+
+def test_the_user_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def notices() -> list[Notice]:
+        loaded = session.Session(RenderSettings(threads=1))
+        found = loaded.load(floor_scene())
+        loaded.close()
+        return [notice for notice in found if notice.subject == "Kernel cache"]
+
+    problem = "cannot save to X (No space left on device)"
+    monkeypatch.setattr(session, "cache_problem", lambda: problem)
+    assert notices() == [Notice("Kernel cache", problem, "the next process compiles the kernels again")]
+    monkeypatch.setattr(session, "cache_problem", lambda: "")
+    assert notices() == []
+
+
+#: Loads a scene where no file may grow beyond a size; prints the notices.
+LOAD = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+from engine.render import precompile
+from engine.render.precompile_worker import small_scene
+from engine.render.session import Session
+from engine.settings import RenderSettings
+session = Session(RenderSettings(samples=2, threads=2))
+session.load(small_scene())
+result = session.render()
+assert result.passes["Combined"].mean() > 0.0
+for notice in result.report.notices:
+    print(notice.subject, notice.problem)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+@pytest.mark.parametrize("place", ["full", "file/cache"])
+def test_a_render_without_a_cache_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
+    """On a full disk helpers give up at once, and this process compiles; else it all happens in another folder."""
+    (tmp_path / "file").write_text("no folder")
+    environment = environment_with(tmp_path / place)
+    limit = "100" if place == "full" else "resource.RLIM_INFINITY"
+    command = [sys.executable, "-c", LOAD.format(limit=limit)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert f"Kernel cache cannot {'save' if place == 'full' else 'write'} to {tmp_path / place}" in done.stdout

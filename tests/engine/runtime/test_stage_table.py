@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages called through pointers: what a loop passes is what they take, and the loop in Python does the same."""
+
+from __future__ import annotations
+
+from types import FunctionType
+
+import numba
+import numpy as np
+import pytest
+
+from engine.methods import METHODS
+from engine.render import tracer
+from engine.render.precompile_worker import small_scene
+from engine.render.session import Session
+from engine.runtime.jit import BoundKernel, in_python, kernel
+from engine.runtime.stage_table import StageTable, StageType
+from engine.settings import RenderSettings
+from engine.wavefront.trace_rounds import trace_rounds
+
+_OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
+
+
+@kernel
+def _add(values, amount):
+    for k in range(values.shape[0]):
+        values[k] += amount
+
+
+@kernel
+def _double(values):
+    for k in range(values.shape[0]):
+        values[k] *= 2.0
+
+
+@kernel
+def _first(values):
+    return values[0]
+
+
+@kernel
+def _both(stages, values):
+    stages.add(values, np.float32(2.0))
+    stages.double(values)
+
+
+@kernel
+def _loop(stages, values, turns):
+    for _ in range(turns):
+        _both(stages, values)
+    return values.shape[0]
+
+
+def _table(values: np.ndarray) -> StageTable:
+    table = StageTable({"add": _add, "double": _double, "unused": _first})
+    assert table.link({"add": (values, np.float32(0.0)), "double": (values,)})
+    return table
+
+
+def test_a_compiled_loop_calls_stages_as_python_does() -> None:
+    values, again = np.arange(3, dtype=np.float32), np.arange(3, dtype=np.float32)
+    table = _table(values)
+    np.testing.assert_array_equal(values, [0.0, 1.0, 2.0])
+    assert BoundKernel(_loop)(table, values, 2) == in_python(_loop)(table, again, 2) == 3
+    np.testing.assert_array_equal(values, [12.0, 16.0, 20.0])
+    np.testing.assert_array_equal(again, values)
+
+
+def test_a_plain_function_cannot_be_linked() -> None:
+    assert not StageTable({"add": lambda values: None}).link({"add": (np.ones(1),)})
+
+
+def test_a_stage_that_returns_something_is_an_error() -> None:
+    with pytest.raises(TypeError, match="stage first returns float32"):
+        StageTable({"first": _first}).link({"first": (np.ones(1, np.float32),)})
+
+
+def test_python_sees_the_stages_and_no_others() -> None:
+    values = np.ones(4, np.float32)
+    table = _table(values)
+    table.add(values, np.float32(1.0))
+    np.testing.assert_array_equal(values, 2.0)
+    with pytest.raises(AttributeError):
+        table.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize(("method", "spectral"), [("VMM_RIS", "OFF"), ("TABLE_RIS", "OFF"), ("TABLE_RIS", "ON")])
+def test_the_main_loop_passes_what_its_stages_take(
+    method: str, spectral: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing else would notice: calls through pointers are not checked."""
+    kept: list[tracer.Tracer] = []
+    arguments: list[tuple] = []
+    original = tracer.Tracer._arguments
+
+    def keep(self: tracer.Tracer, *rest: object) -> tuple:
+        kept.append(self)
+        arguments.append(original(self, *rest))  # type: ignore[arg-type]
+        return arguments[-1]
+
+    monkeypatch.setattr(tracer.Tracer, "_arguments", keep)
+    session = Session(RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral))
+    session.load(small_scene())
+    session.render(passes=("Combined", "Normal"))
+    assert kept[-1]._compiled_loop is not None and isinstance(arguments[-1][0], StageTable)
+
+    function = trace_rounds.py_func
+    copy = FunctionType(function.__code__, function.__globals__, "not_in_the_cache")
+    numba.njit(nogil=True, _nrt=False)(copy).compile(tuple(numba.typeof(argument) for argument in arguments[-1]))
+    stages = kept[-1].stages.as_dict()
+    bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
+    assert set(StageType.called_with) >= set(stages)
+    # The world is not constant in this scene, and three stages are for wavelengths.
+    assert set(stages) - set(bound) == {"fill_background"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
+    for name, stage in bound.items():
+        assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("method", ["OFF", "VMM_RIS"])
+def test_the_loop_in_python_makes_the_same_image(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert method in METHODS
+
+    def render() -> np.ndarray:
+        session = Session(RenderSettings(samples=20, threads=1, guiding_method=method, seed=5))
+        session.load(small_scene())
+        return session.render().passes["Combined"]
+
+    compiled = render()
+    monkeypatch.setattr(StageTable, "link", lambda self, arguments: False)
+    np.testing.assert_array_equal(render(), compiled)

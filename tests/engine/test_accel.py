@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Embree through kernels: hits, ids, instances, masks."""
+
+import numpy as np
+import pytest
+
+from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, trace_closest, trace_occluded
+from engine.builder.geometry import empty_instances
+from engine.runtime.jit import kernel
+from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA
+from tests.helpers.placed_quads import QUAD, at, built, quad_scene
+
+
+@kernel
+def _closest(scene, ray, bits, address, ox, oy, oz, mask):
+    hit = trace_closest(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, np.float32(np.inf), 0.0, mask)
+    return hit, ray[8], np.int64(bits[17]), np.int64(bits[18]), np.int64(bits[19])
+
+
+@kernel
+def _occluded(scene, ray, bits, address, ox, oy, oz, far, mask):
+    return trace_occluded(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, far, 0.0, mask)
+
+
+def trace(accelerator, origin, mask=VISIBLE_CAMERA):
+    s = RayScratch()
+    x, y, z = (np.float32(v) for v in origin)
+    return _closest(accelerator.handle, s.ray, s.bits, s.address, x, y, z, np.uint32(mask))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_ray_finds_the_right_instance(count):
+    """One user is baked into the world, several are instanced; both give the same distances and ids."""
+    _, accelerator = built(quad_scene([at(4.0 * i, 0, i) for i in range(count)]))
+    for i in range(count):
+        hit, distance, triangle, geometry, instance = trace(accelerator, (4.0 * i + 0.5, -0.5, 10.0))
+        assert hit
+        assert distance == pytest.approx(10.0 - i, abs=1e-5)
+        assert triangle == 0
+        assert (geometry if instance == 0xFFFFFFFF else instance) == i
+    assert not trace(accelerator, (2.0, 0.0, 10.0))[0]
+
+
+def test_visibility_selects_what_rays_see():
+    visibility = [VISIBLE_ALL & ~VISIBLE_CAMERA, VISIBLE_ALL]
+    _, accelerator = built(quad_scene([at(0, 0, 2), at(0, 0, 0)], visibility=visibility))
+    assert trace(accelerator, (0.5, 0.2, 5.0))[1] == pytest.approx(5.0)
+    assert trace(accelerator, (0.5, 0.2, 5.0), mask=2)[1] == pytest.approx(3.0)
+
+
+def test_occlusion_respects_distance_and_mask():
+    _, accelerator = built(quad_scene([at(0, 0, 0)]))
+    s = RayScratch()
+    arguments = (accelerator.handle, s.ray, s.bits, s.address, np.float32(0.5), np.float32(0.2), np.float32(5.0))
+    assert _occluded(*arguments, np.float32(6.0), np.uint32(MASK_SHADOW_OPAQUE))
+    assert not _occluded(*arguments, np.float32(4.9), np.uint32(MASK_SHADOW_OPAQUE))
+    assert not _occluded(*arguments, np.float32(6.0), np.uint32(128))
+
+
+def test_nan_vertices_are_left_out_and_reported():
+    vertices = QUAD.copy()
+    vertices[3] = np.nan
+    notices = []
+    geometry, accelerator = built(quad_scene([at(0, 0, 0)], vertices=vertices), notices)
+    assert len(geometry.triangles) == 1
+    assert "NaN" in notices[0].problem
+    assert trace(accelerator, (0.5, -0.5, 5.0))[0]
+    assert not trace(accelerator, (-0.5, 0.5, 5.0))[0]
+
+
+def test_vertex_indices_out_of_range_are_left_out():
+    triangles = np.array([(0, 1, 2), (0, 2, 9)], np.uint32)
+    notices = []
+    geometry, _ = built(quad_scene([at(0, 0, 0)], triangles=triangles), notices)
+    assert len(geometry.triangles) == 1
+    assert notices
+
+
+def test_flattened_objects_are_seen_and_singular_instances_are_reported():
+    notices = []
+    _, accelerator = built(quad_scene([at(0, 0, 0, scale=(1, 1, 0))]), notices)
+    assert trace(accelerator, (0.5, -0.5, 5.0))[0]
+    geometry, accelerator = built(quad_scene([at(0, 0, 0, scale=(1, 0, 1)), at(0, 0, 0, scale=(1, 1, 1))]), notices)
+    assert any("Quad 0" in notice.subject for notice in notices)
+    assert trace(accelerator, (0.5, -0.5, 5.0))[1] == pytest.approx(5.0)
+
+
+def test_an_empty_scene_hits_nothing():
+    description = quad_scene([at(0, 0, 0)])
+    description.meshes, description.instances = [], empty_instances()
+    _, accelerator = built(description)
+    assert not trace(accelerator, (0.0, 0.0, 5.0))[0]

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Small scenes of lights, and kernels that draw from them in bulk, for the tests of light sampling."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from engine.builder.emission import ProgramInfo
+from engine.builder.environment import build_environment_map
+from engine.builder.geometry import build_geometry, empty_instances, plain_instances
+from engine.builder.lights import build_lights
+from engine.kernels.lights import (
+    background_pdf,
+    lamp_factor,
+    lamp_hit,
+    lamp_pdf,
+    sample_light,
+    sun_is_hit,
+    sun_pdf,
+    triangle_emitter_pdf,
+)
+from engine.kernels.lights.tree import emitter_pmf, pick_emitter
+from engine.runtime.jit import kernel
+from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
+from engine.state.geometry import GeometryArrays
+from engine.state.lights import LIGHT_SUN, LightArrays
+
+# Columns of what `draw` writes.
+PDF, EMITTER, WI, DISTANCE, RADIANCE, NG, PROGRAM, USE_MIS, POINT, U, V, INSTANCE, TRIANGLE = (
+    0, 1, 2, 5, 6, 9, 12, 13, 14, 17, 18, 19, 20,
+)  # fmt: skip
+WIDTH = 21
+
+
+def matrix(position: Any = (0.0, 0.0, 0.0), columns: Any = None) -> np.ndarray:
+    """Object to world: linear part from its columns (images of x, y, z) and a position."""
+    result = np.eye(4, dtype=np.float32)
+    if columns is not None:
+        result[:3, :3] = np.asarray(columns, np.float32).T
+    result[:3, 3] = position
+    return result
+
+
+def lamp(kind: str, position: Any = (0.0, 0.0, 0.0), columns: Any = None, **values: Any) -> Light:
+    """A lamp of 100 W (suns: 100 W m^-2), white, shining down."""
+    settings = {"color": (1.0, 1.0, 1.0), "energy": 100.0, **values}
+    return Light(key=kind, name=kind.title(), kind=kind, transform=matrix(position, columns), **settings)
+
+
+def emissive_scene(
+    vertices: Any, triangles: Any, transforms: Any = (), emission: Any = (1.0, 1.0, 1.0), mode: int = 3
+) -> tuple[SceneDescription, ProgramInfo]:
+    """One mesh of one emissive material, an instance per transform."""
+    description = make_description()
+    description.meshes.append(
+        Mesh("mesh", "Mesh", np.asarray(vertices, np.float32), np.asarray(triangles, np.uint32), None,
+             np.zeros(len(triangles), np.int32))
+    )  # fmt: skip
+    description.instances = plain_instances(transforms if len(transforms) else [np.eye(4)])
+    info = ProgramInfo(
+        np.ones(1, np.bool_), np.ones(1, np.bool_), np.asarray([emission], np.float32), np.zeros(1, np.float32),
+        np.full(1, mode, np.int32),
+    )
+    return description, info
+
+
+def make_description(lights: Any = (), world: World | None = None) -> SceneDescription:
+    """A scene of lamps only."""
+    return SceneDescription(
+        camera=Camera(), frame=Frame(8, 8, (0, 0, 8, 8)), meshes=[], instances=empty_instances(), materials=[],
+        images=[], lights=list(lights), world=world,
+    )  # fmt: skip
+
+
+def no_programs() -> ProgramInfo:
+    """Programs of a scene that has none."""
+    return ProgramInfo(
+        np.zeros(0, np.bool_), np.zeros(0, np.bool_), np.zeros((0, 3), np.float32), np.zeros(0, np.float32),
+        np.zeros(0, np.int32),
+    )
+
+
+def build(
+    description: SceneDescription, info: ProgramInfo | None = None, background: Any = None
+) -> tuple[LightArrays, GeometryArrays]:
+    """Lights and geometry of a description."""
+    geometry = build_geometry(description, [], [])
+    environment = None if background is None else build_environment_map(background)
+    return build_lights(description, geometry, info or no_programs(), environment), geometry
+
+
+@kernel
+def _draw(lights, geometry, p, n, has_transmission, time, u, out):
+    for i in range(u.shape[0]):
+        (
+            pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance, _visibility,
+            _cast_shadow, _max_bounces, use_mis, _back,
+        ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
+                         has_transmission, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
+        out[i, PDF] = pdf
+        out[i, EMITTER] = emitter
+        out[i, DISTANCE] = distance
+        for c in range(3):
+            out[i, WI + c] = wi[c]
+            out[i, RADIANCE + c] = radiance[c]
+            out[i, NG + c] = ng[c]
+            out[i, POINT + c] = point[c]
+        out[i, PROGRAM] = program
+        out[i, USE_MIS] = use_mis
+        out[i, U] = a
+        out[i, V] = b
+        out[i, INSTANCE] = instance
+        out[i, TRIANGLE] = triangle
+
+
+def _rows(value: Any, count: int) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(value, np.float32), (count, 3)))
+
+
+def stratified(count: int, seed: int) -> np.ndarray:
+    """`count` points (rounded down to a square) of [0, 1)^3, jittered on a grid in the last two dimensions."""
+    side = int(count**0.5)
+    generator = np.random.default_rng(seed)
+    u = generator.random((side * side, 3))
+    cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), -1).reshape(-1, 2)
+    u[:, 1:] = (u[:, 1:] + cells) / side
+    return np.minimum(u, 1.0 - 2.0**-24).astype(np.float32)
+
+
+def draw(
+    lights: LightArrays, geometry: GeometryArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False,
+    time: float = 0.5,
+) -> np.ndarray:
+    """Samples of `sample_light`, float32 (N, WIDTH), for receivers `p`, `n` (one, or N), at a time of the shutter."""
+    out = np.zeros((len(u), WIDTH), np.float32)
+    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, np.float32(time), u, out)
+    return out
+
+
+def irradiance(samples: np.ndarray, n: Any) -> np.ndarray:
+    """Monte Carlo estimates of irradiance, (N,), one a sample (first channel)."""
+    pdf = samples[:, PDF].astype(np.float64)
+    cosine = np.maximum(samples[:, WI : WI + 3] @ np.asarray(n, np.float64), 0.0)
+    return np.where(pdf > 0.0, samples[:, RADIANCE] * cosine / np.where(pdf > 0.0, pdf, 1.0), 0.0)
+
+
+@kernel
+def _hit_pdf(lights, p, n, has_transmission, directions, out):
+    position = (p[0], p[1], p[2])
+    normal = (n[0], n[1], n[2])
+    for i in range(directions.shape[0]):
+        wi = (directions[i, 0], directions[i, 1], directions[i, 2])
+        pdf = background_pdf(lights, position, normal, has_transmission, wi)
+        for row in range(lights.lamps.shape[0]):
+            if lights.lamp_table[row, 0] == LIGHT_SUN:
+                if sun_is_hit(lights, row, wi):
+                    pdf += sun_pdf(lights, row, position, normal, has_transmission)
+                continue
+            t = lamp_hit(lights, row, position, wi, 0.0, 1e30)
+            if t >= 0.0 and lamp_factor(lights, row, position, wi) > 0.0:
+                pdf += lamp_pdf(lights, row, position, normal, has_transmission, wi, t)
+        out[i] = pdf
+
+
+def hit_pdf(
+    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False
+) -> np.ndarray:
+    """Density (N,) with which lamps or the background are proposed along directions (N, 3)."""
+    out = np.zeros(len(directions), np.float32)
+    real = np.float32
+    _hit_pdf(lights, np.asarray(p, real), np.asarray(n, real), has_transmission, directions.astype(real), out)
+    return out
+
+
+@kernel
+def _triangle_pdf(lights, geometry, instances, triangles, p, n, has_transmission, time, wi, distance, out):
+    for i in range(wi.shape[0]):
+        direction = (wi[i, 0], wi[i, 1], wi[i, 2])
+        out[i] = triangle_emitter_pdf(
+            lights, geometry, instances[i], triangles[i], (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
+            has_transmission, direction, distance[i], time,
+        )  # fmt: skip
+
+
+def triangle_pdf(
+    lights: LightArrays, geometry: GeometryArrays, samples: np.ndarray, p: Any, n: Any, has_transmission: bool = False,
+    time: float = 0.5,
+) -> np.ndarray:
+    """`triangle_emitter_pdf` of the points of emissive triangles in `samples`."""
+    count = len(samples)
+    out = np.zeros(count, np.float32)
+    _triangle_pdf(
+        lights, geometry, samples[:, INSTANCE].astype(np.int32), samples[:, TRIANGLE].astype(np.int32),
+        _rows(p, count), _rows(n, count), has_transmission, np.float32(time),
+        np.ascontiguousarray(samples[:, WI : WI + 3]),
+        np.ascontiguousarray(samples[:, DISTANCE]), out,
+    )  # fmt: skip
+    return out
+
+
+@kernel
+def _pmfs(lights, p, n, has_transmission, out):
+    for i in range(p.shape[0]):
+        for emitter in range(out.shape[1]):
+            out[i, emitter] = emitter_pmf(
+                lights.nodes, lights.links, lights.distant, lights.emitters, emitter, (p[i, 0], p[i, 1], p[i, 2]),
+                (n[i, 0], n[i, 1], n[i, 2]), has_transmission,
+            )  # fmt: skip
+
+
+def pmfs(lights: LightArrays, p: np.ndarray, n: np.ndarray, has_transmission: bool = False) -> np.ndarray:
+    """Probability of every emitter, (N, E), for receivers (N, 3)."""
+    out = np.zeros((len(p), len(lights.emitters)), np.float32)
+    _pmfs(lights, _rows(p, len(p)), _rows(n, len(p)), has_transmission, out)
+    return out
+
+
+@kernel
+def _picks(lights, p, n, has_transmission, u, emitters, pmf):
+    for i in range(u.shape[0]):
+        emitters[i], pmf[i] = pick_emitter(
+            lights.nodes, lights.links, lights.distant, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
+            has_transmission, u[i],
+        )  # fmt: skip
+
+
+def picks(
+    lights: LightArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Emitters chosen (-1 = none) and their probability, for random numbers (N,)."""
+    emitters, pmf = np.zeros(len(u), np.int32), np.zeros(len(u), np.float32)
+    _picks(lights, _rows(p, len(u)), _rows(n, len(u)), has_transmission, u.astype(np.float32), emitters, pmf)
+    return emitters, pmf

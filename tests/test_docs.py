@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pages point at what exists: links and anchors, pages named in sources, sources named in pages."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_MANUAL_WORDS = 1500
+
+_CODE_BLOCK = re.compile(r"^ *```.*?^ *```[^\n]*$", re.MULTILINE | re.DOTALL)
+_CODE_SPAN = re.compile(r"`([^`\n]+)`")
+_LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)")
+_HEADING = re.compile(r"^#+ +(.*?) *#*$", re.MULTILINE)
+_PAGE_IN_SOURCE = re.compile(r"docs/[\w./-]+\.md(?:#[\w-]+)?")
+_SOURCE_IN_PAGE = re.compile(r"(?:addon|benchmarks|demo|engine|tests|tools)/[\w./*-]*\w\.(?:py|sh|npz)")
+
+
+def _files(pattern: str) -> list[Path]:
+    """Files of the repository, those not yet added included, ignored ones not."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", pattern]
+    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
+    return sorted(path for name in names if name and (path := ROOT / name).is_file())
+
+
+def _anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    anchors: set[str] = set()
+    for heading in _HEADING.findall(_CODE_BLOCK.sub("", page.read_text("utf-8"))):
+        text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        base = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
+        anchor, count = base, 0
+        while anchor in anchors:
+            count += 1
+            anchor = f"{base}-{count}"
+        anchors.add(anchor)
+    return anchors
+
+
+def _is_missing(page: Path, anchor: str) -> bool:
+    return not page.exists() or (anchor != "" and (page.suffix != ".md" or anchor not in _anchors(page)))
+
+
+def _broken_links(page: Path) -> Iterator[str]:
+    text = _CODE_SPAN.sub("", _CODE_BLOCK.sub("", page.read_text("utf-8")))
+    for link in _LINK.findall(text):
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, anchor = link.partition("#")
+        if _is_missing((page.parent / path).resolve() if path else page, anchor):
+            yield link
+
+
+def test_links_point_at_what_exists() -> None:
+    pages = _files("*.md")
+    assert len(pages) > 20
+    broken = [f"{page.relative_to(ROOT)}: {link}" for page in pages for link in _broken_links(page)]
+    assert not broken, "\n".join(broken)
+
+
+def test_broken_links_are_found(tmp_path: Path) -> None:
+    (tmp_path / "other.md").write_text("# There, `too`\n## Twice\n## Twice\n", "utf-8")
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# Here\n[a](other.md) [b](#here) [c](other.md#there-too) [d](other.md#twice-1) `[e](code.md)` [f](https://g.h)\n"
+        "[i](nowhere.md) [j](#nowhere) [k](other.md#nowhere) ![l](nowhere.png)\n",
+        "utf-8",
+    )
+    assert list(_broken_links(page)) == ["nowhere.md", "#nowhere", "other.md#nowhere", "nowhere.png"]
+
+
+def test_the_manual_of_the_benchmarks_is_short() -> None:
+    assert len((ROOT / "docs/benchmarks.md").read_text("utf-8").split()) <= MOST_MANUAL_WORDS
+
+
+def test_sources_name_pages_that_exist() -> None:
+    named = [(source, name) for source in _files("*.py") for name in _PAGE_IN_SOURCE.findall(source.read_text("utf-8"))]
+    assert len(named) > 20
+    missing = []
+    for source, name in named:
+        path, _, anchor = name.partition("#")
+        if _is_missing(ROOT / path, anchor):
+            missing.append(f"{source.relative_to(ROOT)}: {name}")
+    assert missing == []
+
+
+def test_pages_name_sources_that_exist() -> None:
+    pages = [ROOT / "README.md", *_files("docs/*.md")]
+    named = [
+        (page, path)
+        for page in pages
+        for span in _CODE_SPAN.findall(_CODE_BLOCK.sub("", page.read_text("utf-8")))
+        for path in _SOURCE_IN_PAGE.findall(span)
+    ]
+    assert len(named) > 20
+    assert [f"{page.relative_to(ROOT)}: {path}" for page, path in named if not any(ROOT.glob(path))] == []
