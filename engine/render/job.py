@@ -73,7 +73,9 @@ class Job:
         self.learner: Learner | None = None
         self._tiles = tiles_of(frame)
         self._strata = max(settings.strata, 1)
-        self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples)
+        #: Of samples that lie in all of u.
+        self._whole = ALL_STRATA if self._strata > 1 else 0
+        self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples, stratum=self._whole)
         self._iterations: Iterations | None = None
         if settings.is_guided:
             largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
@@ -273,9 +275,8 @@ class Job:
         with self._queue_changed:
             if learner.is_over:
                 # Nobody waits for anybody from here on.
-                stratum = ALL_STRATA if self._strata > 1 else 0
                 self._schedule = PlainSchedule(
-                    len(self._tiles), self.settings.samples, following[0], LARGEST_TASK_SAMPLES, stratum
+                    len(self._tiles), self.settings.samples, following[0], LARGEST_TASK_SAMPLES, self._whole
                 )
             else:
                 iterations.begin(learner.parts)
