@@ -151,8 +151,11 @@ CASES: dict[str, FingerprintCase] = {
         _guided("grey-table-ris", ROOM, "TABLE_RIS", ris_target="SCALAR", defensive_alpha=0.2),
         _guided("sdtree-table-ris", ROOM, "TABLE_RIS", source_field="SDTREE"),
         _network("npm-neural-ris", ROOM, "NEURAL_RIS", source_field="NPM", **FIXED),
-        _guided("cache-table-ris", ROOM, "TABLE_RIS", radiance_cache=True),
-        _network("cache-neural-ris", ROOM, "NEURAL_RIS", radiance_cache=True),
+        *(
+            _guided(f"cache-{method}-{kind}".lower(), ROOM, method, radiance_cache=kind)
+            for method in ("OFF", "VMM")
+            for kind in ("FAST", "CONVERGING")
+        ),
         # Neural mixtures.
         _network("nasg-radiance", ROOM, "NASG", mixture_target="RADIANCE"),
         _network("nasg-cosine", ROOM, "NASG", mixture_target="COSINE"),

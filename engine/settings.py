@@ -314,11 +314,19 @@ class RenderSettings:
             Choice("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
         ),
     )
-    radiance_cache: bool = _declare(
-        False, "Radiance Cache",
-        "Biased: end paths at the first rough surface with the light that was learned, less noise but blotches. "
-        "With TABLE_RIS and NEURAL_RIS",
-        "Candidates",
+    radiance_cache: str = _declare(
+        "OFF", "Radiance Cache",
+        "End paths with the light that was learned where they have spread, and so make less noise behind the second "
+        "bounce",
+        "Learning",
+        choices=(
+            Choice("OFF", "Off", "Paths find all light themselves"),
+            Choice("FAST", "Fast", "Biased: what the cache lacks is left out. For previews"),
+            Choice(
+                "CONVERGING", "Converging",
+                "Some paths go on and measure what the cache lacks, so that the image gets as right as one wants",
+            ),
+        ),
     )
     mixture_preset: str = _declare(
         "COMPACT", "Preset", "Sizes and training of neural mixtures", "Neural Mixtures",

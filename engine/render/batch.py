@@ -21,6 +21,7 @@ from engine.state.film import FilmTile, allocate_tile
 from engine.state.lanes import (
     LANE_COUNT,
     RGB,
+    allocate_cached_lanes,
     allocate_closures,
     allocate_guided_lanes,
     allocate_light_samples,
@@ -33,6 +34,7 @@ from engine.state.lanes import (
 from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.unit import UnitCosts
 from engine.wavefront.columns import (
+    CACHED_PATHS,
     CANDIDATES,
     CLOCK,
     CLOSEST_RAYS,
@@ -80,6 +82,8 @@ class Statistics:
     several_count: int = 0
     candidate_count: int = 0
     several_candidate_count: int = 0
+    #: Paths that ended, or could have, in the radiance cache.
+    cached_count: int = 0
 
     def add(self, other: Statistics) -> None:
         """Add another thread's."""
@@ -93,6 +97,7 @@ class Statistics:
         self.several_count += other.several_count
         self.candidate_count += other.candidate_count
         self.several_candidate_count += other.several_candidate_count
+        self.cached_count += other.cached_count
 
 
 class Batch:
@@ -107,18 +112,21 @@ class Batch:
     use_features : bool
         Whether the film has the features.
     is_guided : bool
-        Whether there is room to record paths, and for what guides them.
+        Whether there is room for what guides paths.
+    records : bool
+        Whether there is room to record paths.
     """
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
-        is_guided: bool = False,
+        is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
-        self.is_guided = is_guided
+        self.is_guided, self.has_records = is_guided, records
+        uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
-        self.records = allocate_vertex_records(RECORD_ROWS if is_guided else 1, channel_count)
+        self.records = allocate_vertex_records(RECORD_ROWS if records else 1, channel_count)
         self.work = Work(
             counts=np.zeros(COUNT_WIDTH, np.int64),
             clock=np.zeros(len(CLOCK) + 1, np.int64),
@@ -140,12 +148,15 @@ class Batch:
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
-            log=allocate_log(lanes, use_vertices=is_guided),
+            cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
+            log=allocate_log(lanes, use_vertices=records),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
-        self.film: FilmTile = allocate_tile(pixel_count, RGB, use_features)
+        self.film: FilmTile = allocate_tile(
+            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING"
+        )
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
@@ -225,3 +236,4 @@ class Batch:
         statistics.several_count += counts[RESAMPLED_VERTICES]
         statistics.candidate_count += counts[CANDIDATES]
         statistics.several_candidate_count += counts[RESAMPLED_CANDIDATES]
+        statistics.cached_count += counts[CACHED_PATHS]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.render.residual import known_residual
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
@@ -47,10 +48,12 @@ FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"
 class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
-    def __init__(self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False) -> None:
+    def __init__(
+        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False, use_residual: bool = False
+    ) -> None:
         self.width, self.height = width, height
         self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features)
+        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual)
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -65,6 +68,8 @@ class Film:
         if self.use_features:
             self.sums.features[pixels] += tile.features[: len(pixels)] * factor
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        if len(self.sums.residual):
+            self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
@@ -101,6 +106,8 @@ class Film:
         mean = self.sums.radiance[:, :3] * scale
         images: dict[str, np.ndarray] = {}
 
+        if len(self.sums.residual):
+            mean = mean + known_residual(self.sums.residual * scale, shape)
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (mean * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.

@@ -12,6 +12,7 @@ import numpy as np
 from engine.guiding.models.record_sink import RowSink
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy import trial
+from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
@@ -70,17 +71,20 @@ class Job:
         self.has_image = False
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self.learner: Learner | None = None
+        self.learner: Learner | CacheLearner | None = None
         self._tiles = tiles_of(frame)
         self._strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self._strata > 1 else 0
         self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples, stratum=self._whole)
         self._iterations: Iterations | None = None
+        largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
+        pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
-            largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
-            pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
             self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink)
+        elif settings.radiance_cache != "OFF":
+            self.learner = CacheLearner(settings, pixel_count, largest)
+        if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
             self._schedule = self._iterations = Iterations(len(self._tiles), settings.samples, strata)
             self._iterations.begin(self.learner.parts)
@@ -183,7 +187,8 @@ class Job:
         largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         tracer = self.tracer
         self._batches = tracer.make_batches(
-            self.thread_count, largest * self._strata, is_guided=self.learner is not None
+            self.thread_count, largest * self._strata, is_guided=self.settings.is_guided,
+            records=self.learner is not None,
         )
         if self._tiles and not tracer.is_linked(self._batches[0]):
             if self.learner is not None:

@@ -26,6 +26,7 @@ from engine.render.tracer import Tracer
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
+from engine.state.lanes import RGB
 
 #: Said while there is nothing to show yet.
 _COMPILING = "Compiling kernels (once, takes about a minute)"
@@ -217,6 +218,9 @@ class Session:
         scene, settings = self.scene, self.settings
         settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
         settings = _with_u(settings, scene.description, source)
+        if settings.channel_count > RGB:
+            # Cells know no wavelengths.
+            settings = replace(settings, radiance_cache="OFF")
         names = frozenset(passes)
         frame = scene.description.frame
         use_features = bool(names & FEATURE_PASSES)
@@ -246,6 +250,12 @@ class Session:
             on_progress(replace(job.progress(), remaining=0.0))
         return RenderResult(images(), self._report(job, scene, settings), tracer.guidance)
 
+    def _unused(self, settings: RenderSettings) -> list[Notice]:
+        """What is asked for and not done."""
+        if self.settings.radiance_cache == settings.radiance_cache:
+            return []
+        return [Notice("Radiance cache", "knows no wavelengths", "paths find all light themselves")]
+
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
         total, learner, film = job.statistics(), job.learner, job.film
@@ -254,11 +264,19 @@ class Session:
             guiding = learner.report
             guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
             guiding.describe(dict(total.stage_seconds))
+            if settings.radiance_cache != "OFF":
+                guiding.lines.append(
+                    f"radiance cache: {total.cached_count / max(total.path_count, 1):.0%} of the paths came to where "
+                    "they could end in it"
+                )
         elif settings.method.rungs:
             guiding.chosen = "OFF"
             guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
         return RenderReport(
-            notices=[*scene.notices, *_cache_notices(), *(learner.notices if learner is not None else [])],
+            notices=[
+                *scene.notices, *_cache_notices(), *self._unused(settings),
+                *(learner.notices if learner is not None else []),
+            ],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
@@ -272,6 +290,7 @@ class Session:
             record_drop_count=total.record_drop_count,
             peak_memory=peak_memory(),
             thread_count=self.thread_count,
+            cached_share=total.cached_count / max(total.path_count, 1),
             is_spectral=settings.spectral == "ON",
             cancelled=job.cancelled,
             guiding=guiding,
@@ -281,10 +300,11 @@ class Session:
 def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
-    film = Film(x1 - x0, y1 - y0, use_features=use_features)
+    use_residual = settings.radiance_cache == "CONVERGING"
+    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual)
     return film, strata
 
 

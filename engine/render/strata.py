@@ -119,6 +119,8 @@ class StrataFilm(Film):
         whole.weight_squared[pixels] = (sums.weight_squared[rows] * factor * factor).sum(axis=0)
         whole.radiance[pixels] = (sums.radiance[rows] * factor[..., None]).sum(axis=0)
         whole.square[pixels] = (sums.square[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.residual):
+            whole.residual[pixels] = (sums.residual[rows] * factor[..., None]).sum(axis=0)
         if self.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
 

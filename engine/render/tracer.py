@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from engine.builder.scene import Scene
+from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.table import no_table
 from engine.guiding.fields.vmm.field import no_field
 from engine.guiding.networks.radiance import network_shape
@@ -48,6 +49,7 @@ from engine.wavefront.columns import (
     UNIT_DIVIDES_WAVELENGTHS,
     UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
+    UNIT_MEASURE_THRESHOLD,
     UNIT_PATH_COUNT,
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
@@ -56,6 +58,7 @@ from engine.wavefront.columns import (
     UNIT_STRATA,
     UNIT_STRATUM,
     UNIT_USE_FEATURES,
+    UNIT_USES_CACHE,
 )
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.stages import STAGES, stage_arguments
@@ -122,7 +125,7 @@ class Tracer:
             "field": no_field(), "allocation": no_allocation(), "probability": nothing, "light_share": nothing,
             "benefit": nothing,
         }
-        self._no_radiance = RadianceView(no_table(channel_count), no_network(network_shape(settings)))
+        self._no_radiance = RadianceView(no_table(channel_count), no_network(network_shape(settings)), no_cells())
         self._settings = settings
         self.guidance: Guidance | None = None
         if self._linked_for is None:
@@ -139,22 +142,24 @@ class Tracer:
         if hasattr(self, "view"):
             del self.view
 
-    def make_batches(self, count: int, pixel_count: int, *, is_guided: bool) -> list[Batch]:
+    def make_batches(self, count: int, pixel_count: int, *, is_guided: bool, records: bool) -> list[Batch]:
         """Memory of so many threads: what they had in the last render, where it fits this one.
 
         Parameters
         ----------
         pixel_count : int
             Most rows that a unit has on the film.
-        is_guided : bool
-            Whether paths are recorded and guided.
+        is_guided, records : bool
+            Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        key = (count, pixel_count, is_guided, self.use_features, settings)
+        key = (count, pixel_count, is_guided, records, self.use_features, settings)
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
-                Batch(shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided)
+                Batch(
+                    shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided, records=records
+                )
                 for _ in range(count)
             ]
             self._batch_key = key
@@ -167,7 +172,8 @@ class Tracer:
         _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, self.use_features, *scene.header[_STAGE_FLAGS].tolist(),
+            batch.is_guided, batch.has_records, self.use_features, unit.header[UNIT_USES_CACHE],
+            *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
             self._linked_for = needed
@@ -183,14 +189,16 @@ class Tracer:
     def guidance(self, guidance: Guidance | None) -> None:
         self._guidance = guidance
         challenger = guidance.challenger if guidance is not None else None
-        self._arms = {PLAIN: self._make_arm(None), CURRENT: self._make_arm(guidance)}
+        # The cache ends paths whatever guides them.
+        plain = guidance.plain() if guidance is not None and guidance.cells is not None else None
+        self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance)}
         if challenger is not None:
             self._arms[CHALLENGER] = self._make_arm(challenger)
 
     def _make_arm(self, guidance: Guidance | None) -> Arm:
         if guidance is None or guidance.field is None:
             options = make_guiding_options(self._settings, candidate_count=1)
-            return Arm(guidance, {"options": options, **self._nothing_learned}, self._no_radiance)
+            return Arm(guidance, {"options": options, **self._nothing_learned}, self._radiance_of(guidance))
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,
@@ -201,20 +209,22 @@ class Tracer:
             "options": options, "field": guidance.field, "allocation": guidance.allocation,
             "probability": guidance.probability, "light_share": guidance.light_share, "benefit": guidance.benefit,
         }
-        radiance = RadianceView(
-            guidance.table if guidance.table is not None else self._no_radiance.table,
-            guidance.network if guidance.network is not None else self._no_radiance.network,
-        )
+        return Arm(guidance, learned, self._radiance_of(guidance))
+
+    def _radiance_of(self, guidance: Guidance | None) -> RadianceView:
+        """What predicts radiance, and where paths end."""
+        learned = {} if guidance is None else {name: getattr(guidance, name) for name in RadianceView._fields}
+        radiance = self._no_radiance._replace(**{name: one for name, one in learned.items() if one is not None})
         if radiance._numba_type_ != self._no_radiance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
-        return Arm(guidance, learned, radiance)
+        return radiance
 
     def warm_up(self, batch: Batch) -> None:
         """Load (or compile) every kernel that this scene can need."""
         arguments = self._rehearsed_arguments(batch)
         _, scene, view, guidance, radiance, work, _ = arguments
         is_linked = self.stages.link(
-            stage_arguments(scene, view, guidance, radiance, work, is_guided=batch.is_guided)
+            stage_arguments(scene, view, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records)
         )
         if hasattr(trace_rounds, "overloads"):
             loop = BoundKernel(trace_rounds)
@@ -313,6 +323,8 @@ class Tracer:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.use_features
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
+        header[UNIT_USES_CACHE] = self._settings.radiance_cache != "OFF"
+        header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)
         return (

@@ -37,6 +37,8 @@ class FilmTile(Bundle):
     count : int32 (P,)
     features : float32 (P or 0, FEATURE_WIDTH)
     points : float32 (P or 0, FIRST_WIDTH), first sample only
+    residual : float32 (P or 0, 2 C), sums of what the radiance cache lacked, as of all paths, by two halves of those
+        that measure it
     """
 
     radiance: np.ndarray
@@ -47,9 +49,12 @@ class FilmTile(Bundle):
     count: np.ndarray
     features: np.ndarray
     points: np.ndarray
+    residual: np.ndarray
 
 
-def allocate_tile(pixel_count: int, channel_count: int, use_features: bool) -> FilmTile:
+def allocate_tile(
+    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False
+) -> FilmTile:
     """Zeroed sums for `pixel_count` pixels."""
     feature_count = pixel_count if use_features else 0
     return FilmTile(
@@ -61,4 +66,5 @@ def allocate_tile(pixel_count: int, channel_count: int, use_features: bool) -> F
         np.zeros(pixel_count, np.int32),
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
         np.zeros((feature_count, FIRST_WIDTH), np.float32),
+        np.zeros((pixel_count if use_residual else 0, 2 * channel_count), np.float32),
     )

@@ -367,6 +367,50 @@ def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
     )
 
 
+class CachedLanes(Bundle):
+    """What a path knows of the radiance cache, L lanes.
+
+    depth : int32, of the path when it was last looked at
+    origin : float32 (L, 3), the vertex before, or the camera; pdf : float32 [sr^-1], with which it sent the path on, 0:
+        by a delta lobe or the camera
+    seen : float32 [m^2], footprint of the camera's ray at the first surface; root : float32 [m], square root of the
+        path's own footprint
+    is_measured : uint8, whether the path went on where it could have ended
+    base : float32 (L, C), radiance gathered until there; predicted : float32 (L, C), what it would have ended with
+    """
+
+    _rows = True
+    depth: Int32Array
+    origin: Float32Array
+    pdf: Float32Array
+    seen: Float32Array
+    root: Float32Array
+    is_measured: Uint8Array
+    base: Float32Array
+    predicted: Float32Array
+
+
+def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLanes:
+    """Zeroed `CachedLanes` for `lane_count` lanes."""
+    real = np.float32
+    fields = _records(
+        lane_count,
+        [
+            [
+                ("depth", np.int32),
+                ("origin", real, 3),
+                ("pdf", real),
+                ("seen", real),
+                ("root", real),
+                ("is_measured", np.uint8),
+                ("base", real, channel_count),
+                ("predicted", real, channel_count),
+            ]
+        ],
+    )
+    return CachedLanes(**fields)
+
+
 class LightSamples(Bundle):
     """One light sample a lane, between choosing it and connecting to it.
 

@@ -3,18 +3,37 @@
 
 import math
 
+import numpy as np
+
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.rng import hash_combine
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
 from engine.state.lanes import RGB
-from engine.wavefront.columns import REJECTS
+from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_USES_CACHE
+
+
+@kernel
+def _take_cached(spectrum, paths, cached, lane, film, scale):
+    """Leave a measuring path with the radiance that the cache gave it, and keep what that lacked, `scale` times."""
+    for c in range(len(paths.channels)):
+        cached.base[lane, c] += cached.predicted[lane, c]
+        paths.radiance[lane, c] -= cached.base[lane, c]
+    lacked = to_rgb(spectrum, paths, lane, paths.radiance, lane)
+    half = np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
+    if film.residual.shape[0] > 0:
+        for c in range(RGB):
+            film.residual[paths.pixel[lane], RGB * half + c] += scale * lacked[c]
+    for c in range(len(paths.channels)):
+        paths.radiance[lane, c] = cached.base[lane, c]
 
 
 @kernel
 def accumulate(scene, unit, work, queue):
     """Keep living lanes in the queue; add the others to the film and free them.
 
-    A sample with a NaN or infinite channel counts as black and as a reject.
+    A sample with a NaN or infinite channel counts as black and as a reject. A path that measures the radiance cache
+    counts as it would have ended there; what that lacked goes to the film's residual.
 
     Parameters
     ----------
@@ -24,6 +43,8 @@ def accumulate(scene, unit, work, queue):
     spectrum, paths, film = scene.spectrum, work.paths, unit.film
     active, active_count = queue.lanes, queue.count[0]
     free, free_count = work.free.lanes, work.free.count[0]
+    uses_cache = unit.header[UNIT_USES_CACHE] != 0
+    residual_scale = np.float32(2.0**32 / max(unit.header[UNIT_MEASURE_THRESHOLD], 1))
     kept = 0
     reject_count = 0
     for k in range(active_count):
@@ -39,6 +60,8 @@ def accumulate(scene, unit, work, queue):
         finite = True
         for c in range(len(paths.channels)):
             finite = finite and math.isfinite(paths.radiance[lane, c])
+        if finite and uses_cache and work.cached.is_measured[lane] != 0:
+            _take_cached(spectrum, paths, work.cached, lane, film, residual_scale)
         if finite:
             color = to_rgb(spectrum, paths, lane, paths.radiance, lane)
             for c in range(RGB):

@@ -29,7 +29,9 @@ UNIT_USE_FEATURES = 6
 UNIT_STRATUM = 7  # part of the shutter that times lie in; or ALL_STRATA: a path's time says which row of its pixel
 UNIT_STRATA = 8
 UNIT_DIVIDES_WAVELENGTHS = 9  # strata divide what a path's wavelengths have in common, their offset from a quarter
-UNIT_HEADER_WIDTH = 10
+UNIT_USES_CACHE = 10  # paths end where the cache knows the rest
+UNIT_MEASURE_THRESHOLD = 11  # but for those whose hash is below this: they go on and measure what the cache lacks
+UNIT_HEADER_WIDTH = 12
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -48,7 +50,8 @@ GUIDED_VERTICES = 12
 RESAMPLED_VERTICES = 13
 CANDIDATES = 14
 RESAMPLED_CANDIDATES = 15
-COUNT_WIDTH = 16
+CACHED_PATHS = 16  # that ended, or could have ended, in the cache
+COUNT_WIDTH = 17
 
 
 class ClockEntries(NamedTuple):
@@ -76,6 +79,7 @@ class ClockEntries(NamedTuple):
     draw_candidates: int
     predict_radiance: int
     guide_resample: int
+    end_in_cache: int
     collect_records: int
     accumulate: int
 

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: pick one of each vertex's candidates and send the path on."""
 
-from engine.guiding.records.vertices import SMOOTH_ROUGHNESS
 from engine.guiding.sampling.scattering import send_on
-from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_radiance
 from engine.kernels.vector import load
 from engine.ris.resample import product_target, resample
 from engine.runtime.jit import kernel
@@ -15,11 +12,6 @@ from engine.wavefront.columns import ROWS, VERTICES
 @kernel
 def guide_resample(scene, unit, guidance, work, queue):
     """Resample (see `engine.ris.resample`) and send the paths on.
-
-    With the radiance cache they end at rough surfaces instead, with what is predicted along the chosen direction
-    (Rath et al. 2025, section 7). Predictions leave out what the MIS weight gives to the vertex's own light sample, as
-    records do, so the two add up. Recorded paths go on: what is learned stays unbiased. Limits on bounces make it dark:
-    what is learned at all depths stands for the first.
 
     Parameters
     ----------
@@ -52,17 +44,6 @@ def guide_resample(scene, unit, guidance, work, queue):
         if row < 0:
             paths.alive[lane] = 0
             continue
-        is_known = guiding.use_cache != 0 and log.is_recording[lane] == 0
-        if is_known and candidates.roughness[row] >= SMOOTH_ROUGHNESS:
-            for c in range(len(paths.channels)):
-                radiance = candidates.radiance[row, c]
-                # Written so that NaN fails.
-                is_known = is_known and radiance >= 0.0 and radiance < FLOAT_MAX
-                before[lane, c] = paths.throughput[lane, c] * candidates.f_cos[row, c] * weight * radiance
-            if is_known:
-                add_radiance(options, paths, lane, before, lane, paths.depth[lane] + 1, 1.0)
-                paths.alive[lane] = 0
-                continue
         source_pdf = candidates.source_pdf[row]
         # Eq. (19), but for the squared radiance that the path has yet to find.
         benefit = count / (count - 1.0) * (1.0 / (source_pdf * weight) - 1.0)

@@ -25,6 +25,7 @@ from engine.wavefront.columns import (
     UNIT_SEED,
     UNIT_STRATA,
     UNIT_STRATUM,
+    UNIT_USES_CACHE,
 )
 
 _LANES_AHEAD = 4
@@ -84,6 +85,7 @@ def init_from_camera(scene, unit, work, queue):
     seed, sample_first, path_count = header[UNIT_SEED], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT]
     stratum, strata, divides_wavelengths = header[UNIT_STRATUM], header[UNIT_STRATA], header[UNIT_DIVIDES_WAVELENGTHS]
     record_threshold = header[UNIT_RECORD_THRESHOLD]
+    uses_cache, cached = header[UNIT_USES_CACHE] != 0, work.cached
     free, free_count = queue.lanes, queue.count[0]
     active, active_count = work.active.lanes, work.active.count[0]
     next_path = work.counts[NEXT_PATH]
@@ -143,6 +145,12 @@ def init_from_camera(scene, unit, work, queue):
         paths.alive[lane] = 1
         log.count[lane] = 0
         log.is_recording[lane] = 1 if np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold else 0
+        if uses_cache:
+            cached.depth[lane] = 0
+            store(cached.origin, lane, origin)
+            cached.root[lane] = 0.0
+            cached.pdf[lane] = 0.0
+            cached.is_measured[lane] = 0
         active[active_count] = lane
         active_count += 1
     work.counts[NEXT_PATH] = next_path

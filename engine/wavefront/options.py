@@ -55,7 +55,7 @@ class GuidingOptions(NamedTuple):
     """How guided lanes are sampled; fixed during an iteration.
 
     `candidate_count` 0 leaves it to the allocation. Lanes whose rough lobes are all narrower than `min_alpha` are not
-    guided. With `use_cache` paths end at the first rough surface, with the predicted radiance. With `blends_mixture`
+    guided. With `blends_mixture`
     the mixture has a share in predictions of colour. With `probes_only` allocation is for some vertices of recorded
     paths, by which it can be judged; all others take one candidate.
     """
@@ -64,7 +64,6 @@ class GuidingOptions(NamedTuple):
     candidate_count: int
     use_scalar_target: int
     min_alpha: np.float32
-    use_cache: int
     blends_mixture: int
     probes_only: int
 
@@ -83,8 +82,6 @@ def make_guiding_options(
         candidate_count=candidate_count,
         use_scalar_target=int(settings.ris_target == "SCALAR"),
         min_alpha=np.float32(_MIN_GUIDED_ALPHA),
-        use_cache=int(predicts_color and settings.radiance_cache),
-        # The cache wants the radiance that is likeliest, not what samples best.
-        blends_mixture=int(predicts_color and not settings.radiance_cache),
+        blends_mixture=int(predicts_color),
         probes_only=int(probes_only),
     )

@@ -55,7 +55,7 @@ def prepare_guides(scene, unit, guidance, work, queue):
             samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
         is_recorded = log.is_recording[lane] != 0
         is_tried = is_recorded and bits < _TRIAL_BITS
-        if probability[leaf] == 0.0 and not is_tried and guiding.use_cache == 0:
+        if probability[leaf] == 0.0 and not is_tried:
             continue
         share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
         if not share > 0.0:
@@ -80,6 +80,5 @@ def prepare_guides(scene, unit, guidance, work, queue):
             squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
             u = unit_float(hash_combine(bits, np.uint32(2)))
             count = candidate_count(allocation, leaf, squared, is_recorded, u)
-        # The cache needs a prediction, which single candidates go without.
-        guided.candidate_count[lane] = max(count, 2) if guiding.use_cache != 0 else count
+        guided.candidate_count[lane] = count
     query_guides(guide, guided, paths, points, lanes, lane_count)

@@ -16,8 +16,10 @@ from engine.wavefront.columns import (
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_USE_FEATURES,
+    UNIT_USES_CACHE,
 )
 from engine.wavefront.draw_candidates import draw_candidates
+from engine.wavefront.end_in_cache import end_in_cache
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
@@ -65,18 +67,20 @@ _GUIDED_FEATURES = _by_name(write_guiding)
 #: Take what they need.
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
+_CACHE = _by_name(end_in_cache)
 _PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
 
 #: Every stage.
 STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_EMITTERS, **_TRANSPARENT_SHADOWS,
     **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS, **_EMISSION_WAVELENGTHS, **_PREDICTION,
-    **_BLENDING,
+    **_BLENDING, **_CACHE,
 }
 
 
 def stage_arguments(
-    scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool
+    scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool,
+    records: bool,
 ) -> dict[str, tuple[Any, ...]]:
     """What `StageTable.link` is to know of every stage that `trace_rounds` may call for these bundles.
 
@@ -100,7 +104,7 @@ def stage_arguments(
     add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
     add(_TRANSPARENT_SHADOWS, plain, header[SCENE_HAS_EMITTERS] and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])
-    add(_RECORDS, plain, is_guided)
+    add(_RECORDS, plain, records)
     add(_GUIDED, guided, is_guided)
     add(_GUIDED_FEATURES, guided, is_guided and use_features)
     shading = (scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes)
@@ -108,4 +112,5 @@ def stage_arguments(
     add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])
     add(_PREDICTION, (radiance, guidance, work), is_guided)
     add(_BLENDING, (guidance, work), is_guided)
+    add(_CACHE, (scene, unit, radiance, work, work.active), unit.header[UNIT_USES_CACHE])
     return arguments

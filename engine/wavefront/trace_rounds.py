@@ -19,6 +19,7 @@ from engine.wavefront.columns import (
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
     UNIT_USE_FEATURES,
+    UNIT_USES_CACHE,
 )
 
 
@@ -160,6 +161,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_source)
         if work.several.count[0] > 0:
             _resample(stages, scene, unit, guidance, radiance, work)
+        if unit.header[UNIT_USES_CACHE] != 0:
+            stages.end_in_cache(scene, unit, radiance, work, work.active)
+            mark(clock, CLOCK.end_in_cache)
         if unit.header[UNIT_RECORD_THRESHOLD] != 0:
             stages.collect_records(scene, unit, work, work.active)
             mark(clock, CLOCK.collect_records)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.radiance_query import NetworkField
@@ -16,7 +17,7 @@ from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
-from engine.state.lanes import Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
+from engine.state.lanes import CachedLanes, Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
 from engine.state.lights import LightArrays
 from engine.state.shaders import ShaderArrays
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
@@ -43,13 +44,15 @@ class SceneView(Bundle):
 
 
 class RadianceView(Bundle):
-    """What predicts radiance along candidates, if it is not the mixture; where there is none, its shape and never read.
+    """What predicts radiance along candidates, if it is not the mixture, and where paths end; where there is none, its
+    shape and never read, or cells that know nothing.
 
     Apart from `GuidanceView`: a network's shape depends on settings, and only one stage is to be compiled for it.
     """
 
     table: TableField
     network: NetworkField
+    cells: CellField
 
 
 class GuidanceView(Bundle):
@@ -148,6 +151,7 @@ class Work(Bundle):
     light_closures: Closures
     light_shaded: Closures
     guided: GuidedLanes
+    cached: CachedLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

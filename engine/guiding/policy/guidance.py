@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.radiance_query import NetworkField
@@ -30,6 +31,7 @@ class Guidance:
     challenger : Guidance or None, what a part of the iteration's samples goes by instead, to compare
     probes_only : bool, whether it is tried at some vertices of recorded paths, and all others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
+    cells : CellField or None, where paths end; paths whose hash is below measure_threshold go on all the same
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     """
 
@@ -47,3 +49,14 @@ class Guidance:
     probes_only: bool = False
     source: Bundle | None = None
     challenger: Guidance | None = None
+    cells: CellField | None = None
+    measure_threshold: int = 0
+
+    def plain(self) -> Guidance:
+        """The same without guiding, and without recording."""
+        return Guidance(self.settings, 0, cells=self.cells, measure_threshold=self.measure_threshold)
+
+    def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
+        """The same, with paths that end in these cells."""
+        challenger = None if self.challenger is None else self.challenger.with_cells(cells, measure_threshold)
+        return replace(self, cells=cells, measure_threshold=measure_threshold, challenger=challenger)

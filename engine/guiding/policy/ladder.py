@@ -56,8 +56,8 @@ class Ladder:
 
     @property
     def counts_worth(self) -> bool:
-        """Whether allocation judges resampling: not where a number of candidates or the cache is asked for."""
-        return self._settings.candidate_allocation == "ORCA" and not self._settings.radiance_cache
+        """Whether allocation judges resampling: not where a number of candidates is asked for."""
+        return self._settings.candidate_allocation == "ORCA"
 
     @property
     def is_probing(self) -> bool:

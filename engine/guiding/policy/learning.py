@@ -21,6 +21,7 @@ from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
 from engine.guiding.policy import trial
+from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.guidance import Guidance
@@ -28,7 +29,7 @@ from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.worth import Gate, ResamplingWorth
-from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate
+from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
 from engine.guiding.sources import make_source_model
 from engine.methods import METHODS, rungs_of
 from engine.ris.orca import image_variance, make_allocation, pixel_weights
@@ -39,12 +40,6 @@ from engine.state.unit import CHALLENGER, Unit, UnitCosts
 
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
-
-
-def _joined(units: Sequence[VertexRecords]) -> tuple[VertexRecords, int]:
-    """Records of all units one after the other."""
-    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
-    return VertexRecords(*columns), len(columns[3])
 
 
 class Learner:
@@ -105,12 +100,9 @@ class Learner:
             self._gate = Gate(predictor, self.report)
         elif not self._ladder.is_auto:
             predictor.begin(1)
-        if settings.radiance_cache and not settings.method.predictor:
-            colored = " and ".join(method.name for method in METHODS.values() if method.predictor)
-            self.notices.append(
-                # The mixture knows no colour.
-                Notice("Guiding / radiance cache", f"works with {colored} only", "paths are not cut short")
-            )
+        self._cache = None
+        if settings.radiance_cache != "OFF":
+            self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample)
 
     def _predictor(self, rung: str) -> Predictor:
         return self._predictors[METHODS[rung].predictor]
@@ -129,11 +121,14 @@ class Learner:
     @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
-        return self._is_over
+        return self._is_over and self._cache is None
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: none, but record."""
-        return Guidance(self.settings, self._budget.threshold(1))
+        return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
+
+    def _with_cache(self, guidance: Guidance) -> Guidance:
+        return guidance if self._cache is None else self._cache.complete(guidance)
 
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular.
@@ -186,6 +181,10 @@ class Learner:
         is_whole : bool
             Whether the next iteration's samples lie in all of u, not in a stratum.
         """
+        if self._is_over and self._cache is not None:
+            guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+            self._choice.plan(*next_range, (), knows_something=False)
+            return guidance
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
@@ -198,16 +197,20 @@ class Learner:
         self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
-            return Guidance(settings, 0)
-        records, row_count = _joined(units)
+            if self._cache is None:
+                return Guidance(settings, 0)
+            return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+        records, row_count = join_records(units)
         self.report.record_count += row_count
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
+            if self._cache is not None:
+                self._cache.take(records, row_count)
         regions = self._regions
         if regions is None:
             choice.plan(*next_range, (), knows_something=False)
-            return Guidance(settings, self._budget.threshold(next_range[1]))
+            return self._with_cache(Guidance(settings, self._budget.threshold(next_range[1])))
         if row_count:
             regions.add_deltas(records, row_count)
         self._weigh_resampling(costs, recorded_share, next_range[0])
@@ -256,7 +259,7 @@ class Learner:
                 self._source.field if self._source is not None else None, challenger,
             )
 
-        return by(choice.rung, by(choice.challenger) if choice.challenger else None)
+        return self._with_cache(by(choice.rung, by(choice.challenger) if choice.challenger else None))
 
     def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
@@ -271,7 +274,7 @@ class Learner:
     def keep(self, units: Sequence[VertexRecords]) -> None:
         """Hand the records of the last iteration to the sink."""
         assert self.sink is not None
-        self.sink.take(*_joined(units))
+        self.sink.take(*join_records(units))
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""

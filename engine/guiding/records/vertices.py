@@ -8,6 +8,8 @@ Light found by the scattering itself is in the sum with its MIS weight, light sa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
@@ -45,6 +47,7 @@ VERTEX_RADIANCE = 24  # the path's sum at the scattering
 VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
 VERTEX_WO = 29
 VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
+VERTEX_CACHES = 33  # whether a path could end here in the cache, so that the record teaches it
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -76,6 +79,7 @@ class VertexRecords(Bundle):
     hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
     spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
         Without wavelengths (R, 0)
+    cache_weight : float32 (R,), share of the light that the surface sends on where the record teaches the cache, else 0
     """
 
     position: Float32Array
@@ -96,6 +100,7 @@ class VertexRecords(Bundle):
     reflectance: Float32Array
     hero: Float32Array
     spectrum: Float32Array
+    cache_weight: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -151,6 +156,7 @@ def log_vertex(
     real[row, VERTEX_BENEFIT] = benefit
     real[row, VERTEX_BSDF_PDF] = bsdf_pdf
     real[row, VERTEX_GUIDE_PDF] = guide_pdf
+    real[row, VERTEX_CACHES] = 0.0
     real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
     for c in range(len(paths.channels)):
         real[row, VERTEX_BEFORE + c] = before[lane, c]
@@ -247,6 +253,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.surface_roughness[record_count] = real[row, VERTEX_SURFACE_ROUGHNESS]
                     # Throughput grew by the BSDF over the density.
                     records.reflectance[record_count] = reflectance * real[row, VERTEX_PDF] / channel_count
+                    records.cache_weight[record_count] = real[row, VERTEX_CACHES] * reflectance / channel_count
                     records.time[record_count] = paths.time[lane]
                     if channel_count > RGB:
                         records.hero[record_count] = paths.hero[lane]
@@ -281,7 +288,14 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
         scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
         scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
+        scalars(),
     )
+
+
+def join_records(units: Sequence[VertexRecords]) -> tuple[VertexRecords, int]:
+    """Records of all units one after the other, and how many there are."""
+    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
+    return VertexRecords(*columns), len(columns[3])
 
 
 def compensate(rows: VertexRecords, row_count: int, guiding_probability: float) -> VertexRecords:

@@ -92,8 +92,8 @@ def test_a_network_is_trained_while_it_is_worth_it():
     assert Counting.begun_count == 1
 
 
-@pytest.mark.parametrize("asked", [{"candidate_allocation": "FIXED"}, {"radiance_cache": True}, {}])
-def test_who_asks_for_candidates_or_the_cache_gets_a_network_at_once(asked, monkeypatch):
+@pytest.mark.parametrize("asked", [{"candidate_allocation": "FIXED"}, {}])
+def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
     monkeypatch.setitem(PREDICTORS, "NETWORK", Counting)
     Learner(RenderSettings(guiding_method="NEURAL_RIS", **asked), 1, 100).close()

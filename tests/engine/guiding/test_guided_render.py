@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from engine.guiding.policy import iterations
 from engine.guiding.policy.iterations import LONGEST_ITERATION, iteration_lengths, iteration_weight
 from engine.guiding.records.vertices import VERTEX_WIDTH, allocate_log
 from engine.ris.orca import (
@@ -83,28 +82,6 @@ def test_roulette_by_what_was_learned_leaves_the_mean_unchanged():
     assert z_score(guided, plain) < Z_LIMIT
     # The test can see a bias of 2%.
     assert z_score(guided * 1.02, plain) > Z_LIMIT
-
-
-@pytest.mark.parametrize("scene", [corner_scene, pit_scene])
-def test_the_radiance_cache_is_within_three_percent_and_shortens_paths(scene, monkeypatch):
-    # In so small an image all paths would be recorded, and those go on.
-    monkeypatch.setattr(iterations, "RECORDS_PER_ITERATION", 1 << 13)
-
-    # What is learned at all depths stands for the first: a limit that paths often meet would show.
-    endless = {"scene": scene, "samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "guiding_trial": False}
-    plain = np.array([image_mean("OFF", seed, **endless) for seed in range(3)])
-    # Single renders scatter by 1%: each has its own cache.
-    results = [render("TABLE_RIS", seed, radiance_cache=True, **endless) for seed in (9, 10, 11)]
-    cached = np.mean([result.passes["Combined"][..., :3].mean() for result in results])
-    report = results[0].report
-    guided_report = render("TABLE_RIS", 9, **endless).report
-    assert cached == pytest.approx(plain.mean(), rel=0.03)
-    assert report.rays["closest"] < 0.8 * guided_report.rays["closest"]
-
-
-def test_the_radiance_cache_says_where_it_does_not_work():
-    report = render("VMM", 0, radiance_cache=True).report
-    assert any("radiance cache" in notice.subject for notice in report.notices)
 
 
 def test_guided_vertices_and_candidates_are_reported():

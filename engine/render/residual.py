@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of the light that the radiance cache lacks, from the few paths that measure it.
+
+Two halves of these paths give two independent images of it, both unbiased and noisy. They are taken apart into bands,
+from the whole image down to single pixels. Of each band as much is kept as is known: the product of the halves is on
+average the square of what is lacking, the square of their difference that of the noise, and the Wiener weight of the
+two is what brings the error down most. With ever more samples the noise goes, every band is kept whole, and their sum
+is the measured difference itself: the image converges to the unbiased one (docs/decisions/radiance-cache.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Pixels to each side over which the two squares are averaged, and by how much of its own error the signal is taken to
+#: be less than it seems: noise must not pass for it.
+_WINDOW = 4
+_DOUBT = 2.0
+
+
+def _reduce(image: np.ndarray) -> np.ndarray:
+    """Means over 2 x 2 pixels; of an odd last row or column over what there is."""
+    height, width = image.shape[:2]
+    image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    return 0.25 * (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2])
+
+
+def _expand_axis(image: np.ndarray, size: int) -> np.ndarray:
+    """Twice the rows, by linear interpolation, cut to `size`."""
+    before = np.concatenate((image[:1], image[:-1]))
+    after = np.concatenate((image[1:], image[-1:]))
+    twice = np.empty((2 * len(image), *image.shape[1:]), image.dtype)
+    twice[::2] = 0.75 * image + 0.25 * before
+    twice[1::2] = 0.75 * image + 0.25 * after
+    return twice[:size]
+
+
+def _expand(image: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """An image of the next larger size, by bilinear interpolation."""
+    rows = _expand_axis(image, shape[0])
+    return _expand_axis(rows.swapaxes(0, 1), shape[1]).swapaxes(0, 1)
+
+
+def _box_axis(image: np.ndarray) -> np.ndarray:
+    """Means along the first axis over the window, which ends with the image."""
+    size = len(image)
+    total = np.concatenate((np.zeros_like(image[:1]), np.cumsum(image, axis=0)))
+    index = np.arange(size)
+    first, last = np.maximum(index - _WINDOW, 0), np.minimum(index + _WINDOW + 1, size)
+    return (total[last] - total[first]) / (last - first)[:, None]
+
+
+def _mean_around(image: np.ndarray) -> np.ndarray:
+    """Means over the window of an image without channels."""
+    return _box_axis(_box_axis(image.astype(np.float64)).T).T
+
+
+def _kept(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Wiener weight of a band, by its two halves: float (height, width)."""
+    signal = _mean_around((first * second).mean(axis=-1))
+    noise = _mean_around(((first - second) ** 2).mean(axis=-1)) / 4.0
+    height, width = signal.shape
+    seen = min(2 * _WINDOW + 1, height) * min(2 * _WINDOW + 1, width)
+    # Noise alone makes products of this size: those of the halves have twice the variance each.
+    signal = np.maximum(signal - _DOUBT * 2.0 * noise / np.sqrt(seen), 0.0)
+    return signal / np.maximum(signal + noise, 1e-30)
+
+
+def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """As much of the difference between the true image and the cached one as is known.
+
+    Parameters
+    ----------
+    sums : float32 (P, 6)
+        Of a film (`FilmTile.residual`), over the weight of all its samples.
+    shape : (int, int)
+        Rows and columns of the image.
+
+    Returns
+    -------
+    float32 (P, 3)
+    """
+    halves = 2.0 * sums.reshape(*shape, 2, 3)
+    bands = [(halves[..., 0, :], halves[..., 1, :])]
+    while max(bands[-1][0].shape[:2]) > 1:
+        bands.append((_reduce(bands[-1][0]), _reduce(bands[-1][1])))
+    known = np.zeros_like(bands[-1][0])
+    coarser: tuple[np.ndarray, np.ndarray] | None = None
+    for band in reversed(bands):
+        first, second = band
+        size = first.shape[:2]
+        known = _expand(known, size) if coarser is not None else known
+        if coarser is not None:
+            first, second = first - _expand(coarser[0], size), second - _expand(coarser[1], size)
+        known = known + _kept(first, second)[..., None] * (0.5 * (first + second))
+        coarser = band
+    return known.reshape(-1, 3).astype(np.float32)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cells of the radiance cache: found again where they were made, apart by side and size, right on average."""
+
+import numpy as np
+import pytest
+
+from engine.guiding.fields.cells.field import (
+    LEVEL_COUNT,
+    SUM_COUNT,
+    SUM_WEIGHT,
+    cell_size,
+    empty_cells,
+    find_cell,
+    find_known,
+    no_cells,
+)
+from engine.guiding.fields.cells.model import CellModel
+from engine.guiding.records.vertices import allocate_vertex_records
+from engine.runtime.jit import kernel
+
+UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+
+
+@kernel
+def _find(cells, points, normal, level, out):
+    for row in range(points.shape[0]):
+        p = points[row, 0], points[row, 1], points[row, 2]
+        out[row] = find_cell(cells, p, (normal[0], normal[1], normal[2]), level)
+
+
+@kernel
+def _find_known(cells, points, normal, least_count, out):
+    for row in range(points.shape[0]):
+        p = points[row, 0], points[row, 1], points[row, 2]
+        out[row, 0], out[row, 1] = find_known(cells, p, (normal[0], normal[1], normal[2]), least_count)
+
+
+@kernel
+def _size(cells, level):
+    return cell_size(cells, level)
+
+
+def find(cells, points, normal, level):
+    out = np.zeros(len(points), np.int64)
+    _find(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), level, out)
+    return out
+
+
+def known(cells, points, normal, least_count):
+    out = np.zeros((len(points), 2), np.int64)
+    _find_known(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), np.float32(least_count), out)
+    return out
+
+
+def records(position, normal, radiance, weight):
+    rows = allocate_vertex_records(len(position))
+    rows.position[:], rows.normal[:], rows.radiance[:] = position, normal, radiance
+    rows.cache_weight[:] = weight
+    return rows
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def test_a_cell_is_the_mean_of_what_arrived_weighed_by_what_the_surface_sends_on(rng):
+    count = 4000
+    position = np.column_stack([rng.random((count, 2)) * 0.9e-3, np.zeros(count)]).astype(np.float32)
+    position[0], position[-1] = (-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)
+    radiance = rng.gamma(0.5, 2.0, (count, 3)).astype(np.float32)
+    weight = rng.random(count).astype(np.float32)
+    weight[::5] = 0.0  # those teach nothing
+    model = CellModel()
+    model.field = empty_cells(1e-3)
+    model.learn(records(position, UP, radiance, weight), count)
+    slot = find(model.field, [(1e-4, 1e-4, 0.0)], UP, 0)[0]
+    assert slot >= 0
+    inside = slice(1, -1)
+    sums = model.field.sums[slot]
+    assert sums[SUM_COUNT] == np.count_nonzero(weight[inside])
+    expected = (weight[inside, None] * radiance[inside]).sum(axis=0) / weight[inside].sum()
+    np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], expected, rtol=1e-4)
+
+
+def test_sides_of_a_wall_and_walls_of_a_corner_are_apart(rng):
+    position = np.zeros((64, 3), np.float32)
+    model = CellModel()
+    model.field = empty_cells(0.1)
+    for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
+        model.learn(records(position, normal, value, 1.0), len(position))
+    for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
+        slot, level = known(model.field, [(0.0, 0.0, 0.0)], normal, 32)[0]
+        assert level == 0
+        sums = model.field.sums[slot]
+        np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], value)
+
+
+def test_who_asks_gets_the_smallest_cell_that_knows_enough(rng):
+    model = CellModel()
+    model.field = empty_cells(1.0)
+    few, many = np.full((4, 3), 0.5, np.float32), np.full((40, 3), 1.5, np.float32)
+    few[:, 2] = many[:, 2] = 0.0
+    model.learn(records(few, UP, 1.0, 1.0), len(few))
+    model.learn(records(many, UP, 1.0, 1.0), len(many))
+    (_, far), (_, near), (missing, _) = known(model.field, [few[0], many[0], (1e4, 0.0, 0.0)], UP, 32)
+    assert (far, near, missing) == (1, 0, -1)
+    assert _size(model.field, 1) == 2.0
+
+
+def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
+    count = 20000
+    position = (rng.random((count, 3)) * 200.0 - 100.0).astype(np.float32)
+    value = rng.random(count).astype(np.float32)
+    model = CellModel()
+    model.field = empty_cells(1e-3)
+    model.learn(records(position, UP, value[:, None], 1.0), count)
+    slots = find(model.field, position, UP, 0)
+    assert (slots >= 0).all() and len(np.unique(slots)) == count
+    np.testing.assert_allclose(model.field.sums[slots, 0], value, rtol=1e-6)
+    # Two records in a large cell at the most: nothing else is lost.
+    assert model.lost_count <= 1e-3 * count * LEVEL_COUNT
+
+
+def test_a_full_table_counts_what_it_has_no_room_for(rng):
+    model = CellModel()
+    full = empty_cells(1e-3)
+    model.field = full._replace(tags=np.full(8, 1, np.uint32), sums=np.zeros((8, full.sums.shape[1]), np.float32))
+    model.learn(records(np.ones((10, 3), np.float32), UP, 1.0, 1.0), 10)
+    assert model.lost_count == 10 * LEVEL_COUNT
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e6])
+def test_sizes_of_cells_follow_the_scene(rng, scale):
+    position = (scale * rng.random((2000, 3))).astype(np.float32)
+    model = CellModel()
+    model.learn(records(position, UP, 1.0, 1.0), len(position))
+    assert 0.9 * scale / 256 < _size(model.field, 0) < scale / 256
+
+
+def test_where_nothing_teaches_nothing_is_known():
+    model = CellModel()
+    model.learn(records(np.zeros((5, 3), np.float32), UP, 1.0, 0.0), 5)
+    assert model.field is None
+    assert (find(no_cells(), [(0.0, 0.0, 0.0)], UP, 0) == -1).all()

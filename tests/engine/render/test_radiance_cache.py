@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Paths that end in the radiance cache: right on average with what measuring paths find, whatever the cells say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.guiding.policy.cache_learning import CacheLearner
+from engine.render import film
+from engine.scene.description import World
+from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
+from tests.helpers.small_scenes import corner_scene, floor_scene, material, pit_scene
+
+#: Of a scene in which paths are long; limits that they often meet would keep them from ending.
+ENDLESS = {"scene": pit_scene, "samples": 63, "max_bounces": 96, "diffuse_bounces": 96}
+SEEDS = 4
+
+
+def image_mean(method, seed, **settings):
+    return render(method, seed, **ENDLESS | settings).passes["Combined"][..., :3].mean()
+
+
+def means(method, first=0, **settings):
+    return np.array([image_mean(method, first + seed, **settings) for seed in range(SEEDS)])
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return means("OFF", 100)
+
+
+def measured(sums, shape):
+    """All that measuring paths have found, noise and all: with it the image is unbiased."""
+    return sums[:, :3] + sums[:, 3:]
+
+
+def distort(monkeypatch, how):
+    """Have paths end in cells that say something else than they have learned."""
+    complete = CacheLearner.complete
+
+    def distorted(learner, guidance):
+        guidance = complete(learner, guidance)
+        cells = guidance.cells
+        if cells is None:
+            return guidance
+        sums = cells.sums.copy()
+        sums[:, :3] = how(sums[:, :3])
+        return guidance.with_cells(cells._replace(sums=sums), guidance.measure_threshold)
+
+    monkeypatch.setattr(CacheLearner, "complete", distorted)
+
+
+def test_paths_end_and_rays_are_saved():
+    without, cached = (render("OFF", 1, **ENDLESS, radiance_cache=cache).report for cache in ("OFF", "FAST"))
+    assert without.cached_share == 0.0 and cached.cached_share > 0.5
+    assert cached.rays["closest"] < 0.8 * without.rays["closest"]
+    assert any("radiance cache" in line for line in cached.guiding.lines)
+
+
+@pytest.mark.parametrize("method", ["OFF", "VMM", "TABLE_RIS"])
+@pytest.mark.parametrize("cache", ["FAST", "CONVERGING"])
+def test_the_mean_is_right(method, cache, plain):
+    """FAST has the right energy too: cells are means of whole paths."""
+    settings = {} if method == "OFF" else {"guiding_trial": False}
+    cached = means(method, radiance_cache=cache, **settings)
+    assert cached.mean() == pytest.approx(plain.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "how", [np.zeros_like, lambda sums: 2.0 * sums, lambda sums: np.where(sums > 0.0, np.nan, sums)],
+    ids=["zero", "twice", "NaN"],
+)  # fmt: skip
+def test_with_what_measuring_paths_find_the_mean_is_right_whatever_cells_say(how, plain, monkeypatch):
+    distort(monkeypatch, how)
+    monkeypatch.setattr(film, "known_residual", measured)
+    cached = means("OFF", radiance_cache="CONVERGING")
+    assert z_score(cached, plain) < Z_LIMIT
+    # The test can see a bias of 5%.
+    assert z_score(1.05 * cached, plain) > Z_LIMIT
+
+
+def test_a_wrong_cache_shows_without_measuring_and_is_mended_with_it(plain, monkeypatch):
+    distort(monkeypatch, lambda sums: 2.0 * sums)
+    wrong = means("OFF", radiance_cache="FAST").mean()
+    mended = means("OFF", radiance_cache="CONVERGING").mean()
+    assert wrong > 1.05 * plain.mean()
+    assert abs(mended - plain.mean()) < 0.2 * abs(wrong - plain.mean())
+
+
+@pytest.mark.parametrize("albedo", [0.5, 0.9, 0.99])
+def test_no_energy_is_lost_or_made_under_a_white_sky(albedo):
+    """A floor and a wall, each of which sees the other and the sky."""
+
+    def furnace():
+        sky = World("sky", "Sky", None, (1.0, 1.0, 1.0))
+        return replace(corner_scene(), lights=[], materials=[material(color=(albedo,) * 3)], world=sky)
+
+    settings = ENDLESS | {"scene": furnace}
+    plain = np.array([image_mean("OFF", seed, **settings) for seed in range(SEEDS)])
+    cached = np.array([image_mean("OFF", 10 + seed, radiance_cache="FAST", **settings) for seed in range(SEEDS)])
+    assert render("OFF", 0, **settings, radiance_cache="FAST").report.cached_share > 0.05
+    assert z_score(cached, plain) < Z_LIMIT
+    assert cached.mean() == pytest.approx(plain.mean(), rel=0.003)
+
+
+@pytest.mark.parametrize("method", ["OFF", "VMM"])
+def test_the_image_is_the_same_for_any_number_of_threads(method):
+    images = [
+        render(
+            method, 3, scene=lambda: corner_scene((70, 40)), samples=31, radiance_cache="CONVERGING", threads=threads
+        ).passes["Combined"]
+        for threads in (1, 2)
+    ]
+    np.testing.assert_array_equal(*images)
+
+
+def test_surfaces_that_the_camera_sees_end_no_paths():
+    """A floor and nothing else: every path scatters at what the camera sees, and leaves."""
+    lone = lambda: floor_scene(size=(16, 12))  # noqa: E731
+    report = render("OFF", 1, scene=lone, samples=31, radiance_cache="FAST").report
+    assert report.cached_share == 0.0
+
+
+@pytest.mark.slow
+def test_the_error_falls_with_the_samples_where_the_cache_lies(monkeypatch):
+    """A cache that lies by a fifth: as 1/N from the first samples to the last, within a factor of two."""
+    distort(monkeypatch, lambda sums: 1.2 * sums)
+    reference = np.mean(
+        [render("OFF", 50 + seed, **ENDLESS | {"samples": 16384}).passes["Combined"][..., :3] for seed in range(2)],
+        axis=0,
+    )
+    errors = {}
+    for samples in (16, 128, 1024, 8192):
+        images = [
+            render("OFF", seed, **ENDLESS | {"samples": samples}, radiance_cache="CONVERGING").passes["Combined"]
+            for seed in range(3)
+        ]
+        errors[samples] = np.mean([((image[..., :3] - reference) ** 2).mean() for image in images])
+    for samples, error in errors.items():
+        assert error * samples < 2.0 * errors[16] * 16, (samples, errors)
