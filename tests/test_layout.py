@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where tests lie and what they import: folders mirror the packages, and what tests share lies with the helpers."""
+"""Where tests lie, what they import and what they touch: folders mirror the packages, what tests share lies with the
+helpers, and tests know of the product what anybody may know.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,15 @@ import pytest
 
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
+
+#: Names that begin with an underscore and are public all the same: named tuples' methods, and those of `Bundle`.
+PUBLIC_ALL_THE_SAME = {"_asdict", "_fields", "_make", "_replace"}
+#: Private names of others, by the file that needs them.
+OF_OTHERS = {
+    "tests/engine/kernels/test_rng.py": {"_sv"},  # scipy's direction numbers, which nothing else of scipy gives
+}
+#: Calls that take the name of an attribute as a string.
+BY_STRING = {"delattr", "getattr", "hasattr", "setattr"}
 
 
 def imported_modules(source: str) -> Iterator[str]:
@@ -66,3 +77,66 @@ def test_folders_mirror_the_packages() -> None:
 
 def test_helpers_hold_no_tests() -> None:
     assert list((TESTS / "helpers").rglob("test_*.py")) == []
+
+
+def is_private(name: str) -> bool:
+    """Whether a name, or the last part of a dotted one, is private."""
+    last = name.rpartition(".")[2]
+    return last.startswith("_") and not last.endswith("__") and last not in PUBLIC_ALL_THE_SAME
+
+
+def touched_privates(source: str) -> list[str]:
+    """Private names that a file imports, or reads or sets of anything that it has not made itself."""
+    tree = ast.parse(source)
+    own_classes = {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            owner = node.value.func if isinstance(node.value, ast.Call) else node.value
+            is_own = isinstance(owner, ast.Name) and owner.id in {"self", "cls", "super", *own_classes}
+            found += [] if is_own else [node.attr]
+        elif isinstance(node, ast.Import):
+            found += [part for alias in node.names for part in alias.name.split(".")]
+        elif isinstance(node, ast.ImportFrom):
+            found += [*(node.module or "").split("."), *(alias.name for alias in node.names)]
+        elif isinstance(node, ast.Call):
+            function = node.func
+            called = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+            if called in BY_STRING:
+                texts = [argument.value for argument in node.args[:2] if isinstance(argument, ast.Constant)]
+                found += [text for text in texts if isinstance(text, str)]
+    return [name for name in found if is_private(name)]
+
+
+@pytest.mark.parametrize(
+    "source, names",
+    [
+        ("choice._trial = 1", ["_trial"]),
+        ("assert make()._table.rows", ["_table"]),
+        ("from engine.accel import _library, trace", ["_library"]),
+        ("import engine._hidden.room", ["_hidden"]),
+        ("from engine._hidden import room", ["_hidden"]),
+        ("def f():\n    monkeypatch.setattr(choice, '_TAKEN', 0)", ["_TAKEN"]),
+        ("monkeypatch.setattr('engine.policy.choice._TAKEN', 0)", ["engine.policy.choice._TAKEN"]),
+        ("getattr(model, '_sums')", ["_sums"]),
+        ("class A(B):\n    def f(self):\n        return self._x + super()._y + A._z", []),
+        ("from __future__ import annotations\nfrom addon.__main__ import main\nx.__dict__", []),
+        ("camera._replace(width=2)._asdict()\n_own(2)", []),
+        ("monkeypatch.setattr(choice, 'TAKEN', '_b')", []),
+    ],
+)
+def test_private_names_are_found(source: str, names: list[str]) -> None:
+    assert touched_privates(source) == names
+
+
+def test_tests_and_benchmarks_touch_nothing_private() -> None:
+    """What only a test knows of ties it to how a thing is done, where it should say what is done."""
+    found = [
+        f"{name}: {touched}"
+        for folder in (TESTS, ROOT / "benchmarks")
+        for file in sorted(folder.rglob("*.py"))
+        for name in [file.relative_to(ROOT).as_posix()]
+        for touched in touched_privates(file.read_text("utf-8"))
+        if touched not in OF_OTHERS.get(name, ())
+    ]
+    assert found == []

@@ -94,7 +94,7 @@ def modernize(node: Node, index: int) -> list[Node]:
         node.properties.update(properties)
         node.inputs = {inputs.get(name, name): value for name, value in node.inputs.items()}
         if outputs:
-            node.properties["_outputs"] = outputs
+            node.properties["renamed_outputs"] = outputs
     if node.kind == "ShaderNodeBsdfPrincipled" and "Clearcoat" in node.inputs:
         return _principled(node, index)
     if node.kind == "ShaderNodeBsdfGlossy":

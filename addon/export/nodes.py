@@ -306,7 +306,7 @@ def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.
 
 
 def _renamed_output(node: Node, index: int, socket: bpy.types.NodeSocket) -> Link:
-    renames = node.properties.get("_outputs")
+    renames = node.properties.get("renamed_outputs")
     identifier = socket.identifier
     return Link(index, renames.get(identifier, identifier) if renames else identifier)
 

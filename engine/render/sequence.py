@@ -40,7 +40,7 @@ from engine.settings import RenderSettings
 #: only where little changes from one to the next (docs/results/sequences.md).
 MOST_TRAINING_FRAMES = 32
 #: Pixels of a frame that is visited: of larger pictures a smaller copy is traced, since no more records are kept.
-_MOST_PIXELS = RECORDS_PER_ITERATION // 4
+MOST_PIXELS = RECORDS_PER_ITERATION // 4
 #: Steps of training for each sample a pixel of a visit; fewer if there are too few records for so many.
 _STEPS_PER_SAMPLE = 16
 #: Steps between two looks at whether to stop.
@@ -259,7 +259,7 @@ class _Training:
 def shrunk(frame: Frame) -> Frame:
     """A frame whose region has no more pixels than records are kept of; the frame itself if it has not anyway."""
     x0, y0, x1, y1 = frame.region
-    factor = math.sqrt((x1 - x0) * (y1 - y0) / _MOST_PIXELS)
+    factor = math.sqrt((x1 - x0) * (y1 - y0) / MOST_PIXELS)
     if factor <= 1.0:
         return frame
     left, bottom, right, top = (math.floor(edge / factor) for edge in frame.region)

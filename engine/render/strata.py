@@ -64,11 +64,16 @@ class StrataFilm(Film):
     ----------
     width, height : int
     strata : int
+
+    Attributes
+    ----------
+    by_stratum : Film
+        The same of each stratum alone, one image above the other.
     """
 
     def __init__(self, width: int, height: int, strata: int, **options: Any) -> None:
         super().__init__(width, height, **options)
-        self._by_stratum = Film(width, height * strata, **options)
+        self.by_stratum = Film(width, height * strata, **options)
         #: Index of each stratum's first pixel in it.
         self._first = np.arange(strata) * (width * height)
 
@@ -81,10 +86,10 @@ class StrataFilm(Film):
             Sums of the unit by pixel.
         """
         if stratum == ALL_STRATA:
-            self._by_stratum.merge((pixels[:, None] + self._first).ravel(), tile, weight)
+            self.by_stratum.merge((pixels[:, None] + self._first).ravel(), tile, weight)
             tile = self._by_pixel(tile, len(pixels))
         else:
-            self._by_stratum.merge(pixels + self._first[stratum], tile, weight)
+            self.by_stratum.merge(pixels + self._first[stratum], tile, weight)
         first = self.sums.count[pixels] == 0
         if self.use_features:
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
@@ -107,7 +112,7 @@ class StrataFilm(Film):
     def _combine(self, pixels: np.ndarray) -> None:
         """Sums of pixels from those of their strata: each stratum that has samples counts the same."""
         rows = self._first[:, None] + pixels
-        sums, whole = self._by_stratum.sums, self.sums
+        sums, whole = self.by_stratum.sums, self.sums
         weight = sums.weight[rows]
         total = weight.sum(axis=0)
         is_present = weight > 0.0
@@ -127,7 +132,7 @@ class StrataFilm(Film):
     @property
     def nbytes(self) -> int:
         """Memory of the sums."""
-        return super().nbytes + self._by_stratum.nbytes
+        return super().nbytes + self.by_stratum.nbytes
 
 
 class StrataSchedule:

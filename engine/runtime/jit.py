@@ -58,7 +58,7 @@ _COMMENT = re.compile(r"#[^\n]*")
 
 
 @cache
-def _imports(name: str, file: Path) -> frozenset[str]:
+def imported_modules(name: str, file: Path) -> frozenset[str]:
     """Engine modules that module `name` imports, read from its source without running it.
 
     By regular expression: to parse all sources at every start would take longer than to load all kernels.
@@ -96,7 +96,7 @@ def source_hash(name: str, file: Path) -> str:
         module, module_file = pending.pop()
         if module not in seen:
             seen[module] = module_file
-            for imported in _imports(module, module_file):
+            for imported in imported_modules(module, module_file):
                 imported_file = _module_file(imported)
                 if imported_file is not None:
                     pending.append((imported, imported_file))

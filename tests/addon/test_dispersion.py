@@ -12,6 +12,7 @@ import pytest
 from engine.builder.programs import compile_scene
 from engine.scene.description import Material, SceneDescription
 from engine.spectral.dispersion import dispersion_from_abbe, dispersion_from_cauchy
+from tests.helpers.blender_scenes import stand_in
 
 
 @pytest.fixture
@@ -122,7 +123,7 @@ def test_the_panel_shows_what_the_kind_needs(glass: Any) -> None:
 
     import bpy
 
-    drawer = type("Drawer", (ui._RenderPanel,), {"layout": Layout()})()
+    drawer = stand_in(ui.NEURALGUIDE_PT_dispersion, Layout())
     for kind, rest in (("NONE", []), ("ABBE", ["abbe_number"]), ("CAUCHY", ["cauchy_a", "cauchy_b"])):
         drawn.clear()
         glass.neuralguide.dispersion = kind

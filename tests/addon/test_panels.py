@@ -6,6 +6,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from tests.helpers.blender_scenes import stand_in
+
 
 class Layout:
     """Notes what a panel draws: owners and names of properties, and operators."""
@@ -37,26 +39,28 @@ class Layout:
 
 def draw(panel: Any, context: Any) -> Layout:
     """What a panel of ours draws."""
-    from addon import ui
-
     layout = Layout()
-    drawer = type("Drawer", (ui._RenderPanel,), {"layout": layout})()
+    drawer = stand_in(panel, layout)
     for method in ("draw_header", "draw"):
         if hasattr(panel, method):
             getattr(panel, method)(drawer, context)
     return layout
 
 
-def draw_all(context: Any) -> Layout:
-    """All panels that show settings which Cycles has too."""
-    from addon import ui
+def render_panels() -> list[Any]:
+    """Our panels among the properties of renders: those that show settings which Cycles has too."""
+    import bpy
 
+    panels = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("NEURALGUIDE_PT_")]
+    return [panel for panel in panels if panel.bl_context == "render"]
+
+
+def draw_all(context: Any) -> Layout:
     whole = Layout()
-    for panel in ui._classes:
-        if panel not in (ui.NEURALGUIDE_PT_passes, ui.NEURALGUIDE_PT_dispersion):
-            part = draw(panel, context)
-            whole.drawn += part.drawn
-            whole.operators += part.operators
+    for panel in render_panels():
+        part = draw(panel, context)
+        whole.drawn += part.drawn
+        whole.operators += part.operators
     return whole
 
 
@@ -140,9 +144,8 @@ def test_settings_for_experiments_are_shown_where_the_preferences_ask_for_it(ble
     panel = ui.NEURALGUIDE_PT_experiments
     drawn = [name for owner, name in draw(panel, context).drawn if owner == experiment]
     assert drawn == [setting.name for setting in SCENE_SETTINGS.values() if setting.is_experiment]
-    others = [owner for part in ui._classes if part not in (
-        panel, ui.NEURALGUIDE_PT_passes, ui.NEURALGUIDE_PT_dispersion
-    ) for owner, _ in draw(part, context).drawn]  # fmt: skip
+    assert panel in render_panels()
+    others = [owner for part in render_panels() if part is not panel for owner, _ in draw(part, context).drawn]
     assert others and experiment not in others
     assert not panel.poll(context)
     entry = context.preferences.addons.new()

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.helpers.motion_scenes import curves_of
+
 
 def settings_of(scene: Any) -> Any:
     from addon.properties import render_settings
@@ -91,9 +93,7 @@ def test_animation_of_settings_for_experiments_moves_along(blender: Any, tmp_pat
         scene.neuralguide.experiment.defensive_alpha = alpha
         scene.neuralguide.experiment.keyframe_insert("defensive_alpha", frame=frame)
     scene.neuralguide.experiment.driver_add("candidate_count").driver.expression = "frame"
-    from addon.saved_settings import _curves
-
-    for curve in list(_curves()):
+    for curve in [*curves_of(scene), *scene.animation_data.drivers]:
         curve.data_path = curve.data_path.replace(".experiment", "")
     store(scene, defensive_alpha=0.75)
     save_as_before(blender, tmp_path / "old.blend")

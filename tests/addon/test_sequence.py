@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+import copy
+import gc
+import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +15,7 @@ import OpenEXR
 import pytest
 
 from tests.helpers.motion_scenes import keyframe, open_shutter
-from tests.helpers.training import require_torch
+from tests.helpers.training import refuse_workers, require_torch
 
 pytestmark = pytest.mark.usefixtures("forget_outcomes")
 
@@ -63,14 +67,18 @@ def trained(monkeypatch: Any) -> list[Any]:
     return calls
 
 
-def without_workers(monkeypatch: Any) -> None:
-    """Frames that learn by themselves are not what is tested: do without the seconds that a worker takes to start."""
-    from engine.guiding.trainer.handle import NetworkTrainer
+def failing_training(monkeypatch: Any) -> list[Any]:
+    """Have every training fail; the calls."""
+    from engine.render import sequence
 
-    def refuse(*_arguments: Any) -> None:
-        raise OSError("not in this test")
+    calls: list[Any] = []
 
-    monkeypatch.setattr(NetworkTrainer, "_launch", refuse)
+    def fail(*_arguments: Any, **_options: Any) -> None:
+        calls.append(None)
+        raise sequence.TrainingFailed("no torch")
+
+    monkeypatch.setattr(sequence, "train_sequence", fail)
+    return calls
 
 
 def outcomes() -> list[Any]:
@@ -93,14 +101,20 @@ def read(path: Path) -> np.ndarray:
         return np.array(file.channels()["RGBA"].pixels)
 
 
-def problems() -> list[str]:
-    from addon import engine
+@pytest.fixture
+def problems(capsys: pytest.CaptureFixture[str]) -> Callable[[], list[str]]:
+    """What users have been told of the sequence's field since the last call."""
+    start = "NeuralGuide: Warning: Sequence Field: "
 
-    return [notice.problem for notice in engine._shown_notices if notice.subject == "Sequence Field"]
+    def told() -> list[str]:
+        lines = capsys.readouterr().err.splitlines()
+        return [line.removeprefix(start).rpartition("; ")[0] for line in lines if line.startswith(start)]
+
+    return told
 
 
 def test_an_animation_is_trained_for_once(
-    lamp_scene: Any, trained: list[Any], tmp_path: Path, monkeypatch: Any
+    lamp_scene: Any, trained: list[Any], problems: Callable[[], list[str]], tmp_path: Path, monkeypatch: Any
 ) -> None:
     """Files are written, reports name the field, frames rendered later use it, and an edit has it trained anew."""
     require_torch()
@@ -130,14 +144,18 @@ def test_an_animation_is_trained_for_once(
     bpy.ops.render.render()
     assert len(trained) == 3
 
-    without_workers(monkeypatch)
+    assert problems() == []
+    # Frames that learn by themselves are not what is tested: do without the seconds that a worker takes to start.
+    refuse_workers(monkeypatch)
     lamp_scene.frame_set(9)
     bpy.ops.render.render()
     assert len(trained) == 3
     assert problems() == ["frame 9 is outside of the animation, frames 3 to 5"]
 
 
-def test_without_the_option_nothing_is_different(lamp_scene: Any, trained: list[Any], tmp_path: Path) -> None:
+def test_without_the_option_nothing_is_different(
+    lamp_scene: Any, trained: list[Any], problems: Callable[[], list[str]], tmp_path: Path
+) -> None:
     """And with it nothing is where it can do nothing."""
     lamp_scene.neuralguide.guiding_method = "VMM"
     images = {}
@@ -146,16 +164,19 @@ def test_without_the_option_nothing_is_different(lamp_scene: Any, trained: list[
         folder.mkdir()
         lamp_scene.neuralguide.sequence_field = is_on
         images[is_on] = animate(lamp_scene, folder)
+        assert is_on or problems() == []
     for name, image in images[False].items():
         np.testing.assert_array_equal(image, images[True][name])
     assert trained == []
     assert problems() == ["VMM is no neural mixture (choose one of NPM, NPM_PRODUCT, NASG)"]
 
 
-def test_a_still_scene_is_told_apart(lamp_scene: Any, trained: list[Any], monkeypatch: Any) -> None:
+def test_a_still_scene_is_told_apart(
+    lamp_scene: Any, trained: list[Any], problems: Callable[[], list[str]], monkeypatch: Any
+) -> None:
     import bpy
 
-    without_workers(monkeypatch)
+    refuse_workers(monkeypatch)
     lamp_scene.objects["Ball"].animation_data_clear()
     bpy.ops.render.render()
     assert trained == [] and problems() == ["nothing is animated"]
@@ -165,20 +186,12 @@ def test_a_still_scene_is_told_apart(lamp_scene: Any, trained: list[Any], monkey
 
 
 def test_what_does_not_work_is_said_and_tried_once_a_job(
-    lamp_scene: Any, tmp_path: Path, monkeypatch: Any
+    lamp_scene: Any, problems: Callable[[], list[str]], tmp_path: Path, monkeypatch: Any
 ) -> None:
     import bpy
 
-    from engine.render import sequence
-
-    without_workers(monkeypatch)
-    calls: list[Any] = []
-
-    def fail(*_arguments: Any, **_options: Any) -> None:
-        calls.append(None)
-        raise sequence.TrainingFailed("no torch")
-
-    monkeypatch.setattr(sequence, "train_sequence", fail)
+    refuse_workers(monkeypatch)
+    calls = failing_training(monkeypatch)
     experiment = lamp_scene.neuralguide.experiment
     experiment.mixture_u, experiment.strata = "NONE", 4
     animate(lamp_scene, tmp_path)
@@ -199,7 +212,7 @@ def test_a_cancel_leaves_the_frame(lamp_scene: Any, tmp_path: Path, monkeypatch:
     """While frames are exported to be trained on, and while the field is trained; the next render trains anew."""
     import bpy
 
-    from addon import engine, sequence
+    from addon import engine
 
     if is_blurred:
         open_shutter(lamp_scene, 0.5)
@@ -214,9 +227,14 @@ def test_a_cancel_leaves_the_frame(lamp_scene: Any, tmp_path: Path, monkeypatch:
 
         monkeypatch.setattr(engine, "cancel_hooks", [stop])
         bpy.ops.render.render()
-        assert [item.status for item in outcomes()] == ["CANCELLED"] * (1 + is_late)
+        assert [item.status for item in outcomes()] == ["CANCELLED", "FINISHED", "CANCELLED"][: 1 + 2 * is_late]
         assert (lamp_scene.frame_current, lamp_scene.frame_subframe) == (4, 0.0)
-        assert all(kept.field is None for kept in sequence._kept.values())
+        with monkeypatch.context() as patch:
+            patch.setattr(engine, "cancel_hooks", [])
+            refuse_workers(patch)
+            calls = failing_training(patch)
+            bpy.ops.render.render()
+            assert len(calls) == 1
 
 
 def test_the_command_line_has_one_field_for_all_frames(
@@ -226,14 +244,27 @@ def test_the_command_line_has_one_field_for_all_frames(
     require_torch()
     from addon import engine, sequence
     from addon.__main__ import main
+    from engine.render import sequence as training
 
     monkeypatch.setattr(engine, "cancel_hooks", [])
+    train = training.train_sequence
+    fields: list[weakref.ref[Any]] = []
+
+    def train_another(*arguments: Any, **options: Any) -> Any:
+        field = copy.copy(train(*arguments, **options))
+        fields.append(weakref.ref(field))
+        return field
+
+    monkeypatch.setattr(training, "train_sequence", train_another)
     open_shutter(lamp_scene, 0.5)
     path = tmp_path / "scene.blend"
     blender.ops.wm.save_as_mainfile(filepath=str(path))
     assert main(["-b", str(path), "-o", str(tmp_path / "c_##"), "-s", "3", "-e", "4", "-a", "-f", "4"]) == 0
     assert sorted(file.name for file in tmp_path.glob("c_*")) == ["c_03.exr", "c_04.exr"]
     assert trained == [([3.0, 4.0], (2.75, 4.25))]
-    assert sequence._kept and sequence.frame_range is None
+    assert sequence.frame_range is None
+    gc.collect()
+    assert [field() is None for field in fields] == [False]
     blender.ops.wm.read_homefile(use_empty=True)
-    assert not sequence._kept
+    gc.collect()
+    assert [field() is None for field in fields] == [True]

@@ -26,3 +26,32 @@ def export(**arguments: Any) -> SceneDescription:
     from addon.export import export_scene
 
     return export_scene(bpy.context.evaluated_depsgraph_get(), **arguments)
+
+
+def export_context() -> Any:
+    """What an export of the current scene works with, for parts of it that are tested alone."""
+    import bpy
+
+    from addon.export.context import ExportCache, ExportContext
+
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return ExportContext(depsgraph, depsgraph.scene_eval, depsgraph.view_layer_eval, engine=None, cache=ExportCache())
+
+
+class Altered:
+    """Looks like something of Blender's, but for some attributes: states that a script cannot bring about."""
+
+    def __init__(self, original: Any, **attributes: Any) -> None:
+        self._original = original
+        vars(self).update(attributes)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._original, name)
+
+
+def stand_in(panel: Any, layout: Any) -> Any:
+    """What `panel.draw` can be called with outside of Blender's windows: all of the panel that is not Blender's."""
+    import bpy
+
+    ours = tuple(base for base in panel.__bases__ if base is not bpy.types.Panel)
+    return type("StandIn", ours, {"layout": layout})()

@@ -109,11 +109,13 @@ class SelectionModel:
     probability : float32 (R,), by region
     benefit : float32 (R,), second moment with BSDF sampling over that with this probability, by region: an estimate, 1
         where there is none
+    sums : float64 (R, J + 2), what all of it follows from, by region: sum of the estimates of the second moment for
+        each of PROBABILITIES, the effective number of them, the number of records
     """
 
     def __init__(self, first: float) -> None:
         self._first = np.float32(first)
-        self._sums = np.zeros((1, len(PROBABILITIES) + 2))
+        self.sums = np.zeros((1, len(PROBABILITIES) + 2))
         self.probability: Float32Array = np.full(1, first, np.float32)
         self.benefit: Float32Array = np.ones(1, np.float32)
 
@@ -132,9 +134,9 @@ class SelectionModel:
             Cost of a path in rays.
         """
         # Both halves keep the ratios, and yield to what they see themselves.
-        sums = model.inherited(DECAY * self._sums, share=0.5)
+        sums = model.inherited(DECAY * self.sums, share=0.5)
         _add_records(records, leaf, PROBABILITIES, np.zeros((len(sums), 3)), sums)
-        self._sums = sums
+        self.sums = sums
         self.probability, self.benefit = self._choose(GUIDED_COST * variance / max(ray_count, 1.0))
 
     def _choose(self, least_benefit: float) -> tuple[Float32Array, Float32Array]:
@@ -145,7 +147,7 @@ class SelectionModel:
         least_benefit : float
             Variance that a guided vertex must save.
         """
-        moments, known, vertices = self._sums[:, :-2], self._sums[:, -2], self._sums[:, -1]
+        moments, known, vertices = self.sums[:, :-2], self.sums[:, -2], self.sums[:, -1]
         if not known.any():
             return np.full(len(known), self._first, np.float32), np.ones(len(known), np.float32)
         reference = moments[:, _REFERENCE]

@@ -24,6 +24,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from engine.array_types import Float32Array
+from engine.guiding.networks.parameters import TABLE_LIMIT, ParameterVector, check_sizes, draw_parameters, he_limit
 from engine.settings import RenderSettings
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
 
@@ -45,16 +46,6 @@ _QUARTER_U_ENCODINGS: dict[str, dict[str, Any]] = {
     "FREQUENCY": {"u_frequencies": 2},
     "PLANES": {"plane_levels": 1, "plane_resolution": 4},
 }
-
-
-def split_parameters(layout: dict[str, tuple[int, ...]], parameters: Float32Array) -> dict[str, Float32Array]:
-    """Views into one vector of the arrays whose names and shapes `layout` holds in their order."""
-    arrays, start = {}, 0
-    for name, shape in layout.items():
-        stop = start + math.prod(shape)
-        arrays[name] = parameters[start:stop].reshape(shape)
-        start = stop
-    return arrays
 
 
 def grid_resolutions(base: int, growth: float, count: int) -> tuple[int, ...]:
@@ -117,7 +108,7 @@ class TrainableShape(Protocol):
 
 
 @dataclass(frozen=True)
-class NetworkShape(PlaneSizes):
+class NetworkShape(PlaneSizes, ParameterVector):
     """Sizes of the network; the defaults are the paper's.
 
     level_count, level_features : levels of the hash grid and features of each
@@ -174,9 +165,7 @@ class NetworkShape(PlaneSizes):
             "plane_resolution": (1, 128),
             "plane_growth": (1.0, 4.0),
         }
-        for name, (least, most) in limits.items():
-            if not least <= getattr(self, name) <= most:
-                raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
+        check_sizes(self, limits)
         if self.table_size & (self.table_size - 1):
             raise ValueError(f"table_size is {self.table_size}: choose a power of two")
         if self.by_quarter and self.channel_count != WAVELENGTH_COUNT:
@@ -186,8 +175,6 @@ class NetworkShape(PlaneSizes):
                 raise ValueError(f"{name} is {getattr(self, name)}: choose an even number")
         if self.u_width > 128:
             raise ValueError(f"plane_levels is {self.plane_levels}: of u there are {self.u_width} features, choose 128")
-        if self.width % 8:
-            raise ValueError(f"width is {self.width}: choose a multiple of 8")
 
     @property
     def resolutions(self) -> tuple[int, ...]:
@@ -240,15 +227,6 @@ class NetworkShape(PlaneSizes):
         layout["hidden_weights"] = (self.hidden_layers - 1, self.width, self.width)
         layout["output_weights"] = (self.width, self.channel_count)
         return layout
-
-    @property
-    def parameter_count(self) -> int:
-        """Length of the parameter vector."""
-        return sum(math.prod(shape) for shape in self.layout.values())
-
-    def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
-        """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        return split_parameters(self.layout, parameters)
 
 
 #: A network for processors without a GPU beside them: no worse than the paper's after a million records, at a third of
@@ -355,20 +333,16 @@ def initial_parameters(shape: NetworkShape, seed: int) -> Float32Array:
     float32 (parameter_count,)
         A function of `shape` and `seed` alone.
     """
-    rng = np.random.Generator(np.random.Philox(seed))
-    parameters = np.zeros(shape.parameter_count, np.float32)
-    arrays = shape.split(parameters)
-    fan_in = shape.position_width + shape.direction_width + shape.u_width
-    for name, array in arrays.items():
-        if name in ("table", "planes"):
-            limit = 1e-4
-        elif name == "output_weights":
-            # A tenth of He's: the first prediction is nearly constant.
-            limit = 0.1 * math.sqrt(6.0 / shape.width)
-        else:
-            limit = math.sqrt(6.0 / (fan_in if name != "hidden_weights" else shape.width))
-        array[...] = rng.uniform(-limit, limit, array.shape)
-    return parameters
+    inputs = dict.fromkeys(
+        ("position_weights", "direction_weights", "u_weights"),
+        he_limit(shape.position_width + shape.direction_width + shape.u_width),
+    )
+    hidden = he_limit(shape.width)
+    return draw_parameters(shape, seed, {
+        "table": TABLE_LIMIT, "planes": TABLE_LIMIT, **inputs, "hidden_weights": hidden,
+        # The first prediction is nearly constant.
+        "output_weights": 0.1 * hidden,
+    })  # fmt: skip
 
 
 def robust_bounds(positions: Float32Array, margin: float = 0.05) -> Float32Array:

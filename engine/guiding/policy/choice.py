@@ -22,8 +22,8 @@ from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
 
 #: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
 #: after so many comparisons. Variances of a few samples a pixel tell efficiencies to about a tenth.
-_DROPPED = (0.8, 0.95, 1.03)
-_TAKEN = (1.5, 1.15, 1.03)
+DROPPED = (0.8, 0.95, 1.03)
+TAKEN = (1.5, 1.15, 1.03)
 #: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
 _AGAIN = 4
 #: Then guiding is compared with unguided rendering again too, by so many iterations together: one lucky comparison must
@@ -170,9 +170,9 @@ class Choice:
             return
         self._evidence.append(math.log(efficiency))
         mean = math.exp(sum(self._evidence) / len(self._evidence))
-        stage = min(len(self._evidence), len(_TAKEN)) - 1
-        is_taken = mean >= _TAKEN[stage]
-        if not is_taken and mean > _DROPPED[stage]:
+        stage = min(len(self._evidence), len(TAKEN)) - 1
+        is_taken = mean >= TAKEN[stage]
+        if not is_taken and mean > DROPPED[stage]:
             return
         self.trials.append(f"{self.challenger} over {self.rung} {mean:.2f} at sample {next_sample}")
         self._not_before[self.rung if is_taken else self.challenger] = _AGAIN * next_sample

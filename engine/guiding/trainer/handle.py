@@ -94,6 +94,13 @@ class NetworkTrainer:
         Threads of the worker, 0: as many as its share of the processors asks for.
     start_timeout, answer_timeout : float [s]
         Silence after which the worker counts as hung, while it starts and later.
+
+    Attributes
+    ----------
+    script : Path
+        What the worker runs; before `start` it may be replaced by anything that speaks the same protocol.
+    process : Popen or None
+        The worker while there is one; the trainer ends it and waits for it.
     """
 
     def __init__(
@@ -123,12 +130,12 @@ class NetworkTrainer:
         self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
-        self._script = _SCRIPT
+        self.script = _SCRIPT
         # Guards all below; notified at every message.
         self._changed = threading.Condition()
         self._status = TrainerStatus()
         self._channel: Channel | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self.process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
         self._errors: IO[bytes] | None = None
         self._free_slots = set(range(SLOT_COUNT))
@@ -166,8 +173,8 @@ class NetworkTrainer:
         if os.name == "nt":
             extra["creationflags"] = getattr(subprocess, "CREATE_NO_WINDOW", 0)
         self._errors = tempfile.TemporaryFile()
-        self._process = subprocess.Popen(
-            [self._interpreter, str(self._script)],
+        self.process = subprocess.Popen(
+            [self._interpreter, str(self.script)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
@@ -189,7 +196,7 @@ class NetworkTrainer:
             thread_count=self._thread_count,
             channel=channel.address,
         )
-        self._reader = threading.Thread(target=self._listen, args=(self._process,), name="training", daemon=True)
+        self._reader = threading.Thread(target=self._listen, args=(self.process,), name="training", daemon=True)
         self._reader.start()
 
     def close(self) -> None:
@@ -208,7 +215,7 @@ class NetworkTrainer:
         with self._changed:
             if self._status.state is not TrainerState.DEAD:
                 self._set(state=TrainerState.DEAD, message=reason)
-            process, self._process = self._process, None
+            process, self.process = self.process, None
             channel, self._channel = self._channel, None
             errors, self._errors = self._errors, None
             self._changed.notify_all()
@@ -231,7 +238,7 @@ class NetworkTrainer:
         self._status = dataclasses.replace(self._status, **fields)
 
     def _send(self, **message: Any) -> None:
-        process = self._process
+        process = self.process
         if process is None or process.stdin is None:
             return
         # A worker that is gone is found by the reader.

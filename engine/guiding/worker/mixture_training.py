@@ -114,7 +114,7 @@ class MixtureTraining(Training):
         u = self._within_piece(rows[:, ROW_U])
         least, most = float(u.min()), float(u.max())
         margin = _U_MARGIN * (most - least)
-        for window in (self._window, self._validation):
+        for window in (self.window, self.validation):
             held = self._within_piece(window.take(np.arange(window.count))[:, ROW_U])
             window.keep((held >= least - margin) & (held <= most + margin))
 
@@ -174,19 +174,20 @@ class MixtureTraining(Training):
 
     # Training
 
-    def _draw(self) -> Float32Array:
+    def draw(self) -> Float32Array:
+        """A random batch of rows: by weight, if the settings ask for that."""
         if not self.settings.is_drawn_by_weight:
-            return super()._draw()
-        count, batch_size = self._window.count, self.settings.batch_size
+            return super().draw()
+        count, batch_size = self.window.count, self.settings.batch_size
         if self._cumulative is None:
-            held = self._window.take(np.arange(count))
+            held = self.window.take(np.arange(count))
             self._cumulative = np.cumsum(row_weights(self.shape, self.settings, held), dtype=np.float64)
         # One from each of as many equal parts of all weight: no batch is without its share of the rare and bright.
         places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
         picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
-        return self._window.take(picks)
+        return self.window.take(picks)
 
-    def _batch_weights(self, rows: Float32Array) -> Float32Array:
+    def batch_weights(self, rows: Float32Array) -> Float32Array:
         """What each row of a batch weighs: (batch,). Rows drawn by weight weigh the same."""
         if self._cumulative is None:
             return row_weights(self.shape, self.settings, rows)
@@ -195,7 +196,7 @@ class MixtureTraining(Training):
     def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         features = self._encode(rows).requires_grad_(bool(self._tables))
         _, learned = self._log_densities(self._perceptron(features), rows)
-        loss = -(torch.from_numpy(self._batch_weights(rows)) * learned).mean()
+        loss = -(torch.from_numpy(self.batch_weights(rows)) * learned).mean()
         return loss, [features] * len(self._tables)
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:

@@ -44,6 +44,11 @@ class Training(ABC):
         What positions are resolved in; None: found from the first rows.
     thread_count : int
         Threads to use on the CPU. The result is the same bits for one only.
+
+    Attributes
+    ----------
+    window, validation : SampleWindow
+        The rows that training draws from, and those held out.
     """
 
     #: Column of u in a row.
@@ -68,8 +73,8 @@ class Training(ABC):
         self._random = np.random.Generator(np.random.Philox(seed))
         self._pool = ThreadPoolExecutor(thread_count) if thread_count > 1 else None
         self._thread_count = thread_count
-        self._window = SampleWindow(settings.buffer_rows, shape.row_width, settings.window_samples)
-        self._validation = SampleWindow(_VALIDATION_ROWS, shape.row_width, settings.window_samples)
+        self.window = SampleWindow(settings.buffer_rows, shape.row_width, settings.window_samples)
+        self.validation = SampleWindow(_VALIDATION_ROWS, shape.row_width, settings.window_samples)
         self._reference: torch.Tensor | None = None
         self._tables: list[LearnedTable] = []
 
@@ -87,9 +92,9 @@ class Training(ABC):
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         """Make the encoding, and find the scale, now that there are bounds and these rows."""
 
-    def _draw(self) -> Float32Array:
+    def draw(self) -> Float32Array:
         """A random batch of rows."""
-        return self._window.take(self._random.integers(0, self._window.count, self.settings.batch_size))
+        return self.window.take(self._random.integers(0, self.window.count, self.settings.batch_size))
 
     @abstractmethod
     def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
@@ -116,12 +121,12 @@ class Training(ABC):
     @property
     def can_train(self) -> bool:
         """There are rows, and not all of them are black."""
-        return self._window.count > 0 and self.scale > 0.0
+        return self.window.count > 0 and self.scale > 0.0
 
     @property
     def row_count(self) -> int:
         """Rows that training draws from."""
-        return self._window.count
+        return self.window.count
 
     def add(self, rows: Float32Array, samples: float) -> None:
         """Take rows of `samples` samples a pixel.
@@ -147,8 +152,8 @@ class Training(ABC):
         is_validation = (first + np.arange(lit.shape[0])) % _VALIDATION_STRIDE == 0
         # A first row that only validates would be nothing to train on.
         is_validation &= lit.shape[0] > 1
-        self._validation.add(lit[is_validation], samples)
-        self._window.add(lit[~is_validation], samples)
+        self.validation.add(lit[is_validation], samples)
+        self.window.add(lit[~is_validation], samples)
         self._reference = None
         self._prepare(lit, self.bounds)
 
@@ -164,7 +169,7 @@ class Training(ABC):
 
     def step(self) -> None:
         """One step of training on a random batch."""
-        rows = self._draw()
+        rows = self.draw()
         loss, features = self._loss(rows)
         self._optimizer.zero_grad()
         loss.backward()
@@ -184,7 +189,7 @@ class Training(ABC):
 
         After new rows it is infinite: there is nothing to compare with.
         """
-        rows = self._validation.take(np.arange(self._validation.count))
+        rows = self.validation.take(np.arange(self.validation.count))
         if rows.shape[0] == 0 or not self.can_train:
             return math.inf
         with torch.no_grad():

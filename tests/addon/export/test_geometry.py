@@ -511,13 +511,13 @@ def test_persistent_data_skips_what_blender_calls_untouched(scene: Any, monkeypa
         key.value = (frame - 1) / 2
         key.keyframe_insert("value", frame=frame)
     read: list[str] = []
-    original = geometry._read_mesh
+    read_positions = geometry.read_positions
 
-    def spy(context: Any, mesh: Any, owner: Any, request: Any) -> Any:
-        read.append(owner.name)
-        return original(context, mesh, owner, request)
+    def spy(mesh: Any) -> Any:
+        read.append(mesh.name)
+        return read_positions(mesh)
 
-    monkeypatch.setattr(geometry, "_read_mesh", spy)
+    monkeypatch.setattr(geometry, "read_positions", spy)
     scene.render.use_persistent_data = True
     descriptions = render_and_export(scene, frames=3, cache=ExportCache())
     assert [d.meshes[1].vertices[0, 2] for d in descriptions] == pytest.approx([0.0, 0.5, 1.0], abs=1e-6)

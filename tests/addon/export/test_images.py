@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.scene.description import Image, SceneDescription
-from tests.helpers.blender_scenes import empty_scene, export
+from tests.helpers.blender_scenes import Altered, empty_scene, export, export_context
 
 
 @pytest.fixture
@@ -156,15 +156,20 @@ def test_blender_converts_spaces_that_have_no_formula_here(node: Any, tmp_path: 
     assert description.notices == [] and len(bpy.data.images) == count + 1
 
 
-def test_unknown_space_is_reported(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from addon.export import images
+def test_unknown_space_is_reported() -> None:
+    """One of another configuration of colours than Blender's own."""
+    from addon.export.images import ImageExporter
 
-    monkeypatch.setattr(images, "_converted_by_blender", lambda pixels, space: None)
-    node.image = make_image(gradient() / 255.0, space="Filmic sRGB")
-    description = export()
-    image = shown(description)
-    assert image is not None and image.encoding == "SRGB"
-    assert len(description.notices) == 1 and "Filmic sRGB" in description.notices[0].problem
+    empty_scene()
+    stored = make_image(gradient() / 255.0)
+    settings = Altered(stored.colorspace_settings, name="Studio Log")
+    context = export_context()
+    exporter = ImageExporter(context)
+    assert exporter.export(Altered(stored, colorspace_settings=settings), None, "Plane / Material / Texture") == 0
+    image = exporter.images[0]
+    assert image.encoding == "SRGB"
+    np.testing.assert_array_equal(image.pixels, gradient())
+    assert len(context.notices) == 1 and "Studio Log" in context.notices[0].problem
 
 
 def test_external_packed_and_relative_files(node: Any, tmp_path: Path) -> None:

@@ -517,13 +517,17 @@ def test_a_change_of_one_material_compiles_that_material_alone(
 
     before = _loaded(session, _original())
     names: list[str] = []
-    program_of = compiler._ProgramCompiler.compile
+    compiled_of = compiler.ProgramCache.compile
 
-    def count(self: Any) -> Any:
-        names.append(self.source.name)
-        return program_of(self)
+    def note_new_ones(cache: Any, scene: Any, sources: Any) -> Any:
+        kept = {id(program) for program in cache.compiled}
+        compiled = compiled_of(cache, scene, sources)
+        names.extend(
+            source.name for source, program in zip(sources, compiled, strict=True) if id(program) not in kept
+        )
+        return compiled
 
-    monkeypatch.setattr(compiler._ProgramCompiler, "compile", count)
+    monkeypatch.setattr(compiler.ProgramCache, "compile", note_new_ones)
     after = _loaded(session, _changed(_graph("materials.0", 1, "Roughness", 0.9)))
     assert names == ["material Textured"]
     others = _other_objects(before, after)

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.models import network_source
 from engine.guiding.policy import learning
 from engine.guiding.records.vertices import allocate_vertex_records, compensate
 from engine.guiding.sources import network_design
 from engine.methods import SOURCES
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
-from tests.helpers.training import require_torch
+from tests.helpers.training import refuse_workers, require_torch
 from tests.helpers.untrained_networks import Untrained
 
 SEEDS = 6
@@ -167,9 +166,7 @@ def test_a_network_that_does_not_pay_is_given_up(monkeypatch):
 
 @pytest.mark.slow
 def test_a_worker_that_is_gone_is_named(monkeypatch):
-    monkeypatch.setattr(
-        network_source.NetworkTrainer, "_launch", lambda trainer, channel: (_ for _ in ()).throw(OSError("no process"))
-    )
+    refuse_workers(monkeypatch)
     report = render("NPM", 1, scene=pit_scene, **LONGEST).report
     assert any(notice.subject == "Guiding / NPM" and "no process" in notice.problem for notice in report.notices)
 

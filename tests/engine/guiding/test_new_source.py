@@ -54,7 +54,7 @@ def test_by_name(plain: np.ndarray) -> None:
 def test_as_a_rung(plain: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Resampling is taken to promise much, and the rung to win."""
     monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
-    monkeypatch.setattr(choice, "_TAKEN", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
     found = [render("AUTO", seed, **RENDER, source_field="COSINE") for seed in range(SEEDS)]
     assert {result.report.guiding.chosen for result in found} == {"COSINE_RIS"}

@@ -177,7 +177,7 @@ def strata_means(seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch, samples:
         result = job.render()
         job.close()
         assert result.report.reject_count == 0
-        sums = films[-1]._by_stratum.sums
+        sums = films[-1].by_stratum.sums
         shape = (PARTS, films[-1].height, films[-1].width)
         assert (sums.weight > 0.0).all()
         images.append((sums.radiance.mean(axis=1) / sums.weight).reshape(shape).astype(np.float64))

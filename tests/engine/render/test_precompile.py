@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,18 +78,34 @@ def test_without_a_python_to_start_nothing_happens(cold: Path, monkeypatch: pyte
 
 
 def test_a_helper_that_fails_is_no_failure(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(precompile, "_BOOTSTRAP", "raise SystemExit(3)")
+    start = subprocess.Popen
+    helpers: list[subprocess.Popen[bytes]] = []
+
+    def start_failing(command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        helpers.append(start([command[0], "-c", "raise SystemExit(3)"], **options))
+        return helpers[-1]
+
+    monkeypatch.setattr(subprocess, "Popen", start_failing)
     precompile.compile_ahead(lambda seconds: None)
+    assert [helper.returncode for helper in helpers] == [3] * len(precompile.PARTS)
     assert precompile.is_cold()
 
 
-def test_inside_blender_its_python_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inside_blender_its_python_is_found(cold: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     python = tmp_path / "bin" / f"python{sys.version_info.major}.{sys.version_info.minor}"
     python.parent.mkdir()
     python.touch()
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(sys, "executable", "/opt/blender/blender")
-    assert precompile._interpreter() == str(python)
+    started: list[str] = []
+
+    def note(command: list[str], **_options: Any) -> None:
+        started.append(command[0])
+        raise OSError("not in this test")
+
+    monkeypatch.setattr(subprocess, "Popen", note)
+    precompile.compile_ahead(lambda seconds: None)
+    assert started == [str(python)]
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from engine.scene.digest import camera_digest, light_digest
 from engine.settings import RenderSettings
 from tests.helpers.guiding_harness import densities, sphere_grid
 from tests.helpers.small_scenes import floor_scene, material
-from tests.helpers.training import require_torch
+from tests.helpers.training import refuse_workers, require_torch
 
 FRAMES = (1, 24)
 #: Where the lamp hangs in each frame [m].
@@ -155,10 +155,7 @@ def test_what_cannot_be_trained_is_refused(settings, span, message):
 
 
 def test_a_worker_that_is_lost_is_named(monkeypatch):
-    def refuse(trainer, channel):
-        raise OSError("no process")
-
-    monkeypatch.setattr(sequence.NetworkTrainer, "_launch", refuse)
+    refuse_workers(monkeypatch)
     with pytest.raises(TrainingFailed, match="no process"):
         train_sequence(SETTINGS, [lamp_scene(frame) for frame in FRAMES], FRAMES, samples=1)
 
@@ -202,7 +199,7 @@ def test_large_frames_are_visited_in_small():
     assert sequence.shrunk(frame) is frame
     small = sequence.shrunk(Frame(3840, 2160, (1920, 1080, 3840, 2160)))
     x0, y0, x1, y1 = small.region
-    assert 0.9 * sequence._MOST_PIXELS < (x1 - x0) * (y1 - y0) <= 1.01 * sequence._MOST_PIXELS
+    assert 0.9 * sequence.MOST_PIXELS < (x1 - x0) * (y1 - y0) <= 1.01 * sequence.MOST_PIXELS
     assert small.width / small.height == pytest.approx(16 / 9, rel=0.01)
     assert x0 / small.width == pytest.approx(0.5, rel=0.01)
     assert small.width - x1 in (0, 1) and small.height - y1 in (0, 1)

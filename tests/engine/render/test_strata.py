@@ -193,9 +193,11 @@ def test_what_is_not_whole_would_be_seen(untrained, monkeypatch):
     monkeypatch.setattr(
         StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < 250 else None
     )
+    merge_stratum = StrataFilm.merge_stratum
 
     def plain(film, pixels, tile, weight, stratum):
-        summed = film._by_pixel(tile, len(pixels)) if stratum == ALL_STRATA else tile
+        aside = StrataFilm(film.width, film.height, 8, use_features=film.use_features)
+        summed = merge_stratum(aside, pixels, tile, weight, stratum)
         film.merge(pixels, summed, weight)
         return summed
 
@@ -273,7 +275,7 @@ def test_rows_of_other_strata_are_forgotten():
         rows = rows_of(2000, 3)
         rows[:, ROW_U] = np.random.default_rng(4).uniform(low, high, 2000)
         training.add(rows, 1.0)
-        for window in (training._window, training._validation):
+        for window in (training.window, training.validation):
             held = window.take(np.arange(window.count))[:, ROW_U]
             # The strata beside it are kept.
             assert held.min() >= low - 0.13 and held.max() <= high + 0.13
@@ -292,7 +294,7 @@ def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
         rows = rows_of(2000, 3)
         rows[:, ROW_U] = (rng.integers(0, 4, 2000) + rng.uniform(low, high, 2000)) / 4.0
         training.add(rows, 1.0)
-    held = 4.0 * training._window.take(np.arange(training.row_count))[:, ROW_U]
+    held = 4.0 * training.window.take(np.arange(training.row_count))[:, ROW_U]
     assert set(held.astype(int)) == {0, 1, 2, 3}
     within = held % 1.0
     assert within.min() >= 0.37 and within.max() <= 0.76 and len(within) > 2000

@@ -4,6 +4,7 @@
 import pickle
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
@@ -104,8 +105,8 @@ def test_width_and_inner_shape_are_part_of_the_type_but_not_dynamic_ones():
     three = Pair(np.ones((5, 4), np.float32), np.zeros(5, np.int32), (0, 1, 2))
     four = Pair(np.ones((5, 4), np.float32), np.zeros(5, np.int32), (0, 1, 2, 3))
     longer = Pair(np.ones((9, 4), np.float32), np.zeros(9, np.int32), (0, 1, 2))
-    assert three._numba_type_ != four._numba_type_
-    assert three._numba_type_ == longer._numba_type_
+    assert numba.typeof(three) != numba.typeof(four)
+    assert numba.typeof(three) == numba.typeof(longer)
     assert _last(Varying(np.arange(6.0).reshape(2, 3))) == 5.0
     assert _last(Varying(np.arange(8.0).reshape(2, 4))) == 7.0
     assert len(_last.signatures) == 1
@@ -154,9 +155,9 @@ def test_fields_of_lanes_may_be_strided_and_neighbours_stay_as_they_are():
 
 
 def test_strides_are_part_of_the_type_of_lanes():
-    assert _lanes(5)._numba_type_ != _lanes(6)._numba_type_
+    assert numba.typeof(_lanes(5)) != numba.typeof(_lanes(6))
     dense = Lanes(np.zeros((5, 3), np.float32), np.zeros(5, np.uint8), np.zeros((5, 2, 6), np.int32))
-    assert dense._numba_type_ != _lanes(5)._numba_type_
+    assert numba.typeof(dense) != numba.typeof(_lanes(5))
     _move(dense, 1, np.float32(1.0))
     assert dense.position.sum() == 3.0
 

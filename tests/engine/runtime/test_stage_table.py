@@ -89,25 +89,25 @@ def test_the_main_loop_passes_what_its_stages_take(
     method: str, spectral: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing else would notice: calls through pointers are not checked."""
-    kept: list[tracer.Tracer] = []
     arguments: list[tuple] = []
-    original = tracer.Tracer._arguments
 
-    def keep(self: tracer.Tracer, *rest: object) -> tuple:
-        kept.append(self)
-        arguments.append(original(self, *rest))  # type: ignore[arg-type]
-        return arguments[-1]
+    class KeepingLoop(BoundKernel):
+        def __call__(self, *given: object) -> object:
+            arguments.append(given)
+            return super().__call__(*given)
 
-    monkeypatch.setattr(tracer.Tracer, "_arguments", keep)
+    monkeypatch.setattr(tracer, "BoundKernel", KeepingLoop)
     session = Session(RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral))
     session.load(small_scene())
     session.render(passes=("Combined", "Normal"))
-    assert kept[-1]._compiled_loop is not None and isinstance(arguments[-1][0], StageTable)
+    assert arguments, "the loop was not compiled"
+    table = arguments[-1][0]
+    assert isinstance(table, StageTable)
 
     function = trace_rounds.py_func
     copy = FunctionType(function.__code__, function.__globals__, "not_in_the_cache")
     numba.njit(nogil=True, _nrt=False)(copy).compile(tuple(numba.typeof(argument) for argument in arguments[-1]))
-    stages = kept[-1].stages.as_dict()
+    stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
     # The world is not constant in this scene, and three stages are for wavelengths.

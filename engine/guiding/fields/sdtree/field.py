@@ -11,15 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.guiding.fields.binary_tree import LEAF
 from engine.runtime.bundle import Bundle
-
-# Columns of SdTreeField.node_link
-NODE_AXIS = 0
-#: The lower child (the upper one follows it), or a leaf's region.
-NODE_CHILD = 1
-
-#: NODE_AXIS of a leaf.
-LEAF = -1
 
 # Columns of SdTreeField.quad_split: shares of a node's probability, none of which is 0 or 1.
 #: Of the lower half in phi.
@@ -39,7 +32,7 @@ class SdTreeField(Bundle):
     i + 2 j of a node is its i-th half in phi and its j-th in z.
 
     node_split : float32 (N,), world coordinate along the axis: below it the lower child, else the upper
-    node_link : int32 (N, 2), NODE_*; node 0 is the root, and halves alternate down to the leaves
+    node_link : int32 (N, 2), columns of `binary_tree`; node 0 is the root, and halves alternate down to the leaves
     bounds : float32 (2, 3), lowest and highest corner in which the field is defined
     box : float32 (2, 3), the cube around the bounds that the tree divides
     extent : float32 (R, 3), size of each region's cell

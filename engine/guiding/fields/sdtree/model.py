@@ -24,25 +24,35 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
+from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS
 from engine.guiding.fields.sdtree import quadtree, space
-from engine.guiding.fields.sdtree.field import LEAF, NODE_AXIS, QUAD_LEAF, SPLIT_WIDTH, SdTreeField
+from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_WIDTH, SdTreeField
 from engine.guiding.fields.sdtree.quadtree import QuadPool
 from engine.guiding.fields.sdtree.query import find_sdtree_regions
 from engine.guiding.fields.sdtree.space import SpaceTree
-from engine.guiding.fields.update import Runner, balance, inherit, make_runner
+from engine.guiding.fields.update import (
+    PIECES_PER_THREAD,
+    REJECT_WIDTH,
+    Runner,
+    UpdateReport,
+    balance,
+    chunk_count,
+    grown,
+    inherit,
+    log_splits,
+    make_runner,
+    padded_bounds,
+    places_by_region,
+    run_chunks,
+)
 from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.rng import hash_combine
 
-#: Records are sorted in chunks of this many, whatever the number of threads.
-_CHUNK = 16384
-#: Work is handed out in pieces: this many a thread, so that none waits long for another.
-_PIECES_PER_THREAD = 4
 _FIRST_CAPACITY = 64
 _MAX_REGIONS = 8192
 #: Samples a pixel of a pass, for which the papers' thresholds are meant.
@@ -53,25 +63,9 @@ _LONGER = 1.5
 _FORGOTTEN = 0.25
 
 
-@dataclass
-class UpdateReport:
-    """Totals since the model was made."""
-
-    update_count: int = 0
-    record_count: int = 0
-    #: Records left out: not finite or of impossible density or direction; outside the bounds.
-    invalid_count: int = 0
-    outside_count: int = 0
-    seconds: float = 0.0
-
-
 def _box(bounds: npt.ArrayLike) -> tuple[Float32Array, Float32Array]:
     """Bounds with a little margin, and the cube on them: float32 (2, 3) each."""
-    corners = np.asarray(bounds, np.float64).reshape(2, 3)
-    if not np.isfinite(corners).all() or (corners[0] > corners[1]).any():
-        raise ValueError(f"field bounds must be finite and ordered, not {corners.tolist()}")
-    margin = 1e-3 * max(float((corners[1] - corners[0]).max()), 1e-3) + 1e-5 * np.abs(corners).max(0)
-    box = np.stack([corners[0] - margin, corners[1] + margin]).astype(np.float32)
+    box = padded_bounds(bounds).astype(np.float32)
     return box, np.stack([box[0], box[0] + (box[1] - box[0]).max()])
 
 
@@ -216,53 +210,40 @@ class SdTreeModel:
             "regions": self.region_count,
             "regions_ready": int((self.field.is_ready != 0).sum()),
             "quadtree_nodes": len(self.field.quad_split),
-            "updates": totals.update_count,
-            "records": totals.record_count,
-            "records_invalid": totals.invalid_count,
-            "records_outside": totals.outside_count,
-            "seconds": totals.seconds,
+            **totals.figures(),
         }
 
     def _pieces(self, sizes: np.ndarray, thread_count: int) -> Int64Array:
-        return balance(sizes.astype(np.int64) + 1, _PIECES_PER_THREAD * thread_count)
+        return balance(sizes.astype(np.int64) + 1, PIECES_PER_THREAD * thread_count)
 
     def _sort(
         self, records: VertexRecords, row_count: int, run: Runner
     ) -> tuple[Int32Array, Int32Array, Int64Array]:
         """Region of each record, usable records in the order of regions, and each region's rows of those."""
-        chunk_count = max(-(-row_count // _CHUNK), 1)
         region_of = np.empty(row_count, np.int32)
-        counts = np.zeros((chunk_count, self.region_count), np.int32)
-        rejects = np.zeros((chunk_count, space.REJECT_WIDTH), np.int64)
+        counts = np.zeros((chunk_count(row_count), self.region_count), np.int32)
+        rejects = np.zeros((len(counts), REJECT_WIDTH), np.int64)
 
-        def classify(chunk: int) -> None:
-            start = chunk * _CHUNK
+        def classify(start: int, stop: int, chunk: int) -> None:
             space.classify_records(
-                records, start, min(start + _CHUNK, row_count), self._space, self._is_variance_aware, region_of, counts,
-                chunk, rejects,
+                records, start, stop, self._space, self._is_variance_aware, region_of, counts, chunk, rejects
             )
 
-        run(classify, chunk_count)
-        self._report.invalid_count += int(rejects[:, space.REJECT_NOT_FINITE].sum())
-        self._report.outside_count += int(rejects[:, space.REJECT_OUTSIDE].sum())
+        run_chunks(run, row_count, classify)
+        self._report.count_rejects(rejects)
         order, rows = self._order(region_of, counts, run)
         return region_of, order, rows
 
     def _order(self, region_of: Int32Array, counts: Int32Array, run: Runner) -> tuple[Int32Array, Int64Array]:
         """Rows of records in the order of regions, and each region's part, from counts by chunk and region."""
-        by_region = counts.astype(np.int64)
-        ends = np.cumsum(by_region.sum(0))
-        starts = ends - by_region.sum(0)
-        offsets = np.ascontiguousarray(starts + np.cumsum(by_region, 0) - by_region)
-        order = np.empty(int(ends[-1]), np.int32)
+        offsets, rows = places_by_region(counts)
+        order = np.empty(int(rows[-1, 1]), np.int32)
 
-        def place(chunk: int) -> None:
-            start = chunk * _CHUNK
-            stop = min(start + _CHUNK, len(region_of))
+        def place(start: int, stop: int, chunk: int) -> None:
             space.order_records(start, stop, region_of, offsets, chunk, order)
 
-        run(place, len(counts))
-        return order, np.ascontiguousarray(np.stack([starts, ends], 1))
+        run_chunks(run, len(region_of), place)
+        return order, rows
 
     def _split(
         self, records: VertexRecords, order: Int32Array, rows: Int64Array, samples: float
@@ -281,21 +262,15 @@ class SdTreeModel:
         kept = 1.0 - forgotten * np.minimum(2.0 * new / np.maximum(known, 1.0), 1.0)
         capacity = min(count + 4 * int(len(order) / limit) + 128, _MAX_REGIONS)
         self._reserve(capacity)
-
-        def extended(values: np.ndarray) -> np.ndarray:
-            longer = np.zeros((max(capacity, count), *values.shape[1:]), values.dtype)
-            longer[:count] = values
-            return longer
-
-        source = extended(np.arange(count, dtype=np.int32))
-        share = extended(kept.astype(np.float32))
-        parents = extended(np.zeros(count, np.int32))
+        room = max(capacity, count)
+        source = grown(np.arange(count, dtype=np.int32), room)
+        share = grown(kept.astype(np.float32), room)
+        parents = np.zeros(room, np.int32)
         self._node_count, self.region_count = space.split_cells(
-            records.position, order, extended(rows), self._space, self._node_count, count, extended(known * kept),
-            source, share, parents, limit,
-        )
-        made = np.arange(count, self.region_count, dtype=np.int32)
-        self.split_log = np.ascontiguousarray(np.stack([made, parents[count : self.region_count]], 1))
+            records.position, order, grown(rows, room), self._space, self._node_count, count,
+            grown(known * kept, room), source, share, parents, limit,
+        )  # fmt: skip
+        self.split_log = log_splits(parents, count, self.region_count)
         return source[: self.region_count].copy(), share[: self.region_count].copy()
 
     def _reserve(self, region_capacity: int) -> None:
@@ -303,11 +278,6 @@ class SdTreeModel:
         old = self._space
         if region_capacity <= len(old.region_node):
             return
-
-        def grown(array: np.ndarray, rows: int) -> np.ndarray:
-            larger = np.zeros((rows, *array.shape[1:]), array.dtype)
-            larger[: array.shape[0]] = array
-            return larger
 
         count = max(region_capacity, min(2 * len(old.region_node), _MAX_REGIONS))
         self._space = SpaceTree(
@@ -334,27 +304,19 @@ class SdTreeModel:
         self, records: VertexRecords, region_of: Int32Array, key: np.uint32, run: Runner
     ) -> tuple[Float32Array, Int64Array]:
         """What quadtrees learn from the records, region by region, and each region's rows."""
-        row_count = len(region_of)
-        chunk_count = max(-(-row_count // _CHUNK), 1)
-        counts = np.zeros((chunk_count, self.region_count), np.int32)
+        counts = np.zeros((chunk_count(len(region_of)), self.region_count), np.int32)
 
-        def classify(chunk: int) -> None:
-            start = chunk * _CHUNK
-            space.classify_blurred(
-                records, start, min(start + _CHUNK, row_count), self._space, key, self._filters, region_of, counts,
-                chunk,
-            )
+        def classify(start: int, stop: int, chunk: int) -> None:
+            space.classify_blurred(records, start, stop, self._space, key, self._filters, region_of, counts, chunk)
 
-        run(classify, chunk_count)
+        run_chunks(run, len(region_of), classify)
         order, rows = self._order(region_of, counts, run)
         batch = np.empty((len(order), space.BATCH_WIDTH), np.float32)
 
-        def gather(chunk: int) -> None:
-            start = chunk * _CHUNK
-            stop = min(start + _CHUNK, len(order))
+        def gather(start: int, stop: int, _chunk: int) -> None:
             space.gather_records(records, start, stop, key, self._filters, order, batch)
 
-        run(gather, chunk_count)
+        run_chunks(run, len(order), gather)
         return batch, rows
 
     def _splat(self, batch: Float32Array, rows: Int64Array, run: Runner, thread_count: int) -> None:

@@ -9,7 +9,8 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.sdtree.field import LEAF, NODE_AXIS, NODE_CHILD, QUAD_LEAF, SPLIT_PHI, SPLIT_Z
+from engine.guiding.fields.binary_tree import find_leaf
+from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_PHI, SPLIT_Z
 from engine.kernels.constants import INV_FOUR_PI, INV_TWO_PI, ONE_MINUS_EPSILON, TWO_PI
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -17,21 +18,6 @@ from engine.runtime.jit import kernel
 #: Part of the predicted radiance that comes evenly from all directions, as in `predict_vmm`.
 _EVEN_SHARE = np.float32(0.3)
 _TEN_BITS = np.float32(1.0 / 1024.0)
-
-
-@kernel
-def find_sdtree_region(field, p):
-    """Region whose cell holds point p: int, -1 = outside the field's bounds (or p is NaN)."""
-    for axis in range(3):
-        if not (p[axis] >= field.bounds[0, axis] and p[axis] <= field.bounds[1, axis]):
-            return -1
-    node = 0
-    axis = np.int64(field.node_link[0, NODE_AXIS])
-    while axis != LEAF:
-        coordinate = p[0] if axis == 0 else (p[1] if axis == 1 else p[2])
-        node = np.int64(field.node_link[node, NODE_CHILD]) + (1 if coordinate >= field.node_split[node] else 0)
-        axis = np.int64(field.node_link[node, NODE_AXIS])
-    return np.int64(field.node_link[node, NODE_CHILD])
 
 
 @kernel
@@ -44,7 +30,7 @@ def find_blurred_region(field, region, p, bits):
     Parameters
     ----------
     field : SdTreeField
-    region : int, of `find_sdtree_region` at p
+    region : int, of `find_leaf` at p
     p : float32 tuple, world
     bits : uint32
         Random bits, ten for each coordinate.
@@ -61,7 +47,7 @@ def find_blurred_region(field, region, p, bits):
     x = min(max(x, field.bounds[0, 0]), field.bounds[1, 0])
     y = min(max(y, field.bounds[0, 1]), field.bounds[1, 1])
     z = min(max(z, field.bounds[0, 2]), field.bounds[1, 2])
-    return find_sdtree_region(field, (x, y, z))
+    return find_leaf(field, (x, y, z))
 
 
 @kernel
@@ -77,7 +63,7 @@ def look_up_sdtree(field, p, bits, is_blurred):
     is_blurred : bool
         Whether to draw the cell from p's surroundings; a cell so drawn that has seen no light is not taken.
     """
-    region = find_sdtree_region(field, p)
+    region = find_leaf(field, p)
     if region < 0 or field.is_ready[region] == 0:
         return -1
     if is_blurred:
@@ -89,7 +75,7 @@ def look_up_sdtree(field, p, bits, is_blurred):
 
 @kernel
 def find_sdtree_regions(field, position, region):
-    """Write `find_sdtree_region` of each point.
+    """Write `find_leaf` of each point.
 
     Parameters
     ----------
@@ -98,7 +84,7 @@ def find_sdtree_regions(field, position, region):
     region : int32 (P,), written
     """
     for row in range(position.shape[0]):
-        region[row] = find_sdtree_region(field, load(position, row))
+        region[row] = find_leaf(field, load(position, row))
 
 
 @kernel

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.sdtree.field import LEAF, NODE_AXIS, NODE_CHILD
-from engine.guiding.fields.sdtree.query import direction_to_square, find_blurred_region, find_sdtree_region
+from engine.guiding.fields.binary_tree import cut_leaf, find_leaf
+from engine.guiding.fields.sdtree.query import direction_to_square, find_blurred_region
+from engine.guiding.fields.update import REJECT_NOT_FINITE, REJECT_OUTSIDE
 from engine.guiding.records.light import is_usable
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.rng import hash_combine
@@ -28,11 +29,6 @@ _SIXTEEN_BITS = np.float32(1.0 / 65536.0)
 #: Cells are not halved below this share of their coordinates (float32 tells no more apart), or of the whole box.
 _RELATIVE_EXTENT = np.float32(1e-6)
 _LEAST_EXTENT = np.float32(1e-12)
-
-# What became of a record, columns of the counts.
-REJECT_NOT_FINITE = 0
-REJECT_OUTSIDE = 1
-REJECT_WIDTH = 2
 
 # Columns of a batch: where on the unit square, by how many cells to move it, radiance / pdf and the second moment.
 BATCH_X = 0
@@ -81,7 +77,7 @@ def classify_records(records, start, stop, tree, is_variance_aware, region_of, c
         region = -1
         squared = records.contribution_squared[row] if is_variance_aware else np.float32(0.0)
         if is_usable(records, row) and squared >= 0.0 and squared < FLOAT_MAX:
-            region = find_sdtree_region(tree, load(records.position, row))
+            region = find_leaf(tree, load(records.position, row))
             if region < 0:
                 rejects[chunk, REJECT_OUTSIDE] += 1
         else:
@@ -109,7 +105,7 @@ def classify_blurred(records, start, stop, tree, key, is_filtered, region_of, co
         if region_of[row] < 0:
             continue
         p = load(records.position, row)
-        region = find_sdtree_region(tree, p)
+        region = find_leaf(tree, p)
         if is_filtered:
             region = find_blurred_region(tree, region, p, hash_combine(key, np.uint32(row)))
         region_of[row] = region
@@ -248,9 +244,7 @@ def split_cells(position, order, rows, tree, node_count, region_count, held, sou
             lower = node_count
             region_count += 1
             node_count += 2
-            tree.node_split[node] = split
-            tree.node_link[node, NODE_AXIS] = axis
-            tree.node_link[node, NODE_CHILD] = lower
+            cut_leaf(tree, node, axis, split, lower, region, other)
             for k in range(3):
                 tree.corner[other, 0, k] = tree.corner[region, 0, k]
                 tree.corner[other, 1, k] = tree.corner[region, 1, k]
@@ -267,8 +261,6 @@ def split_cells(position, order, rows, tree, node_count, region_count, held, sou
             parents[other] = region
             for side in range(2):
                 child = region if side == 0 else other
-                tree.node_link[lower + side, NODE_AXIS] = LEAF
-                tree.node_link[lower + side, NODE_CHILD] = child
                 tree.region_node[child] = lower + side
                 for k in range(3):
                     tree.extent[child, k] = tree.corner[child, 1, k] - tree.corner[child, 0, k]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.guiding.fields.binary_tree import LEAF
 from engine.runtime.bundle import Bundle
 
 MAX_LOBES = 16
@@ -28,20 +29,12 @@ LOBE_INVERSE_DISTANCE = 5
 LOBE_COEFFICIENT = 6
 LOBE_ROWS = 7
 
-# Columns of VmmField.node_link
-NODE_AXIS = 0
-#: The left child (the right one follows it), or a leaf's region.
-NODE_CHILD = 1
-
-#: NODE_AXIS of a leaf.
-LEAF = -1
-
 
 class VmmField(Bundle):
     """Mixtures by region, N tree nodes and R regions.
 
     node_split : float32 (N,), world coordinate along the axis: below it left, else right
-    node_link : int32 (N, 2), NODE_*; node 0 is the root
+    node_link : int32 (N, 2), columns of `binary_tree`; node 0 is the root
     bounds : float32 (2, 3), lowest and highest corner in which the field is defined
     grid : int32 (GRID_SIDE**3,), the smallest node that contains a cell of the bounds, in C order of x, y, z
     grid_scale : float32 (3,), cells per metre

@@ -11,15 +11,26 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
-from engine.guiding.fields.update import Runner, balance, inherit, make_runner
+from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
+from engine.guiding.fields.update import (
+    PIECES_PER_THREAD,
+    REJECT_WIDTH,
+    Runner,
+    UpdateReport,
+    balance,
+    chunk_count,
+    grown,
+    inherit,
+    log_splits,
+    make_runner,
+    padded_bounds,
+    places_by_region,
+    run_chunks,
+)
 from engine.guiding.fields.vmm import fit, tree
-from engine.guiding.fields.vmm.field import LEAF, NEIGHBOR_COUNT, NODE_AXIS, NODE_CHILD, VmmField
+from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
 from engine.guiding.records.light import Records
 
-#: Records are sorted in chunks of this many, whatever the number of threads.
-_CHUNK = 16384
-#: Work is handed out in pieces: this many a thread, so that none waits long for another.
-_PIECES_PER_THREAD = 4
 _FIRST_CAPACITY = 64
 #: Look-ups reach for half the distance to the neighbour of this rank.
 _REACH_RANK = 3
@@ -81,18 +92,6 @@ def _reach(pivot: Float32Array, neighbors: Int32Array, neighbor_pivots: Float32A
     return np.where(last > 0, REACH * distance, 0.0).astype(np.float32)
 
 
-@dataclass
-class UpdateReport:
-    """Totals since the model was made."""
-
-    update_count: int = 0
-    record_count: int = 0
-    #: Records left out: not finite or of impossible density or direction; outside the bounds.
-    invalid_count: int = 0
-    outside_count: int = 0
-    seconds: float = 0.0
-
-
 class VmmModel:
     """A mixture field that learns from records.
 
@@ -113,12 +112,7 @@ class VmmModel:
     """
 
     def __init__(self, bounds: npt.ArrayLike, settings: VmmSettings | None = None) -> None:
-        corners = np.asarray(bounds, np.float64).reshape(2, 3)
-        if not np.isfinite(corners).all() or (corners[0] > corners[1]).any():
-            raise ValueError(f"field bounds must be finite and ordered, not {corners.tolist()}")
-        extent = corners[1] - corners[0]
-        margin = 1e-3 * max(float(extent.max()), 1e-3) + 1e-5 * np.abs(corners).max(0)
-        corners = np.stack([corners[0] - margin, corners[1] + margin])
+        corners = padded_bounds(bounds)
         self.settings = settings or VmmSettings()
         self.region_count = 1
         self.split_log: Int32Array = np.zeros((0, 2), np.int32)
@@ -191,54 +185,37 @@ class VmmModel:
             "regions": self.region_count,
             "regions_ready": int(ready.sum()),
             "lobes": float(self.field.lobe_count[ready].mean()) if ready.any() else 0.0,
-            "updates": totals.update_count,
-            "records": totals.record_count,
-            "records_invalid": totals.invalid_count,
-            "records_outside": totals.outside_count,
-            "seconds": totals.seconds,
+            **totals.figures(),
         }
 
     def _sort(self, records: Records, row_count: int, run: Runner) -> None:
         """Write usable records to the batch, region by region."""
-        chunk_count = max(-(-row_count // _CHUNK), 1)
         region_of = np.empty(row_count, np.int32)
-        counts = np.zeros((chunk_count, self.region_count), np.int32)
-        rejects = np.zeros((chunk_count, tree.REJECT_WIDTH), np.int64)
+        counts = np.zeros((chunk_count(row_count), self.region_count), np.int32)
+        rejects = np.zeros((len(counts), REJECT_WIDTH), np.int64)
 
-        def classify(chunk: int) -> None:
-            start = chunk * _CHUNK
-            tree.classify_records(
-                records, start, min(start + _CHUNK, row_count), self._tree, region_of, counts, chunk, rejects
-            )
+        def classify(start: int, stop: int, chunk: int) -> None:
+            tree.classify_records(records, start, stop, self._tree, region_of, counts, chunk, rejects)
 
-        run(classify, chunk_count)
-        by_region = counts.astype(np.int64)
-        ends = np.cumsum(by_region.sum(0))
-        starts = ends - by_region.sum(0)
-        offsets = np.ascontiguousarray(starts + np.cumsum(by_region, 0) - by_region)
-        total = int(ends[-1])
+        run_chunks(run, row_count, classify)
+        offsets, self.batch_rows = places_by_region(counts)
+        total = int(self.batch_rows[-1, 1])
         if self.batch.shape[0] < total:
             self.batch = np.zeros((total, fit.SAMPLE_WIDTH), np.float32)
         min_pdf = np.float32(self.settings.min_pdf)
 
-        def scatter(chunk: int) -> None:
-            start = chunk * _CHUNK
-            tree.scatter_records(
-                records, start, min(start + _CHUNK, row_count), region_of, offsets, chunk, min_pdf, self.batch
-            )
+        def scatter(start: int, stop: int, chunk: int) -> None:
+            tree.scatter_records(records, start, stop, region_of, offsets, chunk, min_pdf, self.batch)
 
-        run(scatter, chunk_count)
-        self.batch_rows = np.ascontiguousarray(np.stack([starts, ends], 1))
-        self._totals.invalid_count += int(rejects[:, tree.REJECT_NOT_FINITE].sum())
-        self._totals.outside_count += int(rejects[:, tree.REJECT_OUTSIDE].sum())
+        run_chunks(run, row_count, scatter)
+        self._totals.count_rejects(rejects)
 
     def _grow_tree(self, row_count: int) -> None:
         """Cut leaves that have seen enough, and give new regions what their parents know."""
         settings = self.settings
         wanted = self.region_count + 4 * row_count // settings.samples_per_region + 2
         self._reserve(min(wanted, max(settings.max_region_count, 1)))
-        rows = np.zeros((self._store.lobe_count.shape[0], 2), np.int64)
-        rows[: self.region_count] = self.batch_rows
+        rows = grown(self.batch_rows, self._store.lobe_count.shape[0])
         parents = np.full(rows.shape[0], -1, np.int32)
         growth = max(self._totals.record_count / _EARLY_RECORDS, 1.0) ** 0.5
         limits = np.array([growth * settings.samples_per_region, settings.max_depth], np.float64)
@@ -248,8 +225,7 @@ class VmmModel:
             parents, limits,
         )
         self.batch_rows = np.ascontiguousarray(rows[: self.region_count])
-        made = np.arange(old_count, self.region_count, dtype=np.int32)
-        self.split_log = np.ascontiguousarray(np.stack([made, parents[old_count : self.region_count]], 1))
+        self.split_log = log_splits(parents, old_count, self.region_count)
         fit.copy_regions(self._store, self.split_log, settings.inherited_share)
 
     def _reserve(self, region_capacity: int) -> None:
@@ -258,11 +234,6 @@ class VmmModel:
         if region_capacity <= old:
             return
         new = max(region_capacity, min(2 * old, self.settings.max_region_count))
-
-        def grown(array: np.ndarray, rows: int) -> np.ndarray:
-            larger = np.zeros((rows, *array.shape[1:]), array.dtype)
-            larger[: array.shape[0]] = array
-            return larger
 
         self._store = fit.RegionStore(*(grown(array, new) for array in self._store))
         self._region_leaf = grown(self._region_leaf, new)
@@ -280,7 +251,7 @@ class VmmModel:
         if busy.size == 0:
             return
         largest = int(sizes.max())
-        pieces = balance(sizes[busy], _PIECES_PER_THREAD * thread_count)
+        pieces = balance(sizes[busy], PIECES_PER_THREAD * thread_count)
         scratches = self._scratches
         while len(scratches) < pieces.size - 1:
             scratches.append(fit.allocate_scratch(largest))
@@ -304,7 +275,7 @@ class VmmModel:
         is_ready = store.is_ready[:count].copy()
         pivot = store.pivot[:count].copy()
         if run is not None:
-            pieces = np.linspace(0, count, min(_PIECES_PER_THREAD * thread_count, count) + 1).astype(int)
+            pieces = np.linspace(0, count, min(PIECES_PER_THREAD * thread_count, count) + 1).astype(int)
 
             def work(piece: int) -> None:
                 tree.find_neighbors(

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from engine.guiding.fields.binary_tree import descend, is_inside
 from engine.guiding.fields.vmm.field import (
     COSINE_FLUENCE,
     COSINE_KAPPA,
@@ -20,7 +21,6 @@ from engine.guiding.fields.vmm.field import (
     GUIDE_X,
     GUIDE_Y,
     GUIDE_Z,
-    LEAF,
     LOBE_COEFFICIENT,
     LOBE_INVERSE_DISTANCE,
     LOBE_KAPPA,
@@ -28,8 +28,6 @@ from engine.guiding.fields.vmm.field import (
     LOBE_Y,
     LOBE_Z,
     NEIGHBOR_COUNT,
-    NODE_AXIS,
-    NODE_CHILD,
 )
 from engine.guiding.fields.vmm.numeric import UNIFORM_KAPPA, exp_nonpositive, spread
 from engine.kernels.constants import ONE_MINUS_EPSILON, TWO_PI
@@ -53,47 +51,15 @@ _TEN_BITS = np.float32(1.0 / 512.0)
 
 
 @kernel
-def find_leaf(field, p):
-    """Region whose cell holds point p: int, -1 = outside the field's bounds (or p is NaN)."""
-    if not _is_inside(field, p):
-        return -1
-    return _descend(field, 0, p)
-
-
-@kernel
 def locate_leaf(field, p):
-    """The same as `find_leaf`, of a published field: from the grid's cell on, not from the root."""
-    if not _is_inside(field, p):
+    """The same as `find_leaf` of a published field: from the grid's cell on, not from the root."""
+    if not is_inside(field, p):
         return -1
     cell = 0
     for axis in range(3):
         steps = int((p[axis] - field.bounds[0, axis]) * field.grid_scale[axis])
         cell = cell * GRID_SIDE + min(max(steps, 0), GRID_SIDE - 1)
-    return _descend(field, np.int64(field.grid[cell]), p)
-
-
-@kernel
-def _is_inside(field, p):
-    """Whether a point lies within the bounds; NaN does not."""
-    return (
-        p[0] >= field.bounds[0, 0]
-        and p[1] >= field.bounds[0, 1]
-        and p[2] >= field.bounds[0, 2]
-        and p[0] <= field.bounds[1, 0]
-        and p[1] <= field.bounds[1, 1]
-        and p[2] <= field.bounds[1, 2]
-    )
-
-
-@kernel
-def _descend(field, node, p):
-    """Region of the leaf below a node that holds point p."""
-    axis = field.node_link[node, NODE_AXIS]
-    while axis != LEAF:
-        coordinate = p[0] if axis == 0 else (p[1] if axis == 1 else p[2])
-        node = field.node_link[node, NODE_CHILD] + (1 if coordinate >= field.node_split[node] else 0)
-        axis = field.node_link[node, NODE_AXIS]
-    return np.int64(field.node_link[node, NODE_CHILD])
+    return descend(field, np.int64(field.grid[cell]), p)
 
 
 @kernel

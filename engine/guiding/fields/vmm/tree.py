@@ -10,7 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.vmm.field import GRID_SIDE, LEAF, NEIGHBOR_COUNT, NODE_AXIS, NODE_CHILD
+from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD, cut_leaf, find_leaf
+from engine.guiding.fields.update import REJECT_NOT_FINITE, REJECT_OUTSIDE
+from engine.guiding.fields.vmm.field import GRID_SIDE, NEIGHBOR_COUNT
 from engine.guiding.fields.vmm.fit import (
     MOMENT_COUNT,
     MOMENT_MEAN,
@@ -24,7 +26,6 @@ from engine.guiding.fields.vmm.fit import (
     SAMPLE_WEIGHT,
     SAMPLE_WIDTH,
 )
-from engine.guiding.fields.vmm.query import find_leaf
 from engine.guiding.records.light import is_usable
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
@@ -36,11 +37,6 @@ _RELATIVE_DEVIATION = np.float32(1e-6)
 
 #: Distance of a split from a cell [cells] from which it is beyond doubt on which side the cell lies.
 _GRID_MARGIN = np.float32(1e-2)
-
-#: What became of a record, columns of the counts.
-REJECT_NOT_FINITE = 0
-REJECT_OUTSIDE = 1
-REJECT_WIDTH = 2
 
 
 class TreeNodes(Bundle):
@@ -219,13 +215,9 @@ def split_leaves(batch, tree, node_count, moments, starts, region_leaf, region_c
             left = node_count
             region_count += 1
             node_count += 2
-            tree.node_split[node] = split
-            tree.node_link[node, NODE_AXIS] = axis
-            tree.node_link[node, NODE_CHILD] = left
+            cut_leaf(tree, node, axis, split, left, region, other)
             for side in range(2):
                 child = region if side == 0 else other
-                tree.node_link[left + side, NODE_AXIS] = LEAF
-                tree.node_link[left + side, NODE_CHILD] = child
                 tree.node_depth[left + side] = depth + 1
                 region_leaf[child] = left + side
             starts[other, 0] = middle

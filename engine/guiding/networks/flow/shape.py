@@ -12,14 +12,12 @@ Müller et al. 2019, "Neural Importance Sampling", sections 3, 4.2, 4.3 and 6.2.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from engine.array_types import Float32Array
-from engine.guiding.networks.radiance import TrainingSettings, split_parameters
+from engine.guiding.networks.parameters import ParameterVector, check_sizes, draw_parameters, he_limit
+from engine.guiding.networks.radiance import TrainingSettings
 from engine.guiding.records.training_rows import ROW_WIDTH
 
 #: No bin is narrower: as in a layer of one bin this bounds the density, to 2 / MIN_WIDTH times the layer below it.
@@ -37,7 +35,7 @@ DIVERGENCES = ("KL", "CHI2")
 
 
 @dataclass(frozen=True)
-class FlowShape:
+class FlowShape(ParameterVector):
     """Sizes of the flow.
 
     layer_count : coupling layers; even ones move the azimuth, odd ones the height
@@ -74,11 +72,7 @@ class FlowShape:
             "width": (8, 256),
             "hidden_layers": (1, 8),
         }
-        for name, (least, most) in limits.items():
-            if not least <= getattr(self, name) <= most:
-                raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
-        if self.width % 8:
-            raise ValueError(f"width is {self.width}: choose a multiple of 8")
+        check_sizes(self, limits)
 
     @property
     def condition_bins(self) -> tuple[int, ...]:
@@ -115,15 +109,6 @@ class FlowShape:
     def training_settings(self) -> TrainingSettings:
         """How it is trained if nothing else is said."""
         return FlowSettings()
-
-    @property
-    def parameter_count(self) -> int:
-        """Length of the parameter vector."""
-        return sum(math.prod(shape) for shape in self.layout.values())
-
-    def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
-        """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        return split_parameters(self.layout, parameters)
 
 
 @dataclass(frozen=True)
@@ -165,17 +150,9 @@ def initial_flow_parameters(shape: FlowShape, seed: int) -> Float32Array:
     float32 (parameter_count,)
         A function of `shape` and `seed` alone.
     """
-    rng = np.random.Generator(np.random.Philox(seed))
-    parameters = np.zeros(shape.parameter_count, np.float32)
     # He's size were all features one: the coarse answer comes first, what each bin has to say later.
-    first_fan_in = shape.condition_width + shape.blob_bins
-    limits = {
-        "condition_weights": math.sqrt(6.0 / first_fan_in),
-        "passed_weights": math.sqrt(6.0 / first_fan_in),
-        "hidden_weights": math.sqrt(6.0 / shape.width),
-        "output_weights": 0.1 * math.sqrt(6.0 / shape.width),
+    first, hidden = he_limit(shape.condition_width + shape.blob_bins), he_limit(shape.width)
+    return draw_parameters(shape, seed, {
+        "condition_weights": first, "passed_weights": first, "hidden_weights": hidden, "output_weights": 0.1 * hidden,
         "output_bias": 0.0,
-    }
-    for name, array in shape.split(parameters).items():
-        array[...] = rng.uniform(-limits[name], limits[name], array.shape)
-    return parameters
+    })  # fmt: skip

@@ -15,18 +15,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from engine.array_types import Float32Array
 from engine.guiding.networks.lobes.nasg import NASG_OUTPUTS
 from engine.guiding.networks.lobes.vmf import VMF_OUTPUTS
-from engine.guiding.networks.radiance import (
-    PlaneSizes,
-    TrainingSettings,
-    grid_offsets,
-    grid_resolutions,
-    split_parameters,
-)
+from engine.guiding.networks.parameters import TABLE_LIMIT, ParameterVector, check_sizes, draw_parameters, he_limit
+from engine.guiding.networks.radiance import PlaneSizes, TrainingSettings, grid_offsets, grid_resolutions
 from engine.guiding.records.training_rows import ROW_WIDTH
 
 #: Raw outputs a lobe, by model of lobe.
@@ -51,7 +44,7 @@ TABLES = ("table", "planes", "hashes")
 
 
 @dataclass(frozen=True)
-class MixtureShape(PlaneSizes):
+class MixtureShape(PlaneSizes, ParameterVector):
     """Sizes and meaning of a mixture network; the defaults are those of `NPM`.
 
     Where light depends on more than the position, on the time, say, that is `u` in [0, 1]. It can be seen by planes, by
@@ -153,9 +146,7 @@ class MixtureShape(PlaneSizes):
         sizes = {"BLOB": (3, 64), "HARMONICS": (1, 4)}
         limits["normal_size"] = sizes.get(self.normal_encoding, (0, 0))
         limits["wo_size"] = sizes.get(self.wo_encoding, (0, 0))
-        for name, (least, most) in limits.items():
-            if not least <= getattr(self, name) <= most:
-                raise ValueError(f"{name} is {getattr(self, name)}: choose {least} to {most}")
+        check_sizes(self, limits)
         for name in ("level_features", "hash_features"):
             if getattr(self, name) % 4:
                 raise ValueError(f"{name} is {getattr(self, name)}: choose 4 or 8")
@@ -165,8 +156,6 @@ class MixtureShape(PlaneSizes):
             raise ValueError(f"hash_size is {self.hash_size}: choose a power of two")
         if self.position_encoding == "NONE" and not self.hash_levels:
             raise ValueError("position_encoding is 'NONE': choose another, or grids that see it (hash_levels)")
-        if self.width % 8:
-            raise ValueError(f"width is {self.width}: choose a multiple of 8")
         if 0 < self.roughness_bins < 3:
             raise ValueError(f"roughness_bins is {self.roughness_bins}: choose 0, or 3 and more")
         if self.wo_encoding != "NONE" and self.target != "PRODUCT":
@@ -269,15 +258,6 @@ class MixtureShape(PlaneSizes):
         layout["output_weights"] = (self.width, self.output_width)
         return layout
 
-    @property
-    def parameter_count(self) -> int:
-        """Length of the parameter vector."""
-        return sum(math.prod(shape) for shape in self.layout.values())
-
-    def split(self, parameters: Float32Array) -> dict[str, Float32Array]:
-        """Views of the arrays of `layout` into one vector of `parameter_count` floats."""
-        return split_parameters(self.layout, parameters)
-
     def matrices(self, parameters: Float32Array) -> list[Float32Array]:
         """Weight matrices (inputs, outputs) of the perceptron's layers, views into the parameter vector."""
         arrays = self.split(parameters)
@@ -363,15 +343,9 @@ def initial_parameters(shape: MixtureShape, seed: int) -> Float32Array:
     float32 (parameter_count,)
         A function of `shape` and `seed` alone.
     """
-    rng = np.random.Generator(np.random.Philox(seed))
-    parameters = np.zeros(shape.parameter_count, np.float32)
-    for name, array in shape.split(parameters).items():
-        if name in TABLES:
-            limit = 1e-4
-        elif name == "output_weights":
-            # A tenth of He's: the first lobes are broad.
-            limit = 0.1 * math.sqrt(6.0 / shape.width)
-        else:
-            limit = math.sqrt(6.0 / array.shape[-2])
-        array[...] = rng.uniform(-limit, limit, array.shape)
-    return parameters
+    hidden = he_limit(shape.width)
+    return draw_parameters(shape, seed, {
+        **dict.fromkeys(TABLES, TABLE_LIMIT), "input_weights": he_limit(shape.feature_width), "hidden_weights": hidden,
+        # The first lobes are broad.
+        "output_weights": 0.1 * hidden,
+    })  # fmt: skip

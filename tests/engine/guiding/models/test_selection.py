@@ -68,7 +68,7 @@ def test_sums_estimate_the_second_moment_under_every_probability():
     model, chosen, leaf = learn([(INTEGRAND, guide, EVEN), (INTEGRAND, guide, EVEN)])
     exact = np.array([(INTEGRAND**2 / (p * guide + (1 - p) * EVEN)).sum() for p in PROBABILITIES])
     for region in leaf:
-        estimate = model._sums[region, :-2] / model._sums[region, -1]
+        estimate = model.sums[region, :-2] / model.sums[region, -1]
         # 20,000 records of bounded contributions: the standard error is below half a percent.
         np.testing.assert_allclose(estimate, exact, rtol=0.03)
     assert chosen[0] == chosen[1] == PROBABILITIES[exact.argmin()]

@@ -7,6 +7,7 @@ import dataclasses
 import math
 from itertools import pairwise
 
+import numba
 import numpy as np
 import pytest
 
@@ -477,7 +478,7 @@ def test_network_against_numpy(shape):
 
 def test_no_network_is_one_for_the_compiler(shape):
     empty, network = no_mixture_network(shape), make_mixture_network(shape, random_snapshot(shape))
-    assert empty._numba_type_ == network._numba_type_
+    assert numba.typeof(empty) == numba.typeof(network)
     assert not evaluate(shape, empty, random_points(60)).any()
     assert selection_probability(empty, np.full((1, shape.output_width), 9.0, np.float32), 0) == 0.0
 

@@ -234,9 +234,9 @@ def test_draws_follow_weights():
     settings = dataclasses.replace(NASG_SETTINGS, batch_size=4096, epsilon=0.0)
     training = MixtureTraining(SHAPE, settings, 1, BOUNDS)
     training.add(rows, 1.0)
-    drawn = training._draw()
-    held = training._window.rows[: training.row_count, ROW_RADIANCE]
-    assert (training._batch_weights(drawn) == 1.0).all()
+    drawn = training.draw()
+    held = training.window.rows[: training.row_count, ROW_RADIANCE]
+    assert (training.batch_weights(drawn) == 1.0).all()
     for value in (1.0, 2.0, 3.0):
         share = held[held == value].sum() / held.sum()
         # Drawn one from each part of all weight, shares are off by what the ends of parts are, in a batch of 4096.

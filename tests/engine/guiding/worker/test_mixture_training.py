@@ -162,15 +162,16 @@ def test_training_and_inference_agree(name):
 @pytest.mark.parametrize("name", ["NPM", "NASG"])
 def test_snapshots_carry_the_average(name):
     shape = SHAPES[name]
-    training = MixtureTraining(shape, settings_of(shape, averaging=0.8, batch_size=64), 1, BOUNDS)
-    training.add(rows_of_two_lights()[:5000], 1.0)
-    expected = training._parameters.astype(np.float64)
+    averaged, latest = (
+        train(shape, rows_of_two_lights()[:5000], 0, averaging=averaging, batch_size=64) for averaging in (0.8, 0.0)
+    )
+    expected = latest.snapshot().parameters.astype(np.float64)
     for _ in range(30):
-        training.step()
-        expected += 0.2 * (training._parameters - expected)
-    snapshot = training.snapshot()
-    assert np.abs(training._parameters - expected).max() > 1e-3
-    np.testing.assert_allclose(snapshot.parameters, expected, atol=1e-5)
+        averaged.step()
+        latest.step()
+        expected += 0.2 * (latest.snapshot().parameters - expected)
+    assert np.abs(latest.snapshot().parameters - expected).max() > 1e-3
+    np.testing.assert_allclose(averaged.snapshot().parameters, expected, atol=1e-5)
 
 
 # Learning

@@ -7,6 +7,7 @@ Most workers here are stand-ins of a few lines that speak the protocol without t
 from __future__ import annotations
 
 import importlib.util
+import mmap
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import sys
 import textwrap
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +56,14 @@ def snapshot(version, fill=None):
 # Shared memory
 
 
+def spoil(channel, published):
+    """Change a byte of a snapshot's parameters where they lie in the memory."""
+    with mmap.mmap(channel.descriptor, Channel.size(SHAPE, channel.slot_rows)) as memory:
+        start = memory.find(published.parameters.tobytes())
+        assert start >= 0
+        memory[start + 20] ^= 0xFF
+
+
 def test_snapshots_cross_the_channel():
     host = Channel.create(SHAPE, SETTINGS)
     assert host.read_snapshot(0) is None
@@ -69,10 +79,13 @@ def test_snapshots_cross_the_channel():
 def test_torn_snapshots_are_seen():
     host = Channel.create(SHAPE, SETTINGS)
     host.write_snapshot(1, snapshot(1))
-    host._parameters(1)[5] += 1.0
+    spoil(host, snapshot(1))
     assert host.read_snapshot(1) is None
     host.write_snapshot(1, snapshot(1))
-    host._header(1)["version"] = -1
+    assert host.read_snapshot(1) is not None
+    # A worker that goes while it writes.
+    with pytest.raises(ValueError):
+        host.write_snapshot(1, replace(snapshot(1), bounds=np.zeros(4, np.float32)))
     assert host.read_snapshot(1) is None
     host.close()
 
@@ -127,30 +140,38 @@ HELLO = """
 READY = """
     answer("ready", device="cpu", threads=1)
 """
+#: The worker's end of the shared memory.
+ATTACH = """
+    sys.path[:] = config["path"]
+    from engine.guiding.networks.radiance import NetworkShape, Snapshot, initial_parameters
+    from engine.guiding.trainer.channel import Channel
+    shape = NetworkShape(**config["shape"])
+    channel = Channel.attach(shape, config["channel"])
+"""
 
 
 @pytest.fixture
 def trainer(tmp_path):
     """Makes trainers whose worker is a script; closes them, and looks for what they left."""
-    made = []
+    made, processes = [], []
 
     def make(*script, **options):
         handle = NetworkTrainer(SHAPE, BOUNDS, settings=SETTINGS, **options)
         if script:
             path = tmp_path / f"worker{len(made)}.py"
             path.write_text("".join(textwrap.dedent(part) for part in (HELLO, *script)))
-            handle._script = path
+            handle.script = path
         made.append(handle)
         handle.start()
-        handle.process = handle._process
+        processes.append(handle.process)
         return handle
 
     yield make
-    for handle in made:
+    for handle, process in zip(made, processes, strict=True):
         handle.close()
         assert handle.status.state is TrainerState.DEAD
-        if handle.process is not None:
-            assert handle.process.returncode is not None, "the worker outlived its trainer"
+        if process is not None:
+            assert process.returncode is not None, "the worker outlived its trainer"
     assert not [thread for thread in threading.enumerate() if thread.name == "training"]
 
 
@@ -238,31 +259,58 @@ def test_slow_worker_costs_records_only(trainer):
 
 
 def test_bad_snapshots_never_arrive(trainer):
-    handle = trainer(READY, "sys.stdin.read()\n")
-    wait_for(lambda: handle.status.state is TrainerState.WAITING)
+    """The worker publishes one for each submission: a good one, one with NaN, a torn one, a good one."""
+    publish = """
+    import mmap
+    import numpy as np
+    answer("ready", device="cpu", threads=1)
+    for version in (2, 4, 6, 8):
+        slot = json.loads(sys.stdin.readline())["slot"]
+        parameters = initial_parameters(shape, version)
+        if version == 4:
+            parameters[3] = np.nan
+        made = Snapshot(version, 10 * version, 0.5, 1.0, np.array(config["bounds"], np.float32), parameters)
+        channel.write_snapshot(0, made)
+        if version == 6:
+            with mmap.mmap(channel.descriptor, Channel.size(shape, channel.slot_rows)) as memory:
+                memory[memory.find(parameters.tobytes())] ^= 0xFF
+        answer("snapshot", slot=0, version=version)
+        answer("free", slot=slot)
+        answer("progress", state="TRAINING", step=version, loss=0.5, seconds=0.0)
+    sys.stdin.read()
+    """
+    handle = trainer(ATTACH, publish)
 
-    def publish(made, slot=0):
-        handle._channel.write_snapshot(slot, made)
-        handle._take({"kind": "snapshot", "slot": slot, "version": made.version})
+    def next_snapshot(version):
+        handle.submit(some_records(), 500)
+        wait_for(lambda: handle.status.step == version)
+        return handle.poll()
 
-    publish(snapshot(2))
-    assert handle.poll().version == 2
+    assert next_snapshot(2).version == 2
     assert handle.poll() is None
-    publish(snapshot(4, np.nan))
-    assert handle.poll() is None
+    assert next_snapshot(4) is None
     assert "not finite" in handle.status.message and handle.status.refused_snapshots == 1
-    publish(snapshot(6))
-    handle._channel._parameters(0)[0] += 1.0
-    assert handle.poll() is None
-    publish(snapshot(8))
-    assert handle.poll().version == 8
+    assert next_snapshot(6) is None
+    assert handle.status.refused_snapshots == 2
+    assert next_snapshot(8).version == 8
 
 
 def test_two_trainers_do_not_meet(trainer):
-    first, second = (trainer(READY, "sys.stdin.read()\n") for _ in range(2))
+    """Their workers look again and again at which slots of their memory have rows."""
+    watch = """
+    answer("ready", device="cpu", threads=1)
+    for step in range(1, 10**6):
+        filled = sum(channel.rows(slot).any() for slot in (0, 1))
+        answer("progress", state="TRAINING", step=step, loss=float(filled), seconds=0.0)
+        time.sleep(0.01)
+    """
+    first, second = (trainer(ATTACH, watch) for _ in range(2))
+    wait_for(lambda: first.status.step > 0 and second.status.step > 0)
+    assert first.status.loss == second.status.loss == 0.0
     first.submit(some_records(), 500)
-    assert first._channel.rows(first._channel.slot_rows and 1).any() or first._channel.rows(0).any()
-    assert not second._channel.rows(0).any() and not second._channel.rows(1).any()
+    step = second.status.step
+    wait_for(lambda: first.status.loss == 1.0 and second.status.step > step + 1)
+    assert second.status.loss == 0.0
 
 
 def alive(pid):
@@ -285,7 +333,7 @@ def test_worker_goes_with_its_renderer(tmp_path, end):
         from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
         trainer = NetworkTrainer({SHAPE!r}, settings={SETTINGS!r})
         trainer.start()
-        print(trainer._process.pid, flush=True)
+        print(trainer.process.pid, flush=True)
         {end}
         """)
     )
@@ -346,6 +394,6 @@ def test_real_worker_repeats_itself():
 def test_waiting_for_a_dead_worker_ends():
     with NetworkTrainer(SHAPE, settings=SETTINGS, deterministic=True) as trainer:
         trainer.submit(some_records(), 500)
-        threading.Timer(0.2, trainer._process.kill).start()
+        threading.Timer(0.2, trainer.process.kill).start()
         assert trainer.train_until(10**9) is None
     assert trainer.submit(some_records(), 500) == 0
