@@ -14,7 +14,7 @@ from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GG
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
 from engine.shaders.options import choice
-from engine.shaders.program import Constant, Value
+from engine.shaders.program import Constant, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
@@ -53,11 +53,6 @@ def _color(builder: Any, identifier: str = "Color", default: float = 0.8) -> Val
 
 def _float(builder: Any, identifier: str, default: float) -> Value:
     return builder.input(Socket(identifier, FLOAT, default))
-
-
-def is_zero(value: Value) -> bool:
-    """Whether the value is constant and zero."""
-    return isinstance(value, Constant) and not any(value.value)
 
 
 def _roughness(node: Node, builder: Any, default: float) -> Value:

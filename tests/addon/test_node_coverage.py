@@ -17,8 +17,10 @@ pytest.importorskip("bpy")
 import bpy
 
 from engine.scene.description import Link, Node, NodeGraph, Notice
-from engine.shaders import compiler, nodes_closure, nodes_input
-from engine.shaders.compiler import ProgramSource, compile_programs
+from engine.shaders import nodes_closure
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
+from engine.shaders.node_values import gives_values
 from engine.shaders.vocabulary import CLOSURE_INPUTS, SETTINGS
 
 #: Resolved by the export, or no nodes that anything could be linked from.
@@ -40,7 +42,7 @@ WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method"), ("ShaderNod
 def known(kind: str) -> bool:
     if kind in REPORTED_WHOLE:
         return False
-    named = kind in compiler.NODES or kind in nodes_input.OUTPUTS or kind in CLOSURE_INPUTS
+    named = gives_values(kind) or kind in CLOSURE_INPUTS
     return named or kind in ("ShaderNodeBump", "ShaderNodeDisplacement")
 
 

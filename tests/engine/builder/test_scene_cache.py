@@ -513,17 +513,17 @@ def test_a_change_of_camera_builds_nothing_but_the_camera(session: Session) -> N
 def test_a_change_of_one_material_compiles_that_material_alone(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from engine.shaders import compiler
+    from engine.shaders.surface_compiler import SurfaceCompiler
 
     before = _loaded(session, _original())
     names: list[str] = []
-    program_of = compiler._ProgramCompiler.compile
+    program_of = SurfaceCompiler.compile
 
     def count(self: Any) -> Any:
         names.append(self.source.name)
         return program_of(self)
 
-    monkeypatch.setattr(compiler._ProgramCompiler, "compile", count)
+    monkeypatch.setattr(SurfaceCompiler, "compile", count)
     after = _loaded(session, _changed(_graph("materials.0", 1, "Roughness", 0.9)))
     assert names == ["material Textured"]
     others = _other_objects(before, after)
