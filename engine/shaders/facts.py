@@ -51,7 +51,7 @@ def _closure_flags(instructions: Sequence[Instruction], roots: Sequence[int]) ->
     """PROGRAM_HAS_LOBES and PROGRAM_IS_CONSTANT."""
     closures = [instructions[root] for root in roots]
     flags = 0
-    if any(closure.opcode >= ops_closure.OP_DIFFUSE for closure in closures):
+    if any(closure.opcode >= ops_closure.LOBES_FIRST for closure in closures):
         flags |= layout.PROGRAM_HAS_LOBES
     if all(
         isinstance(value, Constant) or instructions[value.instruction].opcode == ops_input.OP_NORMAL
@@ -80,7 +80,7 @@ def _foreseen_image(instructions: Sequence[Instruction]) -> tuple[int, int]:
 
 def _lambertian(instructions: Sequence[Instruction], roots: Sequence[int]) -> tuple[float, ...] | None:
     """Weight of the only closure, if that is a constant Lambertian lobe about the smooth normal, else None."""
-    if len(roots) != 1 or instructions[roots[0]].opcode != ops_closure.OP_DIFFUSE:
+    if len(roots) != 1 or instructions[roots[0]].opcode != ops_closure.opcode("DIFFUSE"):
         return None
     weight, normal, color, roughness = instructions[roots[0]].inputs
     if not (isinstance(weight, Constant) and isinstance(color, Constant) and isinstance(roughness, Constant)):

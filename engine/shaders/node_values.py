@@ -16,7 +16,7 @@ from engine.shaders.arithmetic import ZERO, Arithmetic
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
-from engine.shaders.vocabulary import unknown_parts
+from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
 NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_texture_math.NODES
 
@@ -47,9 +47,12 @@ class NodeValues:
         """Report something about a node."""
         self.pools.notice(f"{self.name} / {node.name}", problem, fallback)
 
-    def notice_unknown(self, node: Node, known_inputs: Collection[str]) -> None:
-        """Report inputs and settings of a node that are not known."""
-        for part in unknown_parts(node, known_inputs):
+    def notice_unknown(
+        self, node: Node, known_inputs: Collection[str], known_settings: Collection[str] | None = None
+    ) -> None:
+        """Report inputs and settings of a node that are not known; None: its settings are in the vocabulary."""
+        settings = SETTINGS.get(node.kind, ()) if known_settings is None else known_settings
+        for part in unknown_parts(node, known_inputs, settings):
             self.notice(node, f"{part} is not supported", "as if it were not there")
 
     def exists(self, link: Link, reader: str) -> bool:

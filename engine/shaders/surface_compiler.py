@@ -13,7 +13,6 @@ from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
-from engine.shaders.vocabulary import CLOSURE_INPUTS
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
 _GREY = Constant((0.8, 0.8, 0.8))
@@ -53,7 +52,7 @@ class SurfaceCompiler:
         builder = _ClosureBuilder(self, self._values, -1)
         if self.source.kind == "MATERIAL":
             operands = (builder.input(Socket("Normal", VECTOR, Implicit.NORMAL)), _GREY, ZERO)
-            builder.closure(ops_closure.OP_DIFFUSE, ONE, operands, modes=(MODE_CLOSURES,))
+            builder.closure(ops_closure.opcode("DIFFUSE"), ONE, operands, modes=(MODE_CLOSURES,))
         elif any(self.source.color):
             color = Constant(tuple(float(c) for c in self.source.color))
             builder.closure(ops_closure.OP_EMISSION, ONE, (color, ONE), modes=(MODE_CLOSURES, MODE_EMISSION))
@@ -95,7 +94,7 @@ class SurfaceCompiler:
     def _shader_links(self, index: int) -> list[Link | None]:
         """Links into the shader sockets of a Mix or Add Shader, None where nothing usable is linked."""
         node = self._graph.nodes[index]
-        if node.kind not in (nodes_closure.MIX_SHADER, nodes_closure.ADD_SHADER):
+        if node.kind not in nodes_closure.MIXES:
             return []
         links = (node.inputs.get(name) for name in ("Shader", "Shader_001"))
         return [link if isinstance(link, Link) and self._values.exists(link, node.name) else None for link in links]
@@ -103,9 +102,8 @@ class SurfaceCompiler:
     def _shader(self, index: int, weight: Value, weights: dict[int, Value]) -> None:
         node = self._graph.nodes[index]
         builder = _ClosureBuilder(self, self._values, index)
-        if node.kind in CLOSURE_INPUTS:
-            self._values.notice_unknown(node, CLOSURE_INPUTS[node.kind])
-        if node.kind in (nodes_closure.MIX_SHADER, nodes_closure.ADD_SHADER):
+        if node.kind in nodes_closure.MIXES:
+            self._values.notice_unknown(node, nodes_closure.MIXES[node.kind])
             shares: tuple[Value, Value] = (weight, weight)
             if node.kind == nodes_closure.MIX_SHADER:
                 shares = self._mix_weights(weight, builder.input(Socket("Fac", FLOAT, 0.5)))
@@ -113,9 +111,11 @@ class SurfaceCompiler:
                 if link is not None:
                     weights[link.node] = self._arithmetic.add(weights.get(link.node, ZERO), share)
             return
-        emit = nodes_closure.CLOSURES.get(node.kind)
-        if emit is not None:
-            emit(node, weight, builder)
+        closure = nodes_closure.CLOSURES.get(node.kind)
+        if closure is not None:
+            if closure.inputs is not None:
+                self._values.notice_unknown(node, closure.inputs, closure.settings)
+            closure.emit(node, weight, builder)
         elif gives_values(node.kind):
             # Blender shows a colour linked to the surface as emission.
             outputs = self._values.outputs(index, 0, 0.0)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
-from engine.kernels.shader.memory import read3, write3
+from engine.kernels.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
 from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
 from engine.kernels.shader.procedural_noise import noise_texture
