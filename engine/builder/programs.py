@@ -12,7 +12,9 @@ from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.description import Link, Node, NodeGraph, Notice, SceneDescription
-from engine.shaders.compiler import ProgramCache, ProgramSource, compile_programs
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
+from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
     LANE_COUNT,

@@ -27,7 +27,7 @@ from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame
 from engine.settings import RenderSettings
-from engine.shaders.compiler import ProgramCache
+from engine.shaders.program_cache import ProgramCache
 from engine.state.camera import CameraArrays
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,

@@ -20,6 +20,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
+from inspect import signature
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -235,6 +236,37 @@ def by_bundle(kernels: Mapping[type, Any] | Callable[[str], Any], argument: int 
 
     dispatcher.get_overload = get_overload
     return dispatcher
+
+
+def by_number(kernels: Mapping[int, Any], name: str, module: str) -> Any:
+    """A kernel that stands for several with the same arguments: which one, a number before these arguments decides.
+
+    It is written as a chain of comparisons in the mapping's order; numbers in a row that share a kernel share its call,
+    and the last kernel takes every number that is left. It is inlined: call it from one place. So a table of kernels
+    costs what a chain written by hand does.
+
+    Parameters
+    ----------
+    name, module : str
+        What the kernel is called, and the `__name__` of the module that calls it so.
+    """
+    runs: list[tuple[Any, list[int]]] = []
+    for number, chosen in kernels.items():
+        if runs and runs[-1][0] is chosen:
+            runs[-1][1].append(number)
+        else:
+            runs.append((chosen, [number]))
+    example = getattr(runs[0][0], "py_func", runs[0][0])
+    arguments = ", ".join(signature(example).parameters)
+    lines = [f"def {name}(number, {arguments}):"]
+    for index, (_chosen, numbers) in enumerate(runs[:-1]):
+        lines.append(f"    if {' or '.join(f'number == {number}' for number in numbers)}:")
+        lines.append(f"        return kernel_{index}({arguments})")
+    lines.append(f"    return kernel_{len(runs) - 1}({arguments})")
+    namespace: dict[str, Any] = {f"kernel_{index}": chosen for index, (chosen, _numbers) in enumerate(runs)}
+    namespace["__name__"] = module
+    exec(compile("\n".join(lines), str(sys.modules[module].__file__), "exec"), namespace)
+    return kernel(namespace[name], forceinline=True)
 
 
 class BoundKernel:

@@ -1,24 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shader nodes: closures, and how Mix and Add Shader hand weights on to them.
 
-Each closure's entry is a function `emit(node, weight, builder)`; it appends instructions through `builder.closure`,
+Each closure's entry has a function `emit(node, weight, builder)`; it appends instructions through `builder.closure`,
 which takes the opcode, the weight, further operands and the modes that need the instruction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
 from engine.shaders.options import choice
-from engine.shaders.program import Constant, Value
+from engine.shaders.program import Constant, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
 Emit = Callable[[Node, Value, Any], None]
+
+
+@dataclass(frozen=True)
+class ClosureNode:
+    """A shader node, and what of it is known: whatever a newer host adds is reported.
+
+    Attributes
+    ----------
+    inputs : tuple of str or None
+        All that it has, since `emit` asks for inputs only where these matter; None: the node is reported whole.
+    settings : tuple of str
+        Those that are read, or without effect on the picture.
+    """
+
+    emit: Emit
+    inputs: tuple[str, ...] | None = None
+    settings: tuple[str, ...] = ()
+
 
 _LOBES = (MODE_CLOSURES,)
 _DISTRIBUTIONS = {
@@ -55,11 +74,6 @@ def _float(builder: Any, identifier: str, default: float) -> Value:
     return builder.input(Socket(identifier, FLOAT, default))
 
 
-def is_zero(value: Value) -> bool:
-    """Whether the value is constant and zero."""
-    return isinstance(value, Constant) and not any(value.value)
-
-
 def _roughness(node: Node, builder: Any, default: float) -> Value:
     if node.properties.get("distribution") == "SHARP":
         return _ZERO
@@ -69,12 +83,12 @@ def _roughness(node: Node, builder: Any, default: float) -> Value:
 def diffuse(node: Node, weight: Value, builder: Any) -> None:
     """Diffuse BSDF."""
     operands = (_normal(builder), _color(builder), _float(builder, "Roughness", 0.0))
-    builder.closure(ops.OP_DIFFUSE, weight, operands, modes=_LOBES)
+    builder.closure(ops.opcode("DIFFUSE"), weight, operands, modes=_LOBES)
 
 
 def translucent(node: Node, weight: Value, builder: Any) -> None:
     """Translucent BSDF."""
-    builder.closure(ops.OP_TRANSLUCENT, weight, (_normal(builder), _color(builder)), modes=_LOBES)
+    builder.closure(ops.opcode("TRANSLUCENT"), weight, (_normal(builder), _color(builder)), modes=_LOBES)
 
 
 def transparent(node: Node, weight: Value, builder: Any) -> None:
@@ -105,7 +119,7 @@ def glossy(node: Node, weight: Value, builder: Any) -> None:
     roughness = _roughness(node, builder, 0.5)
     operands = (_normal(builder), _color(builder), roughness, anisotropy, rotation, tangent)
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
-    builder.closure(ops.OP_GLOSSY, weight, operands, (distribution,), modes=_LOBES)
+    builder.closure(ops.opcode("GLOSSY"), weight, operands, (distribution,), modes=_LOBES)
 
 
 def refraction(node: Node, weight: Value, builder: Any) -> None:
@@ -114,7 +128,7 @@ def refraction(node: Node, weight: Value, builder: Any) -> None:
     roughness = _roughness(node, builder, 0.0)
     operands = (_normal(builder), color, roughness, _float(builder, "IOR", 1.45))
     distribution = _distribution(node, builder, roughness, "BECKMANN")
-    builder.closure(ops.OP_REFRACTION, weight, operands, (distribution,), modes=_LOBES)
+    builder.closure(ops.opcode("REFRACTION"), weight, operands, (distribution,), modes=_LOBES)
 
 
 def glass(node: Node, weight: Value, builder: Any) -> None:
@@ -124,7 +138,7 @@ def glass(node: Node, weight: Value, builder: Any) -> None:
     roughness = _roughness(node, builder, 0.0)
     operands = (_normal(builder), color, roughness, _float(builder, "IOR", 1.5))
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
-    builder.closure(ops.OP_GLASS, weight, operands, (distribution,), modes=_LOBES)
+    builder.closure(ops.opcode("GLASS"), weight, operands, (distribution,), modes=_LOBES)
 
 
 def _thin_film(builder: Any) -> None:
@@ -132,7 +146,7 @@ def _thin_film(builder: Any) -> None:
         builder.notice("thin film interference is not supported", "no film")
 
 
-#: Operands of OP_PRINCIPLED behind the normals and the tangent, with the values that switch each of them off.
+#: Operands of PRINCIPLED behind the normals and the tangent, with the values that switch each of them off.
 _PRINCIPLED_OFF: dict[str, Value] = {
     "base_color": _BLACK,
     "metallic": _ZERO,
@@ -158,13 +172,13 @@ _PRINCIPLED_OFF: dict[str, Value] = {
 
 
 def _principled_lobes(builder: Any, weight: Value, distribution: int, modes: tuple[int, ...], **values: Value) -> None:
-    """OP_PRINCIPLED with everything off but `values` (and the normals)."""
+    """PRINCIPLED with everything off but `values` (and the normals)."""
     normal = values.pop("normal", None) or _normal(builder)
     coat_normal = values.pop("coat_normal", None) or normal
     tangent = values.pop("tangent", None) or _BLACK
     rest = tuple((_PRINCIPLED_OFF | values).values())
     builder.closure(
-        ops.OP_PRINCIPLED, weight, (normal, coat_normal, tangent, *rest), (distribution,), modes=modes
+        ops.opcode("PRINCIPLED"), weight, (normal, coat_normal, tangent, *rest), (distribution,), modes=modes
     )
 
 
@@ -271,7 +285,7 @@ def sheen(node: Node, weight: Value, builder: Any) -> None:
 def _as_diffuse(problem: str) -> Emit:
     def emit(node: Node, weight: Value, builder: Any) -> None:
         builder.notice(problem, "a diffuse surface of its colour")
-        builder.closure(ops.OP_DIFFUSE, weight, (_normal(builder), _color(builder), _ZERO), modes=_LOBES)
+        builder.closure(ops.opcode("DIFFUSE"), weight, (_normal(builder), _color(builder), _ZERO), modes=_LOBES)
 
     return emit
 
@@ -290,31 +304,63 @@ def ray_portal(node: Node, weight: Value, builder: Any) -> None:
     builder.closure(ops.OP_TRANSPARENT, weight, operands, modes=(MODE_CLOSURES, MODE_TRANSPARENCY))
 
 
-CLOSURES: dict[str, Emit] = {
-    "ShaderNodeBsdfPrincipled": principled,
-    "ShaderNodeBsdfDiffuse": diffuse,
-    "ShaderNodeBsdfGlossy": glossy,
-    "ShaderNodeBsdfAnisotropic": glossy,
-    "ShaderNodeBsdfRefraction": refraction,
-    "ShaderNodeBsdfGlass": glass,
-    "ShaderNodeBsdfTranslucent": translucent,
-    "ShaderNodeBsdfTransparent": transparent,
-    "ShaderNodeBsdfMetallic": metallic,
-    "ShaderNodeBsdfSheen": sheen,
-    "ShaderNodeBsdfVelvet": sheen,
-    "ShaderNodeBsdfToon": _as_diffuse("Toon BSDF is not supported"),
-    "ShaderNodeBsdfHair": _as_diffuse("Hair BSDF is not supported"),
-    "ShaderNodeBsdfHairPrincipled": _as_diffuse("Principled Hair BSDF is not supported"),
-    "ShaderNodeSubsurfaceScattering": _as_diffuse("Subsurface Scattering is not supported"),
-    "ShaderNodeBsdfRayPortal": ray_portal,
-    "ShaderNodeEmission": emission,
-    "ShaderNodeBackground": emission,
-    "ShaderNodeHoldout": holdout,
-    "ShaderNodeVolumeAbsorption": _nothing("volumes are not supported"),
-    "ShaderNodeVolumeScatter": _nothing("volumes are not supported"),
-    "ShaderNodeVolumePrincipled": _nothing("volumes are not supported"),
-    "ShaderNodeVolumeCoefficients": _nothing("volumes are not supported"),
+_LOBE = ("Color", "Roughness", "Normal")
+_FILM = ("Thin Film Thickness", "Thin Film IOR")
+_GLOSSY = ClosureNode(glossy, (*_LOBE, "Anisotropy", "Rotation", "Tangent"), ("distribution",))
+_EMISSION = ClosureNode(emission, ("Color", "Strength"))
+_VOLUME = ClosureNode(_nothing("volumes are not supported"))
+_PRINCIPLED = ClosureNode(
+    principled,
+    (
+        *("Base Color", "Metallic", "Roughness", "IOR", "Alpha", "Normal", "Diffuse Roughness", "Thin Wall"),
+        *("Subsurface Weight", "Subsurface Radius", "Subsurface Scale", "Subsurface IOR", "Subsurface Anisotropy"),
+        *("Specular IOR Level", "Specular Tint", "Anisotropic", "Anisotropic Rotation", "Tangent"),
+        *("Transmission Weight", "Coat Weight", "Coat Roughness", "Coat IOR", "Coat Tint", "Coat Normal"),
+        *("Sheen Weight", "Sheen Roughness", "Sheen Tint", "Emission Color", "Emission Strength", *_FILM),
+    ),
+    # Subsurface scattering is reported whatever its method.
+    ("distribution", "subsurface_method"),
+)
+# Inputs of physical n and k are replaced with the whole model.
+_METALLIC = ClosureNode(
+    metallic,
+    (
+        *("Base Color", "Edge Tint", "Extinction", "IOR", "Roughness"),
+        *("Anisotropy", "Rotation", "Normal", "Tangent", *_FILM),
+    ),
+    ("distribution", "fresnel_type"),
+)
+
+CLOSURES: dict[str, ClosureNode] = {
+    "ShaderNodeBsdfPrincipled": _PRINCIPLED,
+    "ShaderNodeBsdfDiffuse": ClosureNode(diffuse, _LOBE),
+    "ShaderNodeBsdfGlossy": _GLOSSY,
+    "ShaderNodeBsdfAnisotropic": _GLOSSY,
+    "ShaderNodeBsdfRefraction": ClosureNode(refraction, (*_LOBE, "IOR"), ("distribution",)),
+    "ShaderNodeBsdfGlass": ClosureNode(glass, (*_LOBE, "IOR", *_FILM), ("distribution",)),
+    "ShaderNodeBsdfTranslucent": ClosureNode(translucent, ("Color", "Normal")),
+    "ShaderNodeBsdfTransparent": ClosureNode(transparent, ("Color",)),
+    "ShaderNodeBsdfMetallic": _METALLIC,
+    "ShaderNodeBsdfSheen": ClosureNode(sheen, _LOBE, ("distribution",)),
+    "ShaderNodeBsdfVelvet": ClosureNode(sheen),
+    "ShaderNodeBsdfToon": ClosureNode(_as_diffuse("Toon BSDF is not supported")),
+    "ShaderNodeBsdfHair": ClosureNode(_as_diffuse("Hair BSDF is not supported")),
+    "ShaderNodeBsdfHairPrincipled": ClosureNode(_as_diffuse("Principled Hair BSDF is not supported")),
+    "ShaderNodeSubsurfaceScattering": ClosureNode(_as_diffuse("Subsurface Scattering is not supported")),
+    "ShaderNodeBsdfRayPortal": ClosureNode(ray_portal),
+    "ShaderNodeEmission": _EMISSION,
+    "ShaderNodeBackground": _EMISSION,
+    "ShaderNodeHoldout": ClosureNode(holdout, ()),
+    "ShaderNodeVolumeAbsorption": _VOLUME,
+    "ShaderNodeVolumeScatter": _VOLUME,
+    "ShaderNodeVolumePrincipled": _VOLUME,
+    "ShaderNodeVolumeCoefficients": _VOLUME,
 }
 
 MIX_SHADER = "ShaderNodeMixShader"
 ADD_SHADER = "ShaderNodeAddShader"
+#: Inputs of the nodes that hand weights on.
+MIXES: dict[str, tuple[str, ...]] = {
+    MIX_SHADER: ("Fac", "Shader", "Shader_001"),
+    ADD_SHADER: ("Shader", "Shader_001"),
+}

@@ -35,6 +35,11 @@ class Register:
 Value = Constant | Register
 
 
+def is_zero(value: Value) -> bool:
+    """Whether the value is constant and zero."""
+    return isinstance(value, Constant) and not any(value.value)
+
+
 @dataclass(frozen=True)
 class Instruction:
     """See engine.state.shaders for the layout it will take."""

@@ -39,7 +39,8 @@ In kernels a table is read as `tables[code[pc + k] + i]` (the immediate is the f
 A float property that is not a socket is passed as an input that no node has: `Socket("", FLOAT, node.properties["x"])`.
 A socket whose unlinked default comes from the surface uses an `Implicit` as its default, such as `Implicit.GENERATED`
 for the Vector of procedural textures. Report what is not supported with `builder.notice(problem, fallback)`; enums read
-by `options.choice` are reported by it. A new node's settings belong into `vocabulary.SETTINGS`.
+by `options.choice` are reported by it. A new node's settings belong into `vocabulary.SETTINGS`. Closures have a table
+of their own, engine/kernels/bsdf/lobes.py.
 Identifiers are those of Blender 5.2 (`socket.identifier`), so a Mix node's are `Factor_Float`, `A_Color`, ...
 Integer, boolean and rotation sockets are FLOAT, FLOAT and VECTOR.
 """

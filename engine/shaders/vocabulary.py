@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which inputs and settings of nodes are known, so that whatever a newer host adds is reported and not dropped.
 
-An operation of the table of nodes says which inputs it reads. Closures ask for inputs only where these matter, so
-theirs are listed here, and so are the settings of all nodes: read, or without effect on the picture.
+An operation of the table of nodes says which inputs it reads. The settings of its node are listed here: read, or
+without effect on the picture. Entries of closures list both (`nodes_closure`).
 """
 
 from __future__ import annotations
@@ -10,44 +10,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from engine.scene.description import Link, Node
-
-_LOBE = ("Color", "Roughness", "Normal")
-_FILM = ("Thin Film Thickness", "Thin Film IOR")
-_GLOSSY = frozenset((*_LOBE, "Anisotropy", "Rotation", "Tangent"))
-_EMISSION = frozenset(("Color", "Strength"))
-
-#: Inputs of closures. Kinds that are missing here are reported whole (`nodes_closure`).
-CLOSURE_INPUTS: dict[str, frozenset[str]] = {
-    "ShaderNodeBsdfPrincipled": frozenset(
-        (
-            *("Base Color", "Metallic", "Roughness", "IOR", "Alpha", "Normal", "Diffuse Roughness", "Thin Wall"),
-            *("Subsurface Weight", "Subsurface Radius", "Subsurface Scale", "Subsurface IOR", "Subsurface Anisotropy"),
-            *("Specular IOR Level", "Specular Tint", "Anisotropic", "Anisotropic Rotation", "Tangent"),
-            *("Transmission Weight", "Coat Weight", "Coat Roughness", "Coat IOR", "Coat Tint", "Coat Normal"),
-            *("Sheen Weight", "Sheen Roughness", "Sheen Tint", "Emission Color", "Emission Strength", *_FILM),
-        )
-    ),
-    "ShaderNodeBsdfDiffuse": frozenset(_LOBE),
-    "ShaderNodeBsdfGlossy": _GLOSSY,
-    "ShaderNodeBsdfAnisotropic": _GLOSSY,
-    "ShaderNodeBsdfRefraction": frozenset((*_LOBE, "IOR")),
-    "ShaderNodeBsdfGlass": frozenset((*_LOBE, "IOR", *_FILM)),
-    "ShaderNodeBsdfTranslucent": frozenset(("Color", "Normal")),
-    "ShaderNodeBsdfTransparent": frozenset(("Color",)),
-    # Those of physical n and k are replaced with the whole model.
-    "ShaderNodeBsdfMetallic": frozenset(
-        (
-            *("Base Color", "Edge Tint", "Extinction", "IOR", "Roughness"),
-            *("Anisotropy", "Rotation", "Normal", "Tangent", *_FILM),
-        )
-    ),
-    "ShaderNodeBsdfSheen": frozenset(_LOBE),
-    "ShaderNodeEmission": _EMISSION,
-    "ShaderNodeBackground": _EMISSION,
-    "ShaderNodeHoldout": frozenset(),
-    "ShaderNodeMixShader": frozenset(("Fac", "Shader", "Shader_001")),
-    "ShaderNodeAddShader": frozenset(("Shader", "Shader_001")),
-}
 
 #: Inputs that an operation has worked into a table, where they are constant.
 FOLDED_INPUTS: dict[str, tuple[str, ...]] = {"ShaderNodeMapping": ("Location", "Rotation", "Scale")}
@@ -57,13 +19,6 @@ _FUNCTION_INPUT = ("vector", "vector_dimensions", "integer", "boolean")
 #: Settings of nodes by their names in the host, without those that the host resolves (images, ramps, curves).
 SETTINGS: dict[str, tuple[str, ...]] = {
     "ShaderNodeAttribute": ("attribute_type", "attribute_name"),
-    "ShaderNodeBsdfAnisotropic": ("distribution",),
-    "ShaderNodeBsdfGlass": ("distribution",),
-    "ShaderNodeBsdfMetallic": ("distribution", "fresnel_type"),
-    # Subsurface scattering is reported whatever its method.
-    "ShaderNodeBsdfPrincipled": ("distribution", "subsurface_method"),
-    "ShaderNodeBsdfRefraction": ("distribution",),
-    "ShaderNodeBsdfSheen": ("distribution",),
     "ShaderNodeBump": ("invert",),
     "ShaderNodeClamp": ("clamp_type",),
     "ShaderNodeCombineColor": ("mode",),
@@ -99,13 +54,15 @@ SETTINGS: dict[str, tuple[str, ...]] = {
 }
 
 
-def unknown_parts(node: Node, known_inputs: Collection[str]) -> list[str]:
+def unknown_parts(node: Node, known_inputs: Collection[str], known_settings: Collection[str]) -> list[str]:
     """What of a node of a known kind is not known and may matter, in words.
 
     Parameters
     ----------
     known_inputs : collection of str
         Identifiers of its inputs that are.
+    known_settings : collection of str
+        Names of its settings that are.
     """
     known_inputs = {*known_inputs, *FOLDED_INPUTS.get(node.kind, ())}
     parts = [
@@ -113,7 +70,6 @@ def unknown_parts(node: Node, known_inputs: Collection[str]) -> list[str]:
         for name, value in node.inputs.items()
         if name not in known_inputs and (isinstance(value, Link) or name in node.changed)
     ]
-    known_settings = SETTINGS.get(node.kind, ())
     parts += [
         f"the setting {name!r}" for name in node.properties if name in node.changed and name not in known_settings
     ]

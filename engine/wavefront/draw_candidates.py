@@ -86,18 +86,15 @@ def draw_candidates(scene, unit, guidance, work, queue):
             candidates.hero[vertex] = paths.hero[lane]
         base = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
         for j in range(guided.candidate_count[lane]):
-            u0, u1, u2, u3 = rotated(*base, j)
-            wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid = propose(
-                paths, points, closures, guided, guide, lane, u0, u1, u2, u3, candidates.f_cos, row
-            )
+            candidate, is_valid = propose(work, guide, lane, rotated(*base, j), row)
             candidates.vertex[row] = vertex
-            store(candidates.direction, row, wi)
-            candidates.source_pdf[row] = source_pdf
-            candidates.bsdf_pdf[row] = bsdf_pdf
-            candidates.guide_pdf[row] = guide_pdf
-            candidates.label[row] = label
-            candidates.roughness[row] = roughness
-            candidates.eta[row] = eta
+            store(candidates.direction, row, candidate.wi)
+            candidates.source_pdf[row] = candidate.source_pdf
+            candidates.bsdf_pdf[row] = candidate.bsdf_pdf
+            candidates.guide_pdf[row] = candidate.guide_pdf
+            candidates.label[row] = candidate.label
+            candidates.roughness[row] = candidate.roughness
+            candidates.eta[row] = candidate.eta
             candidates.is_valid[row] = 1 if is_valid else 0
             row += 1
         vertex += 1

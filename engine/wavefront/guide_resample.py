@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: pick one of each vertex's candidates and send the path on."""
 
-from engine.guiding.sampling.scattering import send_on
+from engine.guiding.sampling.scattering import Candidate, send_on
 from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.vector import load
 from engine.ris.resample import product_target, resample
@@ -18,9 +18,8 @@ def guide_resample(scene, unit, guidance, work, queue):
     queue : LaneQueue
         The lanes that `draw_candidates` was given: what it has drawn, and `predict_radiance` has predicted, is used.
     """
-    options, guiding, pixel_weight = scene.options, guidance.options, unit.pixel_weight
-    paths, points, closures, guided, guide = work.paths, work.points, work.closures, work.guided, guidance.guide
-    samples, log, candidates, before = work.samples, work.log, work.candidates, work.f_cos
+    _options, guiding, guide = scene.options, guidance.options, guidance.guide
+    paths, points, _log, candidates, _before = work.paths, work.points, work.log, work.candidates, work.f_cos
     vertex_count, row_count = work.counts[VERTICES], work.counts[ROWS]
     for vertex in range(vertex_count):
         lane = candidates.lane[vertex]
@@ -47,9 +46,8 @@ def guide_resample(scene, unit, guidance, work, queue):
         source_pdf = candidates.source_pdf[row]
         # Eq. (19), but for the squared radiance that the path has yet to find.
         benefit = count / (count - 1.0) * (1.0 / (source_pdf * weight) - 1.0)
-        send_on(
-            options, paths, points, closures, guided, guide, samples, log, pixel_weight, lane,
-            load(candidates.direction, row), weight, source_pdf, candidates.bsdf_pdf[row], candidates.guide_pdf[row],
-            candidates.label[row], candidates.roughness[row], candidates.eta[row], benefit, candidates.f_cos, row,
-            before,
-        )
+        candidate = Candidate(
+            load(candidates.direction, row), source_pdf, candidates.bsdf_pdf[row], candidates.guide_pdf[row],
+            candidates.label[row], candidates.roughness[row], candidates.eta[row], row,
+        )  # fmt: skip
+        send_on(scene, unit, guide, work, lane, candidate, weight, benefit)

@@ -19,9 +19,7 @@ from engine.wavefront.columns import CANDIDATES, GUIDED_VERTICES
 @kernel
 def sample_source(scene, unit, guidance, work, queue):
     """Draw the only candidate of each lane and send the path on: nothing needs to be predicted or kept."""
-    options, pixel_weight = scene.options, unit.pixel_weight
     paths, points, closures, guided, guide = work.paths, work.points, work.closures, work.guided, guidance.guide
-    samples, log, candidates, before = work.samples, work.log, work.candidates, work.f_cos
     lanes, lane_count = queue.lanes, queue.count[0]
     work.counts[GUIDED_VERTICES] += lane_count
     work.counts[CANDIDATES] += lane_count
@@ -37,14 +35,9 @@ def sample_source(scene, unit, guidance, work, queue):
         # What `scatter` has left of the number that chose against the delta lobes.
         share = guided.rough_share[lane]
         u0 = min(max((paths.random[lane, 0] - (1.0 - share)) / share, 0.0), ONE_MINUS_EPSILON)
-        wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid = propose(
-            paths, points, closures, guided, guide, lane, u0, paths.random[lane, 1], paths.random[lane, 2],
-            paths.random[lane, 3], candidates.f_cos, 0,
-        )
+        u = (u0, paths.random[lane, 1], paths.random[lane, 2], paths.random[lane, 3])
+        candidate, is_valid = propose(work, guide, lane, u, 0)
         if not is_valid:
             paths.alive[lane] = 0
             continue
-        send_on(
-            options, paths, points, closures, guided, guide, samples, log, pixel_weight, lane, wi, 1.0 / source_pdf,
-            source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, NAN, candidates.f_cos, 0, before,
-        )
+        send_on(scene, unit, guide, work, lane, candidate, 1.0 / candidate.source_pdf, NAN)

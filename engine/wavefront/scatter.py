@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: sample the BSDF and send the path on."""
 
-from engine.guiding.records.vertices import distance_scale, log_vertex
-from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, mean_roughness, sample_among
+from engine.guiding.records.vertices import Scattering, log_vertex
+from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
 from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.constants import NAN
@@ -18,7 +18,7 @@ from engine.kernels.prefetch import (
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_NG, POINT_NS, POINT_P, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
+from engine.state.lanes import POINT_NG, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
 
 
 @kernel
@@ -88,13 +88,8 @@ def scatter(scene, unit, work, queue):
         if log.is_recording[lane] != 0:
             if label & RAY_SINGULAR:
                 roughness = 0.0
-            log_vertex(
-                log, paths, lane, real_3(points, lane, POINT_P), wo, wi, real_3(points, lane, POINT_NS), pdf, roughness,
-                mean_roughness(closures, lane),
-                distance_scale(real_3(points, lane, POINT_NS), wo, wi, eta),
-                paths.mis_distance[lane] + paths.hit_distance[lane], NAN, NAN, NAN, samples.weight[lane],
-                f_cos,
-            )
+            scattering = Scattering(wi, pdf, roughness, eta, NAN, NAN, NAN)
+            log_vertex(log, paths, points, closures, samples, lane, scattering, f_cos)
         scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
     work.single.count[0] = single_count
     work.several.count[0] = several_count

@@ -2,19 +2,8 @@
 """Stages of renders with wavelengths: what shaders and lights have left as RGB, at the paths' wavelengths."""
 
 from engine.kernels.bsdf.dispersion import begin_dispersion, disperses, set_channel
-from engine.kernels.bsdf.kinds import (
-    CLOSURE_DISPERSES,
-    CLOSURE_IS_BACK,
-    F0,
-    F82_B,
-    GLASS,
-    GLOSSY_F82,
-    GLOSSY_SCHLICK,
-    OREN_MULTIPLE,
-    OREN_NAYAR,
-    REFLECTION_TINT,
-    TRANSMISSION_TINT,
-)
+from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES, CLOSURE_IS_BACK
+from engine.kernels.bsdf.lobes import COLOR_COLUMNS
 from engine.kernels.prefetch import ask_for_closures, ask_for_throughput, lane_ahead
 from engine.kernels.spectrum import upsample_light, upsample_parameter
 from engine.runtime.jit import kernel
@@ -78,15 +67,10 @@ def upsample_closures(scene, unit, work, queue):
             kind = closures.kind[lane, i]
             upsample_parameter(spectrum, paths, lane, param, i, CLOSURE_WEIGHT)
             has_index = has_index or disperses(kind)
-            if kind == OREN_NAYAR:
-                upsample_parameter(spectrum, paths, lane, param, i, OREN_MULTIPLE)
-            elif kind == GLOSSY_SCHLICK or kind == GLOSSY_F82 or kind == GLASS:
-                upsample_parameter(spectrum, paths, lane, param, i, F0)
-                if kind == GLOSSY_F82:
-                    upsample_parameter(spectrum, paths, lane, param, i, F82_B)
-                elif kind == GLASS:
-                    upsample_parameter(spectrum, paths, lane, param, i, REFLECTION_TINT)
-                    upsample_parameter(spectrum, paths, lane, param, i, TRANSMISSION_TINT)
+            for k_color in range(COLOR_COLUMNS.shape[1]):
+                column = COLOR_COLUMNS[kind, k_color]
+                if column != 0:
+                    upsample_parameter(spectrum, paths, lane, param, i, column)
         dispersion = program_dispersion[points.integer[lane, POINT_PROGRAM]]
         if has_index and dispersion != 0.0:
             flags = closures.flags[lane] | CLOSURE_DISPERSES

@@ -9,7 +9,8 @@ import numpy as np
 
 from engine.kernels.bsdf import load_tables
 from engine.scene.description import Image, Link, Node, NodeGraph, Notice
-from engine.shaders.compiler import ProgramSource, compile_programs
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
 from engine.shaders.folding import stand_in_geometry
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (

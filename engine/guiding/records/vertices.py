@@ -9,17 +9,20 @@ Light found by the scattering itself is in the sum with its MIS weight, light sa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
 from engine.guiding.records.light import Records
+from engine.kernels.bsdf import mean_roughness
 from engine.kernels.constants import NAN
+from engine.kernels.path import real_3
 from engine.kernels.vector import dot
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
-from engine.state.lanes import RGB
+from engine.state.lanes import POINT_NS, POINT_P, POINT_WO, RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
 MAX_VERTICES = 24
@@ -122,20 +125,40 @@ def distance_scale(n, wo, wi, eta):
     return min(abs(dot(n, wo)) / (max(abs(dot(n, wi)), 0.01) * eta), 100.0)
 
 
+class Scattering(NamedTuple):
+    """How a path has gone on from a vertex.
+
+    Attributes
+    ----------
+    wi : tuple of 3 float32, unit
+    pdf : float32 [sr^-1]
+        1 / contribution weight.
+    roughness, eta : float32
+        As `sample_bsdf` returns them; roughness 0 for delta lobes.
+    benefit : float32
+        Factor of Eq. (19), NaN = none.
+    bsdf_pdf, guide_pdf : float32 [sr^-1]
+        NaN where not guided.
+    """
+
+    wi: tuple[float, float, float]
+    pdf: float
+    roughness: float
+    eta: float
+    benefit: float
+    bsdf_pdf: float
+    guide_pdf: float
+
+
 @kernel
-def log_vertex(
-    log, paths, lane, p, wo, wi, ns, pdf, roughness, surface_roughness, scale, travel, benefit, bsdf_pdf, guide_pdf,
-    light_weight, before,
-):  # fmt: skip
+def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
     """Append the scattering that has just updated `paths.throughput`.
 
     Parameters
     ----------
-    pdf : float32 [sr^-1], 1 / contribution weight; roughness is 0 for delta lobes
-    surface_roughness : float32, of `mean_roughness`
-    bsdf_pdf, guide_pdf : float32 [sr^-1], NaN where not guided
-    light_weight : float32, of the vertex's light sample, 0 if it took none
-    before : float32 (L, C), throughput before the scattering
+    samples : LightSamples
+    scattering : Scattering
+    before : float32 (L, C), throughput before it
     """
     vertex = log.count[lane]
     if vertex >= MAX_VERTICES:
@@ -143,20 +166,24 @@ def log_vertex(
     log.count[lane] = vertex + 1
     row = lane * MAX_VERTICES + vertex
     real = log.real
+    p = real_3(points, lane, POINT_P)
+    wo = real_3(points, lane, POINT_WO)
+    ns = real_3(points, lane, POINT_NS)
     for c in range(3):
         real[row, VERTEX_P + c] = p[c]
         real[row, VERTEX_WO + c] = wo[c]
-        real[row, VERTEX_WI + c] = wi[c]
+        real[row, VERTEX_WI + c] = scattering.wi[c]
         real[row, VERTEX_NS + c] = ns[c]
-    real[row, VERTEX_PDF] = pdf
-    real[row, VERTEX_ROUGHNESS] = roughness
-    real[row, VERTEX_SURFACE_ROUGHNESS] = surface_roughness
-    real[row, VERTEX_SCALE] = scale
-    real[row, VERTEX_TRAVEL] = travel
-    real[row, VERTEX_BENEFIT] = benefit
-    real[row, VERTEX_BSDF_PDF] = bsdf_pdf
-    real[row, VERTEX_GUIDE_PDF] = guide_pdf
+    real[row, VERTEX_PDF] = scattering.pdf
+    real[row, VERTEX_ROUGHNESS] = scattering.roughness
+    real[row, VERTEX_SURFACE_ROUGHNESS] = mean_roughness(closures, lane)
+    real[row, VERTEX_SCALE] = distance_scale(ns, wo, scattering.wi, scattering.eta)
+    real[row, VERTEX_TRAVEL] = paths.mis_distance[lane] + paths.hit_distance[lane]
+    real[row, VERTEX_BENEFIT] = scattering.benefit
+    real[row, VERTEX_BSDF_PDF] = scattering.bsdf_pdf
+    real[row, VERTEX_GUIDE_PDF] = scattering.guide_pdf
     real[row, VERTEX_CACHES] = 0.0
+    light_weight = samples.weight[lane]
     real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
     for c in range(len(paths.channels)):
         real[row, VERTEX_BEFORE + c] = before[lane, c]

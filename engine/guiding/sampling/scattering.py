@@ -7,19 +7,20 @@ without splitting.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from engine.guiding.records.vertices import distance_scale, log_vertex
+from engine.guiding.records.vertices import Scattering, log_vertex
 from engine.guiding.sampling.guide import eval_guide, eval_wavelengths, predict_guide, sample_guide
-from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, mean_roughness, sample_among
+from engine.kernels.bsdf import ROUGH_LOBES, eval_guided, sample_among
 from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.path import real_3, scatter_path
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_NG, POINT_NS, POINT_P, POINT_WO, RGB
+from engine.state.lanes import POINT_NG, POINT_WO, RGB
 
 #: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
 _LEAST_UNGUIDED = 1e-6
@@ -31,28 +32,53 @@ _SURE_SHARE = np.float32(4.0)
 _LEAST_SURVIVAL = np.float32(0.2)
 
 
-@kernel
-def propose(paths, points, closures, guided, guide, lane, u0, u1, u2, u3, f_cos, row):
-    """A candidate, by the guide with the lane's guiding probability, else by the BSDF's rough lobes.
+class Candidate(NamedTuple):
+    """A direction that was proposed.
 
-    Parameters
+    Attributes
     ----------
-    u0, u1, u2, u3 : float32 in [0, 1)
-        Guide or BSDF, and which lobe; direction; the BSDF's lobe that is credited with the guide's direction.
-    f_cos : float32 (>= row + 1, `state.value_width`)
-        The BSDF's value times the cosine goes to its row `row`.
-
-    Returns
-    -------
     wi : tuple of 3 float32, unit
     source_pdf : float32 [sr^-1]
         Density of the mixture, Eq. (7).
     bsdf_pdf, guide_pdf : float32 [sr^-1]
     label : int; roughness, eta : float32
         As `sample_bsdf` returns them.
+    row : int
+        Of `Candidates.f_cos`: the BSDF's value times the cosine.
+    """
+
+    wi: tuple[float, float, float]
+    source_pdf: float
+    bsdf_pdf: float
+    guide_pdf: float
+    label: int
+    roughness: float
+    eta: float
+    row: int
+
+
+@kernel
+def propose(work, guide, lane, u, row):
+    """A candidate, by the guide with the lane's guiding probability, else by the BSDF's rough lobes.
+
+    Parameters
+    ----------
+    work, guide
+        As stages have them.
+    u : tuple of 4 float32 in [0, 1)
+        Guide or BSDF, and which lobe; direction (2); the BSDF's lobe that is credited with the guide's direction.
+    row : int
+        Of `work.candidates.f_cos`, which receives the BSDF's value times the cosine.
+
+    Returns
+    -------
+    Candidate
     is_valid : bool
         False: there is no such candidate, it counts as one of value 0.
     """
+    paths, points, closures, guided = work.paths, work.points, work.closures, work.guided
+    f_cos = work.candidates.f_cos
+    u0, u1, u2, u3 = u
     wo = real_3(points, lane, POINT_WO)
     ng = real_3(points, lane, POINT_NG)
     probability = guided.probability[lane]
@@ -74,36 +100,29 @@ def propose(paths, points, closures, guided, guide, lane, u0, u1, u2, u3, f_cos,
         largest = max(largest, f_cos[row, c])
     # Written so that NaN fails.
     is_valid = label != 0 and largest > 0.0 and source_pdf > 0.0
-    return wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, is_valid
+    return Candidate(wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta, row), is_valid
 
 
 @kernel
-def send_on(
-    options, paths, points, closures, guided, guide, samples, log, pixel_weight, lane, wi, weight, source_pdf, bsdf_pdf,
-    guide_pdf, label, roughness, eta, benefit, f_cos, row, before,
-):  # fmt: skip
+def send_on(scene, unit, guide, work, lane, candidate, weight, benefit):
     """Send a path on along a candidate: throughput, depths, flags, record, and what roulette is to know.
+
+    Row `lane` of `work.f_cos` is scratch.
 
     Parameters
     ----------
-    guided : GuidedLanes
-    guide : see `engine.guiding.sampling.guide`
-    samples : LightSamples
-    log : VertexLog
-    pixel_weight : float32 (P,)
-        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
-    lane : int
-    wi, source_pdf, bsdf_pdf, guide_pdf, label, roughness, eta
-        The candidate, as `propose` returns it.
+    scene, unit, guide, work
+        As stages have them.
+    candidate : Candidate
     weight : float32 [sr]
-        Contribution weight of the candidate, 1 / source_pdf if there was no other.
+        Its contribution weight, 1 / source_pdf if there was no other.
     benefit : float32
         Factor of Eq. (19), NaN = none.
-    f_cos : float32 (>= row + 1, `state.value_width`)
-        The BSDF's value times the cosine in row `row`.
-    before : float32 (L, C)
-        Scratch.
     """
+    paths, points, closures, guided, log = work.paths, work.points, work.closures, work.guided, work.log
+    f_cos, before = work.candidates.f_cos, work.f_cos
+    wi, row = candidate.wi, candidate.row
+    source_pdf, bsdf_pdf, guide_pdf = candidate.source_pdf, candidate.bsdf_pdf, candidate.guide_pdf
     largest = 0.0
     total = 0.0
     for c in range(len(paths.channels)):
@@ -135,16 +154,13 @@ def send_on(
         paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)
     paths.dimension[lane] += SETS_PER_VERTEX
     # What the path is expected to bring to its pixel, over the pixel's value.
-    expected = predict_guide(guide, lane, wi, guide_pdf) * math.sqrt(pixel_weight[paths.pixel[lane]])
+    expected = predict_guide(guide, lane, wi, guide_pdf) * math.sqrt(unit.pixel_weight[paths.pixel[lane]])
     expected *= total / len(paths.channels)
     paths.survival[lane] = min(max(_SURE_SHARE * expected, _LEAST_SURVIVAL), 1.0)
     if log.is_recording[lane] != 0:
-        wo = real_3(points, lane, POINT_WO)
-        ns = real_3(points, lane, POINT_NS)
-        log_vertex(
-            log, paths, lane, real_3(points, lane, POINT_P), wo, wi, ns, 1.0 / weight, roughness,
-            mean_roughness(closures, lane), distance_scale(ns, wo, wi, eta),
-            paths.mis_distance[lane] + paths.hit_distance[lane], benefit, bsdf_pdf,
-            guided.rough_share[lane] * guide_pdf, samples.weight[lane], before,
+        rough_guide_pdf = guided.rough_share[lane] * guide_pdf
+        scattering = Scattering(
+            wi, 1.0 / weight, candidate.roughness, candidate.eta, benefit, bsdf_pdf, rough_guide_pdf
         )
-    scatter_path(options, paths, points, closures, lane, wi, label, source_pdf, bsdf_pdf)
+        log_vertex(log, paths, points, closures, work.samples, lane, scattering, before)
+    scatter_path(scene.options, paths, points, closures, lane, wi, candidate.label, source_pdf, bsdf_pdf)

@@ -10,11 +10,6 @@ from engine.kernels.bsdf.closures import blur_glossy as blur_glossy
 from engine.kernels.bsdf.closures import reset_closures as reset_closures
 from engine.kernels.bsdf.closures import summarize as summarize
 from engine.kernels.bsdf.diffuse import add_diffuse as add_diffuse
-from engine.kernels.bsdf.diffuse import add_emission as add_emission
-from engine.kernels.bsdf.diffuse import add_holdout as add_holdout
-from engine.kernels.bsdf.diffuse import add_oren_nayar as add_oren_nayar
-from engine.kernels.bsdf.diffuse import add_translucent as add_translucent
-from engine.kernels.bsdf.diffuse import add_transparent as add_transparent
 from engine.kernels.bsdf.evaluate import DELTA_LOBES as DELTA_LOBES
 from engine.kernels.bsdf.evaluate import EVERY_LOBE as EVERY_LOBE
 from engine.kernels.bsdf.evaluate import ROUGH_LOBES as ROUGH_LOBES
@@ -32,9 +27,14 @@ from engine.kernels.bsdf.kinds import HAS_DELTA as HAS_DELTA
 from engine.kernels.bsdf.kinds import HAS_EVAL as HAS_EVAL
 from engine.kernels.bsdf.kinds import HAS_TRANSMISSION as HAS_TRANSMISSION
 from engine.kernels.bsdf.kinds import HAS_TRANSPARENT as HAS_TRANSPARENT
+from engine.kernels.bsdf.no_lobes import add_emission as add_emission
+from engine.kernels.bsdf.no_lobes import add_holdout as add_holdout
+from engine.kernels.bsdf.no_lobes import add_transparent as add_transparent
 from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
 from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
+from engine.kernels.bsdf.oren_nayar import add_oren_nayar as add_oren_nayar
 from engine.kernels.bsdf.principled import PrincipledInputs as PrincipledInputs
 from engine.kernels.bsdf.principled import add_principled as add_principled
 from engine.kernels.bsdf.tables import BsdfTables as BsdfTables
 from engine.kernels.bsdf.tables import load_tables as load_tables
+from engine.kernels.bsdf.translucent import add_translucent as add_translucent

@@ -8,6 +8,7 @@ from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_BUMP_CORRECTION,
     DELTA_ALPHA_SQUARED,
     FIRST_MICROFACET,
+    FIRST_TRANSLUCENT,
     HAS_DELTA,
     HAS_EVAL,
     HAS_TRANSMISSION,
@@ -15,7 +16,6 @@ from engine.kernels.bsdf.kinds import (
     LAST_MICROFACET,
     REFRACTION,
     SMOOTH_N,
-    TRANSLUCENT,
     TRANSPARENT,
     WEIGHT_CUTOFF,
 )
@@ -123,7 +123,7 @@ def summarize(closures, lane):
                 bits |= HAS_DELTA
         else:
             bits |= HAS_EVAL
-            if kind == TRANSLUCENT:
+            if kind >= FIRST_TRANSLUCENT:
                 bits |= HAS_TRANSMISSION
     return bits
 

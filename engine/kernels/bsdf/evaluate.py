@@ -8,7 +8,6 @@ model with the balance heuristic).
 import math
 
 from engine.kernels.bsdf.closures import read3
-from engine.kernels.bsdf.diffuse import oren_nayar_f_cos
 from engine.kernels.bsdf.dispersion import delta_channels, set_channel
 from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo
 from engine.kernels.bsdf.kinds import (
@@ -21,19 +20,16 @@ from engine.kernels.bsdf.kinds import (
     ENERGY_SCALE,
     ETA,
     FIRST_MICROFACET,
+    FIRST_TRANSLUCENT,
     GLASS,
     LAST_DIFFUSE,
     LAST_MICROFACET,
-    OREN_MULTIPLE,
-    OREN_NAYAR,
     REFRACTION,
-    SHEEN,
-    TRANSLUCENT,
     TRANSPARENT,
 )
+from engine.kernels.bsdf.lobes import eval_lobe, sample_lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
-from engine.kernels.bsdf.sheen import sample_sheen, sheen_pdf
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.constants import INV_PI, ONE_MINUS_EPSILON
 from engine.kernels.vector import dot, negate
@@ -58,28 +54,6 @@ EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
 EVERY_LOBE = 0
 ROUGH_LOBES = 1
 DELTA_LOBES = 2
-
-
-@kernel
-def eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row):
-    """Add `factor` times f cos of a diffuse kind to out[row] and return its pdf [sr^-1]."""
-    cos_i = dot(n, wi)
-    if kind == TRANSLUCENT:
-        cos_i = -cos_i
-    if cos_i <= 0.0:
-        return 0.0
-    pdf = cos_i * INV_PI
-    if kind == OREN_NAYAR:
-        single, multiple = oren_nayar_f_cos(param, lane, i, n, wo, wi, cos_i)
-        for c in range(len(channels)):
-            f_cos = single + multiple * param[lane, i, OREN_MULTIPLE + c]
-            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * f_cos * factor
-        return pdf
-    if kind == SHEEN:
-        pdf = sheen_pdf(param, lane, i, n, wi)
-    for c in range(len(channels)):
-        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
-    return pdf
 
 
 @kernel
@@ -119,7 +93,7 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
             factor = 0.0
         lobe_pdf = 0.0
         if kind <= LAST_DIFFUSE:
-            lobe_pdf = sample_weight * eval_diffuse_kind(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+            lobe_pdf = sample_weight * eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
         elif kind <= LAST_MICROFACET:
             lobe_pdf = sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
         pdf += lobe_pdf
@@ -221,14 +195,9 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     is_refracted = False
     blend = 1.0
     if kind <= LAST_DIFFUSE:
-        is_refracted = kind == TRANSLUCENT
+        is_refracted = kind >= FIRST_TRANSLUCENT
         label = RAY_DIFFUSE
-        if is_refracted:
-            n = negate(n)
-        if kind == SHEEN:
-            wi = sample_sheen(param, lane, chosen, n, u1, u2)
-        else:
-            wi, _ = sample_cosine_hemisphere(n, u1, u2)
+        wi = sample_lobe(kind, param, lane, chosen, n, wo, u1, u2)
     elif kind <= LAST_MICROFACET:
         wi, is_refracted, is_delta, blend, branch_pmf = sample_microfacet(
             param, channels, lane, chosen, kind, n, wo, u0, u1, u2

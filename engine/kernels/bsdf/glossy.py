@@ -23,7 +23,9 @@ from engine.kernels.bsdf.kinds import (
     TANGENT,
     TRANSMISSION_TINT,
 )
+from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.constants import TWO_PI
+from engine.kernels.memory import read3
 from engine.kernels.vector import add, cross, dot, normalize, scale
 from engine.runtime.jit import kernel
 
@@ -198,3 +200,37 @@ def add_glass(closures, tables, lane, weight, color, wo, n, distribution, roughn
         tint,
         tint,
     )
+
+
+@kernel(forceinline=True)
+def run_glossy(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, normal, color, roughness, anisotropy, rotation, tangent | distribution`."""
+    if closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS != 0:
+        return
+    n = valid_specular_normal(closures, lane, view.ng, view.wo, safe_normal(read3(memory, code[pc + 3]), view.ns))
+    add_glossy(
+        closures, tables, lane, (weight, weight, weight), read3(memory, code[pc + 4]), view.wo, n,
+        read3(memory, code[pc + 8]), code[pc + 9], memory[code[pc + 5]], memory[code[pc + 6]], memory[code[pc + 7]],
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def run_refraction(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, normal, color, roughness, ior | distribution`."""
+    if closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS != 0:
+        return
+    n = valid_specular_normal(closures, lane, view.ng, view.wo, safe_normal(read3(memory, code[pc + 3]), view.ns))
+    add_refraction(
+        closures, tables, lane, (weight, weight, weight), read3(memory, code[pc + 4]), view.wo, n, code[pc + 7],
+        memory[code[pc + 5]], memory[code[pc + 6]], view.is_backfacing,
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def run_glass(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, normal, color, roughness, ior | distribution`."""
+    n = valid_specular_normal(closures, lane, view.ng, view.wo, safe_normal(read3(memory, code[pc + 3]), view.ns))
+    add_glass(
+        closures, tables, lane, (weight, weight, weight), read3(memory, code[pc + 4]), view.wo, n, code[pc + 7],
+        memory[code[pc + 5]], memory[code[pc + 6]], view.is_backfacing,
+    )  # fmt: skip

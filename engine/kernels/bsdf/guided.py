@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, is_delta_lobe
-from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, LAST_DIFFUSE, REFRACTION, TRANSLUCENT
+from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, FIRST_TRANSLUCENT, LAST_DIFFUSE, REFRACTION
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
@@ -54,7 +54,7 @@ def rough_share(closures, lane, min_alpha):
                 return 0.0, False
         else:
             is_broad = True
-            is_diffuse = is_diffuse and kind != TRANSLUCENT
+            is_diffuse = is_diffuse and kind < FIRST_TRANSLUCENT
     if not is_broad or not rough > 0.0:
         return 0.0, False
     return rough / total, is_diffuse

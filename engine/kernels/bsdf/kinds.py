@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kinds of closures and where their parameters lie in a row of `Closures.param`.
 
-Columns 0 to 7 are common (`engine.state.lanes`: weight, normal, sample weight); the rest is the kind's:
+Columns 0 to 7 are common (`engine.state.lanes`: weight, normal, sample weight); the rest is the kind's. Diffuse kinds
+have a file each, with their number and their columns, and `lobes.LOBES` lists them. Those of the others:
 
 ==================  ==================================================================================================
-DIFFUSE             none
-OREN_NAYAR          OREN_A, OREN_B, OREN_MULTIPLE (4 channels)
-SHEEN               SHEEN_A, SHEEN_B, SHEEN_TANGENT (3)
-TRANSLUCENT         none
 GLOSSY              ALPHA_X, ALPHA_Y, ENERGY_SCALE, TANGENT (3, of anisotropic lobes)
 GLOSSY_DIELECTRIC   as GLOSSY, and ETA
 GLOSSY_SCHLICK      as GLOSSY_DIELECTRIC, and F0 (4), F0_REAL
@@ -28,24 +25,23 @@ from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WIDTH
 
 NONE = 0
 
-# Diffuse kinds: LAST_DIFFUSE is the last.
+# Diffuse kinds, up to LAST_DIFFUSE: those below FIRST_TRANSLUCENT reflect, the others transmit.
 DIFFUSE = 1
-OREN_NAYAR = 2
-SHEEN = 3
-TRANSLUCENT = 4
-LAST_DIFFUSE = 4
+FIRST_TRANSLUCENT = 16
+LAST_DIFFUSE = 23
 
 # Microfacet kinds: FIRST_MICROFACET to LAST_MICROFACET; those from REFRACTION on transmit.
-FIRST_MICROFACET = 8
-GLOSSY = 8
-GLOSSY_DIELECTRIC = 9
-GLOSSY_SCHLICK = 10
-GLOSSY_F82 = 11
-REFRACTION = 12
-GLASS = 13
-LAST_MICROFACET = 13
+FIRST_MICROFACET = 24
+GLOSSY = 24
+GLOSSY_DIELECTRIC = 25
+GLOSSY_SCHLICK = 26
+GLOSSY_F82 = 27
+REFRACTION = 28
+GLASS = 29
+LAST_MICROFACET = 29
 
-TRANSPARENT = 16
+TRANSPARENT = 30
+KIND_COUNT = 31
 
 # Values of the `distribution` argument of add_*.
 GGX = 0
@@ -86,14 +82,6 @@ F82_B = REFLECTION_TINT
 TRANSMISSION_TINT = REFLECTION_TINT + 4
 # Glass has no tangent.
 TANGENT = TRANSMISSION_TINT
-
-OREN_A = CLOSURE_KIND_PARAMS + 1
-OREN_B = CLOSURE_KIND_PARAMS + 2
-OREN_MULTIPLE = CLOSURE_KIND_PARAMS + 3
-
-SHEEN_A = CLOSURE_KIND_PARAMS + 1
-SHEEN_B = CLOSURE_KIND_PARAMS + 2
-SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 3
 
 #: Closures whose mean weight is below are dropped (Cycles' cutoff).
 WEIGHT_CUTOFF = np.float32(1e-5)

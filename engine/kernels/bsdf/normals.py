@@ -9,6 +9,18 @@ from engine.runtime.jit import kernel
 
 
 @kernel
+def safe_normal(n, fallback):
+    """Unit vector along `n`, or `fallback` where `n` is zero or not finite."""
+    squared = dot(n, n)
+    if abs(squared - 1.0) < 1e-6:
+        # As it is: a normal that differs from the smooth one in its last digit would count as bumped.
+        return n
+    if squared > 0.0 and squared < 1e37:
+        return scale(n, 1.0 / math.sqrt(squared))
+    return fallback
+
+
+@kernel
 def ensure_valid_specular_reflection(ng, wo, n):
     """Turn `n` towards `ng` just enough for the mirror direction of `wo` to leave the surface.
 

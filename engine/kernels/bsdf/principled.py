@@ -5,7 +5,6 @@ import math
 from typing import NamedTuple
 
 from engine.kernels.bsdf.closures import append_closure, weight_below
-from engine.kernels.bsdf.diffuse import add_emission, add_oren_nayar, add_transparent
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import eta_of_f0, f0_of_eta, f82_b, f82_mean, fresnel_mean, interface_mean_blend
 from engine.kernels.bsdf.glossy import append_glass, append_microfacet, blend_to_white, rotate_tangent
@@ -18,8 +17,11 @@ from engine.kernels.bsdf.kinds import (
     MULTI_GGX,
     WEIGHT_CUTOFF,
 )
-from engine.kernels.bsdf.normals import valid_specular_normal
+from engine.kernels.bsdf.no_lobes import add_emission, add_transparent
+from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
+from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
+from engine.kernels.memory import read3
 from engine.kernels.vector import add, dot, normalize, scale
 from engine.runtime.jit import kernel
 
@@ -224,3 +226,39 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
     else:
         add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness)
+
+
+@kernel(forceinline=True)
+def run_principled(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, normal, coat normal, tangent, base color, metallic, roughness, diffuse roughness, ior,
+    specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
+    tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha | distribution`.
+    """
+    n = safe_normal(read3(memory, code[pc + 3]), view.ns)
+    inputs = PrincipledInputs(
+        distribution=code[pc + 26],
+        base_color=read3(memory, code[pc + 6]),
+        metallic=memory[code[pc + 7]],
+        roughness=memory[code[pc + 8]],
+        diffuse_roughness=memory[code[pc + 9]],
+        ior=memory[code[pc + 10]],
+        specular_level=memory[code[pc + 11]],
+        specular_tint=read3(memory, code[pc + 12]),
+        anisotropic=memory[code[pc + 13]],
+        anisotropic_rotation=memory[code[pc + 14]],
+        tangent=read3(memory, code[pc + 5]),
+        transmission=memory[code[pc + 15]],
+        coat_weight=memory[code[pc + 16]],
+        coat_roughness=memory[code[pc + 17]],
+        coat_ior=memory[code[pc + 18]],
+        coat_tint=read3(memory, code[pc + 19]),
+        coat_normal=safe_normal(read3(memory, code[pc + 4]), view.ns),
+        sheen_weight=memory[code[pc + 20]],
+        sheen_roughness=memory[code[pc + 21]],
+        sheen_tint=read3(memory, code[pc + 22]),
+        emission_color=read3(memory, code[pc + 23]),
+        emission_strength=memory[code[pc + 24]],
+        alpha=memory[code[pc + 25]],
+    )
+    weights = (weight, weight, weight)
+    add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

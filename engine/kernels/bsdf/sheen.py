@@ -7,12 +7,20 @@ References: Zeltner, Burley and Chiang 2022, "Practical Multiple-Scattering Shee
 import math
 
 from engine.kernels.bsdf.closures import append_closure, read3, weight_below
-from engine.kernels.bsdf.kinds import SHEEN, SHEEN_A, SHEEN_B, SHEEN_TANGENT
+from engine.kernels.bsdf.lobe import Lobe
 from engine.kernels.bsdf.lookup import SHEEN_FIT, read_table
 from engine.kernels.bsdf.warp import concentric_disk
 from engine.kernels.constants import INV_PI
 from engine.kernels.vector import cross, dot, normalize, orthonormal_basis, to_local, to_world
 from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
+
+SHEEN = 3
+
+# Columns of Closures.param.
+SHEEN_A = CLOSURE_KIND_PARAMS + 1
+SHEEN_B = CLOSURE_KIND_PARAMS + 2
+SHEEN_TANGENT = CLOSURE_KIND_PARAMS + 3  # 3 columns
 
 
 @kernel
@@ -56,11 +64,25 @@ def sheen_pdf(param, lane, i, n, wi):
 
 
 @kernel
-def sample_sheen(param, lane, i, n, u0, u1):
-    """Direction with density `sheen_pdf`."""
+def eval_sheen(param, channels, lane, i, n, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`."""
+    if dot(n, wi) <= 0.0:
+        return 0.0
+    pdf = sheen_pdf(param, lane, i, n, wi)
+    for c in range(len(channels)):
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
+    return pdf
+
+
+@kernel
+def sample_sheen(param, lane, i, n, wo, u1, u2):
+    """Direction with density `sheen_pdf`, see `Lobe.sample`."""
     a = param[lane, i, SHEEN_A]
     b = param[lane, i, SHEEN_B]
     tangent = read3(param, lane, i, SHEEN_TANGENT)
-    x, y = concentric_disk(u0, u1)
+    x, y = concentric_disk(u1, u2)
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
     return to_world(normalize((x - z * b, y, z * a)), tangent, cross(n, tangent), n)
+
+
+LOBE = Lobe(SHEEN, eval_sheen, sample_sheen)

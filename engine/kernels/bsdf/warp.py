@@ -42,3 +42,10 @@ def sample_cosine_hemisphere(n, u0, u1):
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
     tangent, bitangent = orthonormal_basis(n)
     return to_world((x, y, z), tangent, bitangent, n), z
+
+
+@kernel
+def sample_cosine(param, lane, i, n, wo, u1, u2):
+    """`sample_cosine_hemisphere` as the `Lobe.sample` of closure `i`."""
+    wi, _ = sample_cosine_hemisphere(n, u1, u2)
+    return wi

@@ -3,6 +3,7 @@
 
 import math
 
+from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
 from engine.kernels.shader.surface import (
     blended_object_normal,
@@ -48,18 +49,6 @@ TRANSFORM_NORMAL = 2
 FROM_WORLD = 0
 FROM_OBJECT = 1
 FROM_CAMERA = 2
-
-
-@kernel
-def safe_normal(n, fallback):
-    """Unit vector along `n`, or `fallback` where `n` is zero or not finite."""
-    squared = dot(n, n)
-    if abs(squared - 1.0) < 1e-6:
-        # As it is: a normal that differs from the smooth one in its last digit would count as bumped.
-        return n
-    if squared > 0.0 and squared < 1e37:
-        return scale(n, 1.0 / math.sqrt(squared))
-    return fallback
 
 
 @kernel

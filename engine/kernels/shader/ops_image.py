@@ -4,8 +4,8 @@
 import math
 
 from engine.kernels.constants import INV_PI, INV_TWO_PI
+from engine.kernels.memory import read3, write3
 from engine.kernels.shader.images import image_color
-from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import IMAGE_FIRST
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel

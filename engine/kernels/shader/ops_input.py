@@ -7,11 +7,12 @@ mapping: axis 0 = not at all, 1 and 2 = along the footprint's axes by `width` ti
 
 import math
 
+from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.kernels.memory import read3, write3
 from engine.kernels.motion import direction_to_world, point_to_world
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
-from engine.kernels.shader.memory import read3, write3
-from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, safe_normal, vector_transform
+from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
 from engine.kernels.shader.opcodes import INPUT_FIRST
 from engine.kernels.shader.surface import (
     displaced_barycentrics,

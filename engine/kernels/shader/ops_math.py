@@ -5,6 +5,7 @@ Layout of an instruction at `pc`: opcode, length, outputs, inputs, immediates, i
 engine/shaders/nodes_texture_math.py lists them. An instruction's outputs never share memory with its inputs.
 """
 
+from engine.kernels.memory import read3, write3
 from engine.kernels.shader.color_math import (
     COLOR_HSL,
     COLOR_HSV,
@@ -19,7 +20,6 @@ from engine.kernels.shader.color_math import (
     rgb_to_hsl,
     rgb_to_hsv,
 )
-from engine.kernels.shader.memory import read3, write3
 from engine.kernels.shader.opcodes import MATH_FIRST
 from engine.kernels.shader.scalar_math import lookup, map_range, math_operation
 from engine.kernels.shader.vector_math import rotate_vector, vector_operation

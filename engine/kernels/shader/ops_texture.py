@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
-from engine.kernels.shader.memory import read3, write3
+from engine.kernels.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
 from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
 from engine.kernels.shader.procedural_noise import noise_texture
-from engine.kernels.shader.procedural_voronoi import voronoi_texture
+from engine.kernels.shader.procedural_voronoi import Voronoi, voronoi_texture
 from engine.runtime.jit import kernel
 from engine.state.shaders import SINK
 
@@ -66,20 +66,20 @@ def run_texture_op(opcode, code, pc, memory, tables):
             z = 0.0
         if dimensions < 4:
             w = 0.0
-        distance, red, green, blue, px, py, pz, pw = voronoi_texture(
-            x, y, z, w,
-            memory[code[pc + 9]],
-            dimensions,
-            code[pc + 17],
-            code[pc + 18],
-            memory[code[pc + 10]],
-            memory[code[pc + 11]],
-            memory[code[pc + 12]],
-            memory[code[pc + 13]],
-            memory[code[pc + 14]],
-            memory[code[pc + 15]],
-            code[pc + 19],
-        )  # fmt: skip
+        voronoi = Voronoi(
+            dimensions=dimensions,
+            feature=code[pc + 17],
+            metric=code[pc + 18],
+            scale=memory[code[pc + 9]],
+            detail=memory[code[pc + 10]],
+            roughness=memory[code[pc + 11]],
+            lacunarity=memory[code[pc + 12]],
+            smoothness=memory[code[pc + 13]],
+            exponent=memory[code[pc + 14]],
+            randomness=memory[code[pc + 15]],
+            normalize=code[pc + 19],
+        )
+        distance, red, green, blue, px, py, pz, pw = voronoi_texture(x, y, z, w, voronoi)
         memory[code[pc + 2]] = distance
         write3(memory, code[pc + 3], (red, green, blue))
         if dimensions == 1:

@@ -6,6 +6,7 @@ radius of zero and coordinates of zero. The 1D texture (Blender's W) lives on th
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,41 @@ VORONOI_DISTANCE_TO_EDGE = 3
 VORONOI_N_SPHERE_RADIUS = 4
 
 _FAR = np.float32(3.4028235e38)
+
+
+class Voronoi(NamedTuple):
+    """Settings of the node: float32, and numbers of VORONOI_* for ints; 1 to 4 dimensions.
+
+    Attributes
+    ----------
+    smoothness : float32
+        As in Blender's socket; `voronoi_texture` halves and clamps it.
+    normalize : int
+        Not 0: distances are over the furthest there can be.
+    """
+
+    dimensions: int
+    feature: int
+    metric: int
+    scale: float
+    detail: float
+    roughness: float
+    lacunarity: float
+    smoothness: float
+    exponent: float
+    randomness: float
+    normalize: int
+
+
+class _Cells(NamedTuple):
+    """What one octave goes by: settings as they are clamped."""
+
+    dimensions: int
+    feature: int
+    metric: int
+    exponent: float
+    smoothness: float
+    randomness: float
 
 
 @kernel
@@ -75,11 +111,12 @@ def _length(measure, metric, exponent):
 
 
 @kernel
-def _closest(x, y, z, w, dimensions, feature, metric, exponent, smoothness, randomness):
+def _closest(x, y, z, w, cells):
     """One octave of F1, F2 or smooth F1: distance, colour (3) and position (4) of the feature point.
 
     References: Quilez 2013, "Smooth Voronoi".
     """
+    dimensions, feature, metric, exponent, smoothness, randomness = cells
     base_x, base_y, base_z, base_w = math.floor(x), math.floor(y), math.floor(z), math.floor(w)
     lx = x - np.float32(base_x)
     ly = y - np.float32(base_y)
@@ -174,11 +211,12 @@ def _closest(x, y, z, w, dimensions, feature, metric, exponent, smoothness, rand
 
 
 @kernel
-def _edge_or_radius(x, y, z, w, dimensions, feature, randomness):
+def _edge_or_radius(x, y, z, w, cells):
     """Distance to the closest edge of the diagram, or the radius of the sphere inscribed around the closest point.
 
     References: Quilez 2012, "Voronoi edges".
     """
+    dimensions, feature, randomness = cells.dimensions, cells.feature, cells.randomness
     base_x, base_y, base_z, base_w = math.floor(x), math.floor(y), math.floor(z), math.floor(w)
     lx = x - np.float32(base_x)
     ly = y - np.float32(base_y)
@@ -230,33 +268,32 @@ def _edge_or_radius(x, y, z, w, dimensions, feature, randomness):
 
 
 @kernel
-def voronoi_texture(
-    x, y, z, w, scale, dimensions, feature, metric, detail, roughness, lacunarity, smoothness, exponent, randomness,
-    normalize,
-):  # fmt: skip
+def voronoi_texture(x, y, z, w, voronoi):
     """Blender's Voronoi texture at an unscaled position (1D: in `x`, Blender's W).
 
     Parameters
     ----------
-    smoothness : float32
-        As in Blender's socket; halved and clamped here.
+    voronoi : Voronoi
 
     Returns
     -------
     8 float32
         Distance (or radius), colour (3), position (4, in unscaled coordinates; 1D: in the first).
     """
+    dimensions, feature, metric = voronoi.dimensions, voronoi.feature, voronoi.metric
+    scale, exponent = voronoi.scale, voronoi.exponent
     x, y, z, w = x * scale, y * scale, z * scale, w * scale
-    detail = min(max(detail, 0.0), 15.0)
-    roughness = min(max(roughness, 0.0), 1.0)
-    randomness = min(max(randomness, 0.0), 1.0)
-    smoothness = min(max(0.5 * smoothness, 0.0), 0.5)
+    detail = min(max(voronoi.detail, 0.0), 15.0)
+    roughness = min(max(voronoi.roughness, 0.0), 1.0)
+    randomness = min(max(voronoi.randomness, 0.0), 1.0)
+    smoothness = min(max(0.5 * voronoi.smoothness, 0.0), 0.5)
     if dimensions == 1:
         metric = VORONOI_EUCLIDEAN
     if feature == VORONOI_SMOOTH_F1 and smoothness == 0.0:
         feature = VORONOI_F1
+    cells = _Cells(dimensions, feature, metric, exponent, smoothness, randomness)
     if feature == VORONOI_N_SPHERE_RADIUS:
-        radius = _edge_or_radius(x, y, z, w, dimensions, feature, randomness)
+        radius = _edge_or_radius(x, y, z, w, cells)
         return radius, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
     is_edge = feature == VORONOI_DISTANCE_TO_EDGE
@@ -284,7 +321,7 @@ def voronoi_texture(
         qx, qy, qz, qw = x * octave_scale, y * octave_scale, z * octave_scale, w * octave_scale
         part = 1.0 if octave <= whole else remainder
         if is_edge:
-            edge = _edge_or_radius(qx, qy, qz, qw, dimensions, feature, randomness)
+            edge = _edge_or_radius(qx, qy, qz, qw, cells)
             if is_single:
                 distance = edge
                 break
@@ -298,9 +335,7 @@ def voronoi_texture(
                 distance += part * (min(distance, target) - distance)
                 amplitude_sum += part * (sum_target - amplitude_sum)
         else:
-            d, r, g, b, ax, ay, az, aw = _closest(
-                qx, qy, qz, qw, dimensions, feature, metric, exponent, smoothness, randomness
-            )
+            d, r, g, b, ax, ay, az, aw = _closest(qx, qy, qz, qw, cells)
             if is_single:
                 amplitude_sum = 1.0
                 distance = d
@@ -317,10 +352,10 @@ def voronoi_texture(
             py += share * (ay / octave_scale - py)
             pz += share * (az / octave_scale - pz)
             pw += share * (aw / octave_scale - pw)
-        octave_scale *= lacunarity
+        octave_scale *= voronoi.lacunarity
         amplitude *= roughness
 
-    if normalize:
+    if voronoi.normalize:
         distance /= amplitude_sum if is_edge else amplitude_sum * furthest
         if not is_edge:
             red /= amplitude_sum

@@ -513,21 +513,17 @@ def test_a_change_of_camera_builds_nothing_but_the_camera(session: Session) -> N
 def test_a_change_of_one_material_compiles_that_material_alone(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from engine.shaders import compiler
+    from engine.shaders.surface_compiler import SurfaceCompiler
 
     before = _loaded(session, _original())
     names: list[str] = []
-    compiled_of = compiler.ProgramCache.compile
+    program_of = SurfaceCompiler.compile
 
-    def note_new_ones(cache: Any, scene: Any, sources: Any) -> Any:
-        kept = {id(program) for program in cache.compiled}
-        compiled = compiled_of(cache, scene, sources)
-        names.extend(
-            source.name for source, program in zip(sources, compiled, strict=True) if id(program) not in kept
-        )
-        return compiled
+    def count(self: Any) -> Any:
+        names.append(self.source.name)
+        return program_of(self)
 
-    monkeypatch.setattr(compiler.ProgramCache, "compile", note_new_ones)
+    monkeypatch.setattr(SurfaceCompiler, "compile", count)
     after = _loaded(session, _changed(_graph("materials.0", 1, "Roughness", 0.9)))
     assert names == ["material Textured"]
     others = _other_objects(before, after)

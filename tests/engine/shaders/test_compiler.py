@@ -11,7 +11,8 @@ import pytest
 from engine.kernels.bsdf import kinds
 from engine.kernels.shader import ops_closure
 from engine.scene.description import Link, Node, NodeGraph
-from engine.shaders.compiler import ProgramSource, compile_programs
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
 from engine.state.lanes import CLOSURE_WEIGHT, POINT_NS
 from engine.state.shaders import (
     MODE_CLOSURES,

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from engine.kernels.bsdf import kinds
+from engine.kernels.bsdf.sheen import SHEEN
+from engine.kernels.bsdf.translucent import TRANSLUCENT
 from engine.scene.description import Link, NodeGraph
 from engine.shaders.folding import stand_in_geometry
 from engine.shaders.nodes_input import mapping_matrix
@@ -247,13 +249,13 @@ def test_caustics_switched_off_drop_glossy_lobes_behind_diffuse_ones() -> None:
     ("kind", "lobes"),
     [
         ("ShaderNodeBsdfDiffuse", [kinds.DIFFUSE]),
-        ("ShaderNodeBsdfTranslucent", [kinds.TRANSLUCENT]),
+        ("ShaderNodeBsdfTranslucent", [TRANSLUCENT]),
         ("ShaderNodeBsdfAnisotropic", [kinds.GLOSSY]),
         ("ShaderNodeBsdfRefraction", [kinds.REFRACTION]),
         ("ShaderNodeBsdfGlass", [kinds.GLASS]),
         ("ShaderNodeBsdfTransparent", [kinds.TRANSPARENT]),
         ("ShaderNodeBsdfMetallic", [kinds.GLOSSY_F82]),
-        ("ShaderNodeBsdfSheen", [kinds.SHEEN]),
+        ("ShaderNodeBsdfSheen", [SHEEN]),
         ("ShaderNodeBsdfPrincipled", [kinds.GLOSSY_SCHLICK, kinds.DIFFUSE]),
     ],
 )

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of closures: what a newcomer extends, by a line here, a file of its own and an entry for its node.
+
+The file (`translucent.py` is an example) has the kind's number, its columns of `Closures.param`, and kernels: one that
+appends the lobe, those of its `Lobe`, and the one of its instruction,
+
+    run_*(closures, tables, lane, view, weight, memory, code, pc),
+
+where `weight` is what Mix and Add Shader nodes give the closure (not 0), `view` a `View`, and the operands are
+memory[code[pc + 3]] and on, as the node's entry in `engine/shaders/nodes_closure.py` lists them behind the weight.
+There `ops_closure.opcode` gives the instruction's opcode by its name here. Give `run_*` `forceinline=True`: two arrays
+as arguments are a dozen stores at every call.
+
+Kinds that are neither diffuse nor transparent are microfacet lobes, one family that differs by Fresnel terms
+(`microfacet.py`).
+"""
+
+import numpy as np
+
+from engine.kernels.bsdf import diffuse, glossy, oren_nayar, principled, sheen, translucent
+from engine.kernels.bsdf.kinds import (
+    F0,
+    F82_B,
+    GLASS,
+    GLOSSY_F82,
+    GLOSSY_SCHLICK,
+    KIND_COUNT,
+    REFLECTION_TINT,
+    TRANSMISSION_TINT,
+)
+from engine.runtime.jit import by_number
+
+#: Diffuse kinds of lobes; they are asked in this order.
+LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, diffuse.LOBE)
+
+#: Instructions that add lobes, by name; they are asked in this order.
+INSTRUCTIONS = {
+    "DIFFUSE": diffuse.run_diffuse,
+    "PRINCIPLED": principled.run_principled,
+    "TRANSLUCENT": translucent.run_translucent,
+    "GLOSSY": glossy.run_glossy,
+    "REFRACTION": glossy.run_refraction,
+    "GLASS": glossy.run_glass,
+}
+
+eval_lobe = by_number({lobe.kind: lobe.evaluate for lobe in LOBES}, "eval_lobe", __name__)
+sample_lobe = by_number({lobe.kind: lobe.sample for lobe in LOBES}, "sample_lobe", __name__)
+run_instruction = by_number(dict(enumerate(INSTRUCTIONS.values())), "run_instruction", __name__)
+
+_MICROFACET_COLORS = {
+    GLOSSY_SCHLICK: (F0,),
+    GLOSSY_F82: (F0, F82_B),
+    GLASS: (F0, REFLECTION_TINT, TRANSMISSION_TINT),
+}
+
+
+def _color_columns() -> np.ndarray:
+    columns = np.zeros((KIND_COUNT, 3), np.int32)
+    for kind, colors in {**{lobe.kind: lobe.colors for lobe in LOBES}, **_MICROFACET_COLORS}.items():
+        columns[kind, : len(colors)] = colors
+    return columns
+
+
+#: By kind: where its colours begin in `Closures.param`, but for the weight; 0 where there are no more.
+COLOR_COLUMNS = _color_columns()

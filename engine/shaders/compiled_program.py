@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A shader program between its graph and its address: what it is made of, and what came of that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from engine.kernels.shader import ops_input
+from engine.scene.description import NodeGraph, Notice
+from engine.shaders.program import Instruction
+
+#: Instructions that read `ShaderArrays.camera`.
+_CAMERA_OPCODES = frozenset(
+    {ops_input.OP_CAMERA_COORDINATE, ops_input.OP_WINDOW, ops_input.OP_CAMERA_DATA, ops_input.OP_VECTOR_TRANSFORM}
+)
+
+#: What a program took from the pools that it shares with others: method, argument and answer.
+Asked = tuple[str, Any, Any]
+
+
+@dataclass(frozen=True)
+class ProgramSource:
+    """What one program is made of.
+
+    Attributes
+    ----------
+    name : str
+        Names the material, light or world in notices.
+    graph : NodeGraph or None
+        None: grey diffuse for a material, `color` as emission for a world, plain white emission for a light.
+    kind : str
+        'MATERIAL', 'WORLD' or 'LIGHT'.
+    dispersion : float  [um^2]
+        0 where it is not finite.
+    """
+
+    name: str
+    graph: NodeGraph | None
+    kind: str = "MATERIAL"
+    pass_index: int = 0
+    dispersion: float = 0.0
+    use_bump_map_correction: bool = True
+    use_transparent_shadow: bool = True
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(eq=False)
+class CompiledProgram:
+    """A program before it has an address: its instructions, the roots each mode runs, and facts.
+
+    `asked` is in the order of asking.
+    """
+
+    instructions: list[Instruction]
+    roots: dict[int, list[int]]
+    flags: int
+    emission: tuple[float, ...] | None
+    transparency: tuple[float, ...] | None
+    lambertian: tuple[float, ...] | None
+    ahead: tuple[int, int]
+    temperature: float
+    asked: list[Asked]
+    notices: list[Notice]
+
+    @property
+    def sees_camera(self) -> bool:
+        """Whether what it gives depends on where the camera is."""
+        return any(instruction.opcode in _CAMERA_OPCODES for instruction in self.instructions)

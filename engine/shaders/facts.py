@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of a program before it runs: constant emission and transparency, flags, the image that it will read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
+from engine.kernels.shader import ops_closure, ops_image, ops_input
+from engine.scene.description import Notice
+from engine.shaders.blackbody import emission_temperature
+from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource
+from engine.shaders.program import Constant, Instruction
+from engine.state import shaders as layout
+from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+
+
+def with_facts(
+    source: ProgramSource,
+    instructions: list[Instruction],
+    roots: dict[int, list[int]],
+    asked: list[Asked],
+    notices: list[Notice],
+) -> CompiledProgram:
+    """The program of these instructions and roots, with all that is known of it."""
+    emission = _constant_emission(instructions, roots[MODE_EMISSION])
+    transparency = _constant_transparency(instructions, roots[MODE_TRANSPARENCY])
+    lambertian = _lambertian(instructions, roots[MODE_CLOSURES])
+    flags = _closure_flags(instructions, roots[MODE_CLOSURES])
+    lets_through = bool(roots[MODE_TRANSPARENCY]) and transparency != (0.0, 0.0, 0.0)
+    facts: Mapping[int, bool] = {
+        layout.PROGRAM_HAS_EMISSION: bool(roots[MODE_EMISSION]),
+        layout.PROGRAM_EMISSION_CONSTANT: emission is not None,
+        layout.PROGRAM_MAY_BE_TRANSPARENT: lets_through and source.use_transparent_shadow,
+        layout.PROGRAM_TRANSPARENCY_CONSTANT: transparency is not None,
+        layout.PROGRAM_NO_BUMP_CORRECTION: not source.use_bump_map_correction,
+        layout.PROGRAM_IS_LAMBERTIAN: lambertian is not None,
+    }
+    for flag, is_set in facts.items():
+        flags |= flag if is_set else 0
+    ahead = _foreseen_image(instructions)
+    temperature = emission_temperature(source.graph)
+    return CompiledProgram(
+        instructions, roots, flags, emission, transparency, lambertian, ahead, temperature, asked, notices
+    )
+
+
+def _closure_flags(instructions: Sequence[Instruction], roots: Sequence[int]) -> int:
+    """PROGRAM_HAS_LOBES and PROGRAM_IS_CONSTANT."""
+    closures = [instructions[root] for root in roots]
+    flags = 0
+    if any(closure.opcode >= ops_closure.LOBES_FIRST for closure in closures):
+        flags |= layout.PROGRAM_HAS_LOBES
+    if all(
+        isinstance(value, Constant) or instructions[value.instruction].opcode == ops_input.OP_NORMAL
+        for closure in closures
+        for value in closure.inputs
+    ):
+        flags |= layout.PROGRAM_IS_CONSTANT
+    return flags
+
+
+def _foreseen_image(instructions: Sequence[Instruction]) -> tuple[int, int]:
+    """PROGRAM_AHEAD_IMAGE and PROGRAM_AHEAD_SLOT."""
+    for instruction in instructions:
+        if instruction.opcode != ops_image.OP_IMAGE:
+            continue
+        image, projection = instruction.immediates[:2]
+        vector = instruction.inputs[0]
+        if image < 0 or projection != ops_image.PROJECTION_FLAT or isinstance(vector, Constant):
+            continue
+        source = instructions[vector.instruction]
+        slot = source.immediates[1] if source.opcode == ops_input.OP_ATTRIBUTE else -2
+        if vector.output == 0 and slot >= -1:
+            return image + 1, slot
+    return 0, 0
+
+
+def _lambertian(instructions: Sequence[Instruction], roots: Sequence[int]) -> tuple[float, ...] | None:
+    """Weight of the only closure, if that is a constant Lambertian lobe about the smooth normal, else None."""
+    if len(roots) != 1 or instructions[roots[0]].opcode != ops_closure.opcode("DIFFUSE"):
+        return None
+    weight, normal, color, roughness = instructions[roots[0]].inputs
+    if not (isinstance(weight, Constant) and isinstance(color, Constant) and isinstance(roughness, Constant)):
+        return None
+    if isinstance(normal, Constant) or instructions[normal.instruction].opcode != ops_input.OP_NORMAL:
+        return None
+    if not roughness.value[0] < MIN_DIFFUSE_ROUGHNESS:
+        return None
+    return tuple(float(np.float32(weight.value[0]) * np.float32(channel)) for channel in color.value)
+
+
+def _constant_emission(instructions: Sequence[Instruction], roots: Sequence[int]) -> tuple[float, ...] | None:
+    total = np.zeros(3)
+    for root in roots:
+        closure = instructions[root]
+        values = [value.value for value in closure.inputs if isinstance(value, Constant)]
+        if closure.opcode != ops_closure.OP_EMISSION or len(values) != len(closure.inputs):
+            return None
+        total += values[0][0] * values[2][0] * np.array(values[1])
+    return tuple(float(x) for x in total)
+
+
+def _constant_transparency(instructions: Sequence[Instruction], roots: Sequence[int]) -> tuple[float, ...] | None:
+    total = np.zeros(3)
+    for root in roots:
+        closure = instructions[root]
+        values = [value.value for value in closure.inputs if isinstance(value, Constant)]
+        if len(values) != len(closure.inputs) or closure.opcode == ops_closure.OP_HOLDOUT:
+            return None
+        if closure.opcode == ops_closure.OP_ALPHA:
+            total += values[0][0] * (1.0 - min(max(values[1][0], 0.0), 1.0))
+        else:
+            total += values[0][0] * np.array(values[1])
+    return tuple(float(x) for x in total)

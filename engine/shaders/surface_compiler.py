@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A graph from its surface output to closure instructions: weights through Mix and Add Shader, and displacement."""
+
+from __future__ import annotations
+
+from engine.kernels.shader import ops_closure, ops_input
+from engine.scene.description import Link, Node, NodeGraph
+from engine.shaders import nodes_closure
+from engine.shaders.arithmetic import ONE, ZERO
+from engine.shaders.compiled_program import CompiledProgram, ProgramSource
+from engine.shaders.facts import with_facts
+from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
+from engine.shaders.pools import ScenePools
+from engine.shaders.program import Constant, Instruction, Value, is_zero
+from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
+from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+
+_GREY = Constant((0.8, 0.8, 0.8))
+_BLACK = Constant((0.0, 0.0, 0.0))
+
+
+class SurfaceCompiler:
+    """Compiles one graph."""
+
+    def __init__(self, pools: ScenePools, source: ProgramSource) -> None:
+        self.source = source
+        self._pools = pools
+        self._graph = source.graph if source.graph is not None else NodeGraph()
+        self._values = NodeValues(source.name, self._graph, pools)
+        self._arithmetic = self._values.arithmetic
+        self._code = self._arithmetic.code
+        #: Instructions that each mode runs for their effect.
+        self._roots: dict[int, list[int]] = {MODE_CLOSURES: [], MODE_EMISSION: [], MODE_TRANSPARENCY: []}
+
+    def compile(self) -> CompiledProgram:
+        """Walk the graph from its surface output."""
+        asked, notices = self._pools.begin()
+        if self.source.graph is None:
+            self._default_surface()
+        else:
+            self._displacement()
+            self._surface()
+        return with_facts(self.source, self._code.instructions, self._roots, asked, notices)
+
+    def add_closure(self, instruction: Instruction, modes: tuple[int, ...]) -> None:
+        """Append a closure instruction that the given modes run."""
+        index = self._code.append_effect(instruction)
+        for mode in modes:
+            self._roots[mode].append(index)
+
+    def _default_surface(self) -> None:
+        builder = _ClosureBuilder(self, self._values, -1)
+        if self.source.kind == "MATERIAL":
+            operands = (builder.input(Socket("Normal", VECTOR, Implicit.NORMAL)), _GREY, ZERO)
+            builder.closure(ops_closure.opcode("DIFFUSE"), ONE, operands, modes=(MODE_CLOSURES,))
+        elif any(self.source.color):
+            color = Constant(tuple(float(c) for c in self.source.color))
+            builder.closure(ops_closure.OP_EMISSION, ONE, (color, ONE), modes=(MODE_CLOSURES, MODE_EMISSION))
+
+    def _surface(self) -> None:
+        surface = self._graph.surface
+        if self._graph.volume is not None:
+            self._pools.notice(self.source.name, "has a volume, which is not supported", "no volume")
+        if surface is None or not self._values.exists(surface, "the output"):
+            return
+        weights: dict[int, Value] = {surface.node: ONE}
+        for index in self._shader_order(surface.node):
+            weight = weights.get(index)
+            if weight is None or is_zero(weight):
+                continue
+            self._shader(index, weight, weights)
+
+    def _shader_order(self, root: int) -> list[int]:
+        """Shader nodes reached from `root`, each before those it mixes or adds."""
+        order: list[int] = []
+        state: dict[int, int] = {}
+
+        def visit(index: int) -> None:
+            state[index] = 1
+            for link in reversed(self._shader_links(index)):
+                if link is None:
+                    continue
+                if state.get(link.node) == 1:
+                    node = self._graph.nodes[index]
+                    self._values.notice(node, "is part of a loop of links", "the loop is cut open there")
+                elif link.node not in state:
+                    visit(link.node)
+            state[index] = 2
+            order.append(index)
+
+        visit(root)
+        return order[::-1]
+
+    def _shader_links(self, index: int) -> list[Link | None]:
+        """Links into the shader sockets of a Mix or Add Shader, None where nothing usable is linked."""
+        node = self._graph.nodes[index]
+        if node.kind not in nodes_closure.MIXES:
+            return []
+        links = (node.inputs.get(name) for name in ("Shader", "Shader_001"))
+        return [link if isinstance(link, Link) and self._values.exists(link, node.name) else None for link in links]
+
+    def _shader(self, index: int, weight: Value, weights: dict[int, Value]) -> None:
+        node = self._graph.nodes[index]
+        builder = _ClosureBuilder(self, self._values, index)
+        if node.kind in nodes_closure.MIXES:
+            self._values.notice_unknown(node, nodes_closure.MIXES[node.kind])
+            shares: tuple[Value, Value] = (weight, weight)
+            if node.kind == nodes_closure.MIX_SHADER:
+                shares = self._mix_weights(weight, builder.input(Socket("Fac", FLOAT, 0.5)))
+            for link, share in zip(self._shader_links(index), shares, strict=True):
+                if link is not None:
+                    weights[link.node] = self._arithmetic.add(weights.get(link.node, ZERO), share)
+            return
+        closure = nodes_closure.CLOSURES.get(node.kind)
+        if closure is not None:
+            if closure.inputs is not None:
+                self._values.notice_unknown(node, closure.inputs, closure.settings)
+            closure.emit(node, weight, builder)
+        elif gives_values(node.kind):
+            # Blender shows a colour linked to the surface as emission.
+            outputs = self._values.outputs(index, 0, 0.0)
+            value, type_ = next(iter(outputs.values()), (_BLACK, COLOR))
+            operands = (self._arithmetic.convert(value, type_, COLOR), ONE)
+            builder.closure(ops_closure.OP_EMISSION, weight, operands, modes=(MODE_CLOSURES, MODE_EMISSION))
+        else:
+            self._values.notice(node, f"{node.kind} is not supported", "black")
+
+    def _mix_weights(self, weight: Value, fac: Value) -> tuple[Value, Value]:
+        if isinstance(fac, Constant):
+            f = min(max(fac.value[0], 0.0), 1.0)
+            multiply = self._arithmetic.multiply
+            return multiply(weight, Constant((1.0 - f,))), multiply(weight, Constant((f,)))
+        first, second = self._code.append(Instruction(ops_input.OP_MIX_WEIGHTS, (weight, fac), (1, 1)))
+        return first, second
+
+    def _displacement(self) -> None:
+        """Displacement as bump: the shading normal is replaced before the surface reads it.
+
+        Emission and transparency alone are evaluated with the undisplaced normal.
+        """
+        link = self._graph.displacement
+        if link is None or not self._values.exists(link, "the output"):
+            return
+        builder = NodeBuilder(self._values, -1)
+        builder.node = Node("displacement", self._graph.nodes[link.node].name)
+        normal = builder.input(Socket("Normal", VECTOR, Implicit.NORMAL))
+        heights = []
+        for axis in (0, 1, 2):
+            value, type_ = self._values.value(link, axis, 0.1)
+            vector = self._arithmetic.convert(value, type_, VECTOR)
+            heights.append(self._code.append(Instruction(ops_input.OP_DOT, (vector, normal), (1,)))[0])
+        if len(set(heights)) == 1:
+            return
+        operands = (*heights, ONE, ONE, normal, Constant((0.1,)))
+        bumped = self._code.append(Instruction(ops_input.OP_BUMP, operands, (3,), (0, 0)))[0]
+        index = self._code.append_effect(Instruction(ops_input.OP_SET_NORMAL, (bumped,), ()))
+        self._roots[MODE_CLOSURES].append(index)
+        # What follows must read the point again.
+        self._values.forget()
+
+
+class _ClosureBuilder(NodeBuilder):
+    """What entries of closures see of the compiler besides."""
+
+    def __init__(self, compiler: SurfaceCompiler, values: NodeValues, index: int) -> None:
+        super().__init__(values, index)
+        self._compiler = compiler
+        self.multiply = values.arithmetic.multiply
+        self.saturate = values.arithmetic.saturate
+
+    def closure(
+        self,
+        opcode: int,
+        weight: Value,
+        operands: tuple[Value, ...],
+        immediates: tuple[int, ...] = (),
+        *,
+        modes: tuple[int, ...],
+    ) -> None:
+        """Append a closure instruction run in `modes`."""
+        self._compiler.add_closure(Instruction(opcode, (weight, *operands), (), immediates), modes)
