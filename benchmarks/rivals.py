@@ -20,6 +20,10 @@ UNLIMITED_SAMPLES = 1 << 20
 VARIANTS: dict[str, dict[str, Any]] = {
     "OFF-SPECTRAL": {"guiding_method": "OFF", "spectral": "ON"},
     "VMM-SPECTRAL": {"guiding_method": "VMM", "spectral": "ON"},
+    "OFF-FAST": {"guiding_method": "OFF", "radiance_cache": "FAST"},
+    "OFF-CONVERGING": {"guiding_method": "OFF", "radiance_cache": "CONVERGING"},
+    "AUTO-FAST": {"guiding_method": "AUTO", "radiance_cache": "FAST"},
+    "AUTO-CONVERGING": {"guiding_method": "AUTO", "radiance_cache": "CONVERGING"},
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
     "NASG-SG": {"guiding_method": "NASG", "mixture_lobes": "SG"},

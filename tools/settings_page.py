@@ -81,7 +81,7 @@ is off.
 """,
     "Candidates": """\
 These settings are for methods that resample. With `'ORCA'` a surface has as many candidates as pay for themselves;
-[decisions](decisions/candidates.md) say why it is the default. `radiance_cache` is biased.
+[decisions](decisions/candidates.md) say why it is the default.
 """,
     "Neural Mixtures": """\
 These settings are for `'NPM'`, `'NPM_PRODUCT'` and `'NASG'`, as a method or as a source. `mixture_target` is for
@@ -125,7 +125,7 @@ it was worse in each of [four scenes](decisions/candidates.md#allocation-against
 |
 
 Other values that no measurement recommends stay because they are a [paper's](papers/README.md) method or
-comparison, or because a benchmark sets them. `radiance_cache` stays because further work builds on it.
+comparison, or because a benchmark sets them.
 """
 
 

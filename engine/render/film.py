@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.render.residual import known_residual
+from engine.guiding.models.residual import known_residual
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,

@@ -24,7 +24,7 @@ _CACHE_LINE = 64
 RGB = 3
 
 
-def _aligned(byte_count: int) -> np.ndarray:
+def aligned_bytes(byte_count: int) -> np.ndarray:
     """Zeroed uint8 array that begins at a cache line."""
     memory = np.zeros(byte_count + _CACHE_LINE, np.uint8)
     start = -memory.ctypes.data % _CACHE_LINE
@@ -52,7 +52,7 @@ def _records(lane_count: int, layout: list[list[tuple]]) -> dict[str, np.ndarray
             size += kind.itemsize
         size += -size % _CACHE_LINE
     record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-    memory = _aligned(lane_count * record.itemsize).view(record)
+    memory = aligned_bytes(lane_count * record.itemsize).view(record)
     return {name: memory[name] for name in names}
 
 
@@ -205,7 +205,7 @@ def value_width(channel_count: int) -> int:
 def allocate_points(lane_count: int) -> ShadePoints:
     """Zeroed `ShadePoints` for `lane_count` lanes."""
     width = POINT_REAL_WIDTH + POINT_INTEGER_WIDTH
-    memory = _aligned(lane_count * 2 * _CACHE_LINE).view(np.float32).reshape(lane_count, -1)
+    memory = aligned_bytes(lane_count * 2 * _CACHE_LINE).view(np.float32).reshape(lane_count, -1)
     return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
 
 
@@ -214,7 +214,7 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
     if lane_count > LANE_COUNT:
         raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
     real, integer = np.float32, np.int32
-    memory = _aligned(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(real)
+    memory = aligned_bytes(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(real)
     param = memory.reshape(MAX_CLOSURES, _CLOSURE_LANES, CLOSURE_WIDTH)[:, :lane_count].transpose(1, 0, 2)
     fields = _records(
         lane_count,

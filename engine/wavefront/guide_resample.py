@@ -18,8 +18,8 @@ def guide_resample(scene, unit, guidance, work, queue):
     queue : LaneQueue
         The lanes that `draw_candidates` was given: what it has drawn, and `predict_radiance` has predicted, is used.
     """
-    _options, guiding, guide = scene.options, guidance.options, guidance.guide
-    paths, points, _log, candidates, _before = work.paths, work.points, work.log, work.candidates, work.f_cos
+    guiding, guide = guidance.options, guidance.guide
+    paths, points, candidates = work.paths, work.points, work.candidates
     vertex_count, row_count = work.counts[VERTICES], work.counts[ROWS]
     for vertex in range(vertex_count):
         lane = candidates.lane[vertex]

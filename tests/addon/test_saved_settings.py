@@ -74,6 +74,17 @@ def test_settings_for_experiments_move_to_their_group(blender: Any, tmp_path: Pa
     check_moved(scene)
 
 
+@pytest.mark.parametrize(("stored", "name"), [(0, "OFF"), (1, "FAST")])
+def test_the_radiance_cache_keeps_what_it_was_as_a_switch(
+    stored: int, name: str, blender: Any, tmp_path: Path
+) -> None:
+    """Switched on it was biased, as `FAST` is."""
+    store(blender.context.scene, radiance_cache=stored, use_cycles_settings=1)
+    save_as_before(blender, tmp_path / "old.blend")
+    scene = reopen(blender, tmp_path / "old.blend")
+    assert scene.neuralguide.experiment.radiance_cache == settings_of(scene).radiance_cache == name
+
+
 @pytest.mark.parametrize("is_linked", [False, True])
 def test_imported_scenes_have_their_experiments_moved(is_linked: bool, blender: Any, tmp_path: Path) -> None:
     if not hasattr(blender.app.handlers, "blend_import_post"):

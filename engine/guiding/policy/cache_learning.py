@@ -9,13 +9,17 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from engine.guiding.fields.cells.model import CellModel
 from engine.guiding.models.report import GuidingReport
+from engine.guiding.models.residual import kept_noise
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, join_records
+from engine.ris.orca import image_variance, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
@@ -23,6 +27,8 @@ from engine.state.unit import CURRENT, Unit, UnitCosts
 
 #: Least share of the paths that go on where they could end, and measure what the cache lacks.
 MEASURED_SHARE = 0.125
+#: The share is judged again at so many times the samples.
+_AGAIN = 1.5
 #: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
 EARLY_SAMPLES = 7
 _REHEARSED_RECORDS = 16
@@ -51,6 +57,9 @@ class CacheLearner:
         self.parts = [Part(0, 1, CURRENT)]
         self._cells = CellModel()
         self._budget = RecordBudget(paths_per_sample, unit_pixels)
+        #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
+        self._share = MEASURED_SHARE if settings.radiance_cache == "CONVERGING" else 0.0
+        self._judge_from = 0.0
 
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
@@ -72,8 +81,28 @@ class CacheLearner:
 
     def complete(self, guidance: Guidance) -> Guidance:
         """Guidance whose paths end in what is known."""
-        share = MEASURED_SHARE if self.settings.radiance_cache == "CONVERGING" else 0.0
-        return guidance.with_cells(self._cells.field, max(guidance.record_threshold, int(share * 2**32)))
+        return guidance.with_cells(self._cells.field, max(guidance.record_threshold, int(self._share * 2**32)))
+
+    def judge(self, sums: FilmTile, size: tuple[int, int], next_sample: int) -> None:
+        """Have more paths measure where the noise of what they found is more than that of the cached image, else fewer.
+
+        Parameters
+        ----------
+        sums : FilmTile, the image so far
+        size : (int, int)
+            Rows and columns of the image.
+        next_sample : int
+        """
+        if not len(sums.residual) or next_sample < self._judge_from:
+            return
+        self._judge_from = _AGAIN * next_sample
+        weight = np.maximum(sums.weight, 1e-20)[:, None]
+        mean = sums.radiance / weight
+        weights = pixel_weights(mean.reshape(*size, -1))
+        of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
+        cached = image_variance(mean, sums.square / weight, weights) * of_mean
+        is_too_few = kept_noise(sums.residual / weight, size, weights) > cached
+        self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
 
     def learn(
         self, units: Sequence[VertexRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
@@ -85,6 +114,7 @@ class CacheLearner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * costs.path_count)
             self.take(records, row_count)
+        self.judge(sums, size, next_range[0])
         self.parts = [Part(*next_range, CURRENT)]
         threshold = self._budget.threshold(next_range[1])
         if next_range[0] >= EARLY_SAMPLES:

@@ -207,6 +207,7 @@ class Learner:
             self._fit(records, row_count)
             if self._cache is not None:
                 self._cache.take(records, row_count)
+                self._cache.judge(sums, size, next_range[0])
         regions = self._regions
         if regions is None:
             choice.plan(*next_range, (), knows_something=False)

@@ -2,8 +2,7 @@
 """`CellField`: mean incident radiance by cell of surface, in a hash table of several cell sizes.
 
 A cell is a cube of a grid by one of six directions that its surface faces, so that the two sides of a thin wall, and
-the walls of a corner, are apart. Each size is twice the next smaller one. Whoever asks gets the smallest cell that
-knows enough.
+the walls of a corner, are apart. Each size is twice the next smaller one.
 
 References
 ----------
@@ -18,6 +17,7 @@ from engine.array_types import Float32Array, Uint32Array
 from engine.kernels.rng import hash_combine
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
+from engine.state.lanes import aligned_bytes
 
 #: Sizes of cells: the largest is 2^(LEVEL_COUNT - 1) times the smallest.
 LEVEL_COUNT = 6
@@ -30,32 +30,39 @@ _DIRECTION_BITS = 8
 SUM_WEIGHT = 3
 SUM_COUNT = 4
 SUM_WIDTH = 5
+#: A place of the table [numbers], two to a cache line: the sums, then the tag.
+_PLACE_WIDTH = 8
 
 
 class CellField(Bundle):
     """Cells of surface, S places.
 
-    tags : uint32 (S,), by which a cell knows its place again; 0: the place is free
+    tag : uint32 (S,), by which a cell knows its place again; 0: the place is free
     sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times incident radiance by channel, weight
         (the share of the light that the surface sends on), number of records
     size : float32 (1,) [m], side of the smallest cells
+    mask : uint32 (1,), S - 1
     """
 
-    tags: Uint32Array
+    _rows = True
+    tag: Uint32Array
     sums: Float32Array
     size: Float32Array
+    mask: Uint32Array
+
+
+def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
+    """A field that knows nothing, with room for so many cells, the smallest of this size [m]."""
+    places = aligned_bytes(slot_count * _PLACE_WIDTH * 4).view(np.float32).reshape(slot_count, _PLACE_WIDTH)
+    return CellField(
+        places.view(np.uint32)[:, SUM_WIDTH], places[:, :SUM_WIDTH], np.full(1, size, np.float32),
+        np.full(1, slot_count - 1, np.uint32),
+    )
 
 
 def no_cells() -> CellField:
-    """A field that knows nothing."""
-    return CellField(np.zeros(1, np.uint32), np.zeros((1, SUM_WIDTH), np.float32), np.ones(1, np.float32))
-
-
-def empty_cells(size: float) -> CellField:
-    """A field with room for cells, the smallest of this size [m]."""
-    return CellField(
-        np.zeros(SLOT_COUNT, np.uint32), np.zeros((SLOT_COUNT, SUM_WIDTH), np.float32), np.full(1, size, np.float32)
-    )
+    """A field of which nothing is asked."""
+    return empty_cells(slot_count=1)
 
 
 @kernel
@@ -77,7 +84,12 @@ def _facing(n):
 
 @kernel
 def cell_key(cells, p, n, level):
-    """Hash and tag (not 0) of the cell of a level at p, on the side that n faces: uint32, uint32."""
+    """First place, and tag (not 0), of the cell of a level at p on the side that n faces: int, uint32.
+
+    Parameters
+    ----------
+    p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit
+    """
     inverse = 1.0 / cell_size(cells, level)
     x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
     y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
@@ -85,53 +97,29 @@ def cell_key(cells, p, n, level):
     kind = np.uint32(level * _DIRECTION_BITS + _facing(n))
     key = hash_combine(hash_combine(x, y), hash_combine(z, kind))
     tag = hash_combine(hash_combine(z, x), hash_combine(kind, y))
-    return key, max(tag, np.uint32(1))
+    return np.int64(key & cells.mask[0]), max(tag, np.uint32(1))
 
 
 @kernel
-def find_cell(cells, p, n, level):
-    """Place of a cell in the table, -1 where there is none."""
-    key, tag = cell_key(cells, p, n, level)
-    mask = np.uint32(cells.tags.shape[0] - 1)
+def find_cell(cells, place, tag):
+    """Where in the table a cell is (`cell_key`), -1 where there is none."""
     for probe in range(_PROBE_COUNT):
-        slot = np.int64((key + np.uint32(probe)) & mask)
-        found = cells.tags[slot]
+        slot = (place + probe) & np.int64(cells.mask[0])
+        found = cells.tag[slot]
         if found == tag:
             return slot
         if found == np.uint32(0):
-            return -1
-    return -1
+            return np.int64(-1)
+    return np.int64(-1)
 
 
 @kernel
-def claim_cell(cells, p, n, level):
-    """Place of a cell in the table, made if there is none; -1 where the table has no room near."""
-    key, tag = cell_key(cells, p, n, level)
-    mask = np.uint32(cells.tags.shape[0] - 1)
+def claim_cell(cells, place, tag):
+    """Where in the table a cell is, made if there is none; -1 where the table has no room near."""
     for probe in range(_PROBE_COUNT):
-        slot = np.int64((key + np.uint32(probe)) & mask)
-        if cells.tags[slot] == np.uint32(0):
-            cells.tags[slot] = tag
-        if cells.tags[slot] == tag:
+        slot = (place + probe) & np.int64(cells.mask[0])
+        if cells.tag[slot] == np.uint32(0):
+            cells.tag[slot] = tag
+        if cells.tag[slot] == tag:
             return slot
-    return -1
-
-
-@kernel
-def find_known(cells, p, n, least_count):
-    """The smallest cell at p that has seen enough.
-
-    Parameters
-    ----------
-    p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit, on the side that is asked for
-    least_count : float32, records
-
-    Returns
-    -------
-    slot : int, -1: none; level : int
-    """
-    for level in range(LEVEL_COUNT):
-        slot = find_cell(cells, p, n, level)
-        if slot >= 0 and cells.sums[slot, SUM_COUNT] >= least_count and cells.sums[slot, SUM_WEIGHT] > 0.0:
-            return slot, level
-    return -1, LEVEL_COUNT
+    return np.int64(-1)

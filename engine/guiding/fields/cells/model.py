@@ -14,10 +14,12 @@ from engine.guiding.fields.cells.field import (
     SUM_COUNT,
     SUM_WEIGHT,
     CellField,
+    cell_key,
     claim_cell,
     empty_cells,
 )
 from engine.guiding.records.vertices import VertexRecords
+from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.lanes import RGB
@@ -25,26 +27,34 @@ from engine.state.lanes import RGB
 #: The smallest cells are this share of the scene's extent: of where all but the outermost records lie.
 _SMALLEST_SHARE = 1.0 / 256.0
 _OUTERMOST_PERCENT = 2.0
+_ROWS_AHEAD = 8
 
 
 @kernel
-def _learn(cells, rows, row_count):
-    """Add records to their cells of all sizes; returns how many cells found no room."""
+def _learn(cells, rows, taught, taught_count, level, places, tags):
+    """Add the rows that teach to their cells of a level; returns how many found no room.
+
+    Parameters
+    ----------
+    taught : int64 (>= taught_count,), rows
+    places : int64, tags : uint32, (>= taught_count,), scratch
+    """
+    for k in range(taught_count):
+        row = taught[k]
+        places[k], tags[k] = cell_key(cells, load(rows.position, row), load(rows.normal, row), level)
     lost_count = 0
-    for row in range(row_count):
-        weight = rows.cache_weight[row]
-        if not weight > 0.0:
+    for k in range(taught_count):
+        prefetch(cells.tag, places[min(k + _ROWS_AHEAD, taught_count - 1)])
+        row = taught[k]
+        slot = claim_cell(cells, places[k], tags[k])
+        if slot < 0:
+            lost_count += 1
             continue
-        p, n = load(rows.position, row), load(rows.normal, row)
-        for level in range(LEVEL_COUNT):
-            slot = claim_cell(cells, p, n, level)
-            if slot < 0:
-                lost_count += 1
-                continue
-            for c in range(RGB):
-                cells.sums[slot, c] += weight * rows.radiance[row, c]
-            cells.sums[slot, SUM_WEIGHT] += weight
-            cells.sums[slot, SUM_COUNT] += np.float32(1.0)
+        weight = rows.cache_weight[row]
+        for c in range(RGB):
+            cells.sums[slot, c] += weight * rows.radiance[row, c]
+        cells.sums[slot, SUM_WEIGHT] += weight
+        cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
 
 
@@ -63,11 +73,14 @@ class CellModel:
 
     def learn(self, records: VertexRecords, row_count: int) -> None:
         """Add the records of an iteration; no thread may look cells up meanwhile."""
+        taught = np.flatnonzero(records.cache_weight[:row_count] > 0.0)
+        if not len(taught):
+            return
         if self.field is None:
-            position = records.position[:row_count][records.cache_weight[:row_count] > 0.0]
-            if not len(position):
-                return
+            position = records.position[taught]
             low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
             extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
-        self.lost_count += int(_learn(self.field, records, row_count))
+        places, tags = np.zeros(len(taught), np.int64), np.zeros(len(taught), np.uint32)
+        for level in range(LEVEL_COUNT):
+            self.lost_count += int(_learn(self.field, records, taught, len(taught), level, places, tags))

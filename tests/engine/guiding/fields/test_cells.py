@@ -8,10 +8,10 @@ from engine.guiding.fields.cells.field import (
     LEVEL_COUNT,
     SUM_COUNT,
     SUM_WEIGHT,
+    cell_key,
     cell_size,
     empty_cells,
     find_cell,
-    find_known,
     no_cells,
 )
 from engine.guiding.fields.cells.model import CellModel
@@ -25,14 +25,8 @@ UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 def _find(cells, points, normal, level, out):
     for row in range(points.shape[0]):
         p = points[row, 0], points[row, 1], points[row, 2]
-        out[row] = find_cell(cells, p, (normal[0], normal[1], normal[2]), level)
-
-
-@kernel
-def _find_known(cells, points, normal, least_count, out):
-    for row in range(points.shape[0]):
-        p = points[row, 0], points[row, 1], points[row, 2]
-        out[row, 0], out[row, 1] = find_known(cells, p, (normal[0], normal[1], normal[2]), least_count)
+        place, tag = cell_key(cells, p, (normal[0], normal[1], normal[2]), level)
+        out[row] = find_cell(cells, place, tag)
 
 
 @kernel
@@ -41,14 +35,9 @@ def _size(cells, level):
 
 
 def find(cells, points, normal, level):
+    """Places in the table of the cells at points (N, 3), -1 where there is none."""
     out = np.zeros(len(points), np.int64)
     _find(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), level, out)
-    return out
-
-
-def known(cells, points, normal, least_count):
-    out = np.zeros((len(points), 2), np.int64)
-    _find_known(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), np.float32(least_count), out)
     return out
 
 
@@ -90,22 +79,26 @@ def test_sides_of_a_wall_and_walls_of_a_corner_are_apart(rng):
     for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
         model.learn(records(position, normal, value, 1.0), len(position))
     for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
-        slot, level = known(model.field, [(0.0, 0.0, 0.0)], normal, 32)[0]
-        assert level == 0
+        slot = find(model.field, [(0.0, 0.0, 0.0)], normal, 0)[0]
+        assert slot >= 0
         sums = model.field.sums[slot]
         np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], value)
 
 
-def test_who_asks_gets_the_smallest_cell_that_knows_enough(rng):
+def test_larger_cells_hold_what_smaller_ones_hold(rng):
     model = CellModel()
     model.field = empty_cells(1.0)
-    few, many = np.full((4, 3), 0.5, np.float32), np.full((40, 3), 1.5, np.float32)
-    few[:, 2] = many[:, 2] = 0.0
-    model.learn(records(few, UP, 1.0, 1.0), len(few))
-    model.learn(records(many, UP, 1.0, 1.0), len(many))
-    (_, far), (_, near), (missing, _) = known(model.field, [few[0], many[0], (1e4, 0.0, 0.0)], UP, 32)
-    assert (far, near, missing) == (1, 0, -1)
-    assert _size(model.field, 1) == 2.0
+    near, far = np.full((4, 3), 0.5, np.float32), np.full((40, 3), 1.5, np.float32)
+    near[:, 2] = far[:, 2] = 0.0
+    for points in (near, far):
+        model.learn(records(points, UP, 1.0, 1.0), len(points))
+    counts = [
+        [model.field.sums[find(model.field, points[:1], UP, level)[0], SUM_COUNT] for level in range(LEVEL_COUNT)]
+        for points in (near, far)
+    ]
+    assert counts == [[4] + 5 * [44], [40] + 5 * [44]]
+    assert [_size(model.field, level) for level in range(LEVEL_COUNT)] == [1, 2, 4, 8, 16, 32]
+    assert find(model.field, [(1e4, 0.0, 0.0)], UP, 0)[0] == -1
 
 
 def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
@@ -124,8 +117,8 @@ def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
 
 def test_a_full_table_counts_what_it_has_no_room_for(rng):
     model = CellModel()
-    full = empty_cells(1e-3)
-    model.field = full._replace(tags=np.full(8, 1, np.uint32), sums=np.zeros((8, full.sums.shape[1]), np.float32))
+    model.field = empty_cells(1e-3, slot_count=8)
+    model.field.tag[:] = 1
     model.learn(records(np.ones((10, 3), np.float32), UP, 1.0, 1.0), 10)
     assert model.lost_count == 10 * LEVEL_COUNT
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from engine.render.residual import known_residual
+from engine.guiding.models.residual import known_residual
 
 
 def sums_of(first, second):

@@ -35,7 +35,7 @@ def _expand_axis(image: np.ndarray, size: int) -> np.ndarray:
     return twice[:size]
 
 
-def _expand(image: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _expand(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """An image of the next larger size, by bilinear interpolation."""
     rows = _expand_axis(image, shape[0])
     return _expand_axis(rows.swapaxes(0, 1), shape[1]).swapaxes(0, 1)
@@ -55,15 +55,28 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
     return _box_axis(_box_axis(image.astype(np.float64)).T).T
 
 
-def _kept(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Wiener weight of a band, by its two halves: float (height, width)."""
+def _kept(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wiener weight of a band by its two halves, and the variance of its noise: float (height, width)."""
     signal = _mean_around((first * second).mean(axis=-1))
     noise = _mean_around(((first - second) ** 2).mean(axis=-1)) / 4.0
     height, width = signal.shape
     seen = min(2 * _WINDOW + 1, height) * min(2 * _WINDOW + 1, width)
     # Noise alone makes products of this size: those of the halves have twice the variance each.
     signal = np.maximum(signal - _DOUBT * 2.0 * noise / np.sqrt(seen), 0.0)
-    return signal / np.maximum(signal + noise, 1e-30)
+    return signal / np.maximum(signal + noise, 1e-30), noise
+
+
+def _bands(sums: np.ndarray, shape: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Both halves of each band, the whole image first; each image twice the size of the one before."""
+    halves = 2.0 * sums.reshape(*shape, 2, 3)
+    images = [(halves[..., 0, :], halves[..., 1, :])]
+    while max(images[-1][0].shape[:2]) > 1:
+        images.append((_reduce(images[-1][0]), _reduce(images[-1][1])))
+    bands = [images[-1]]
+    for finer, coarser in zip(images[-2::-1], images[:0:-1], strict=True):
+        size = finer[0].shape[:2]
+        bands.append((finer[0] - _expand(coarser[0], size), finer[1] - _expand(coarser[1], size)))
+    return bands
 
 
 def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -80,18 +93,27 @@ def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     -------
     float32 (P, 3)
     """
-    halves = 2.0 * sums.reshape(*shape, 2, 3)
-    bands = [(halves[..., 0, :], halves[..., 1, :])]
-    while max(bands[-1][0].shape[:2]) > 1:
-        bands.append((_reduce(bands[-1][0]), _reduce(bands[-1][1])))
-    known = np.zeros_like(bands[-1][0])
-    coarser: tuple[np.ndarray, np.ndarray] | None = None
-    for band in reversed(bands):
-        first, second = band
-        size = first.shape[:2]
-        known = _expand(known, size) if coarser is not None else known
-        if coarser is not None:
-            first, second = first - _expand(coarser[0], size), second - _expand(coarser[1], size)
-        known = known + _kept(first, second)[..., None] * (0.5 * (first + second))
-        coarser = band
+    known = np.zeros((1, 1, 3))
+    for first, second in _bands(sums, shape):
+        kept, _ = _kept(first, second)
+        known = _expand(known, kept.shape) + kept[..., None] * (0.5 * (first + second))
     return known.reshape(-1, 3).astype(np.float32)
+
+
+def kept_noise(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray) -> float:
+    """Variance that `known_residual` brings into the image, mean over pixels.
+
+    Parameters
+    ----------
+    sums, shape : see `known_residual`
+    weights : float32 (P,)
+        Of the pixels' variances (`engine.ris.orca.pixel_weights`).
+    """
+    weight = [weights.reshape(*shape, 1)]
+    while max(weight[-1].shape[:2]) > 1:
+        weight.append(_reduce(weight[-1]))
+    total = 0.0
+    for (first, second), of_pixel in zip(_bands(sums, shape), reversed(weight), strict=True):
+        kept, noise = _kept(first, second)
+        total += float((kept * kept * noise * of_pixel[..., 0]).mean())
+    return total
