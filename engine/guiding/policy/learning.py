@@ -152,6 +152,8 @@ class Learner:
         regions.learn_shares(records, count, variance=1.0, ray_count=1.0, knows_pixels=True)
         if self._source is not None:
             self._source.rehearse(records, count, self._executor)
+        if self._cache is not None:
+            self._cache.rehearse()
         predictions = self._predictor(self._rungs[0]).rehearsal(regions.mixture)
         allocation = make_allocation(
             np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs.candidates("")
