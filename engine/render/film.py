@@ -106,10 +106,12 @@ class Film:
         mean = self.sums.radiance[:, :3] * scale
         images: dict[str, np.ndarray] = {}
 
+        # Variances below are of the cached samples, about their own mean.
+        whole = mean
         if len(self.sums.residual):
-            mean = mean + known_residual(self.sums.residual * scale, shape)
+            whole = mean + known_residual(self.sums.residual * scale, shape)
         combined = np.empty((*shape, 4), np.float32)
-        combined[..., :3] = (mean * exposure).reshape(*shape, 3)
+        combined[..., :3] = (whole * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.
         alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)

@@ -78,7 +78,7 @@ class Job:
         self._whole = ALL_STRATA if self._strata > 1 else 0
         self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples, stratum=self._whole)
         self._iterations: Iterations | None = None
-        largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
+        self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
             self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink)
@@ -98,7 +98,7 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = sum(len(pixels) for pixels, _ in self._tiles) * settings.samples
+        self._total_paths = pixel_count * settings.samples
         self._created = time.perf_counter()
         self._render_start: float | None = None
 
@@ -184,10 +184,9 @@ class Job:
         return Progress(min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, speed, "Rendering")
 
     def _prepare(self) -> None:
-        largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         tracer = self.tracer
         self._batches = tracer.make_batches(
-            self.thread_count, largest * self._strata, is_guided=self.settings.is_guided,
+            self.thread_count, self._largest * self._strata, is_guided=self.settings.is_guided,
             records=self.learner is not None,
         )
         if self._tiles and not tracer.is_linked(self._batches[0]):

@@ -259,6 +259,7 @@ class Session:
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
         total, learner, film = job.statistics(), job.learner, job.film
+        cached_share = total.cached_count / max(total.path_count, 1)
         guiding = GuidingReport(method=settings.guiding_method)
         if learner is not None:
             guiding = learner.report
@@ -266,8 +267,7 @@ class Session:
             guiding.describe(dict(total.stage_seconds))
             if settings.radiance_cache != "OFF":
                 guiding.lines.append(
-                    f"radiance cache: {total.cached_count / max(total.path_count, 1):.0%} of the paths came to where "
-                    "they could end in it"
+                    f"radiance cache: {cached_share:.0%} of the paths came to where they could end in it"
                 )
         elif settings.method.rungs:
             guiding.chosen = "OFF"
@@ -290,7 +290,7 @@ class Session:
             record_drop_count=total.record_drop_count,
             peak_memory=peak_memory(),
             thread_count=self.thread_count,
-            cached_share=total.cached_count / max(total.path_count, 1),
+            cached_share=cached_share,
             is_spectral=settings.spectral == "ON",
             cancelled=job.cancelled,
             guiding=guiding,

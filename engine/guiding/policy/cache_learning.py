@@ -45,15 +45,19 @@ class CacheLearner:
         Pixels of the image.
     unit_pixels : int
         Of the largest unit of work.
+    report : GuidingReport, optional
+        Of the learner that this is a part of.
     """
 
     sink = None
     is_over = False
 
-    def __init__(self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int) -> None:
+    def __init__(
+        self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int, report: GuidingReport | None = None
+    ) -> None:
         self.settings = settings
         self.notices: list[Notice] = []
-        self.report = GuidingReport(method="OFF")
+        self.report = GuidingReport(method="OFF") if report is None else report
         self.parts = [Part(0, 1, CURRENT)]
         self._cells = CellModel()
         self._budget = RecordBudget(paths_per_sample, unit_pixels)

@@ -95,14 +95,14 @@ class Learner:
         self._learning_seconds = 0.0
         self._gate: Gate | None = None
         predictor = self._predictor(self._rungs[0])
-        # Who asks for a number of candidates, or for the cache, gets what predicts at once.
+        # Who asks for a number of candidates gets what predicts at once.
         if not self._ladder.is_auto and predictor.is_asynchronous and self._ladder.counts_worth:
             self._gate = Gate(predictor, self.report)
         elif not self._ladder.is_auto:
             predictor.begin(1)
         self._cache = None
         if settings.radiance_cache != "OFF":
-            self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample)
+            self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
 
     def _predictor(self, rung: str) -> Predictor:
         return self._predictors[METHODS[rung].predictor]
@@ -183,10 +183,6 @@ class Learner:
         is_whole : bool
             Whether the next iteration's samples lie in all of u, not in a stratum.
         """
-        if self._is_over and self._cache is not None:
-            guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
-            self._choice.plan(*next_range, (), knows_something=False)
-            return guidance
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
@@ -196,7 +192,8 @@ class Learner:
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
-        self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+        if not self._is_over:
+            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:

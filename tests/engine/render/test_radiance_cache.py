@@ -117,6 +117,17 @@ def test_the_image_is_the_same_for_any_number_of_threads(method):
     np.testing.assert_array_equal(*images)
 
 
+def test_variances_are_those_of_cached_samples():
+    """About their own mean, not about the mean with what they lack."""
+    image = film.Film(1, 1, use_residual=True)
+    tile = film.allocate_tile(1, 3, use_features=False, use_residual=True)
+    tile.radiance[:], tile.square[:], tile.count[:], tile.residual[:] = 20.0, 50.0, 10, 50.0
+    image.merge(np.zeros(1, np.int64), tile)
+    passes = image.passes({"Variance"}, exposure=1.0)
+    assert (passes["Combined"][..., :3] > 5.0).all()
+    np.testing.assert_allclose(passes["Variance"], (5.0 - 2.0**2) / 9, rtol=1e-5)
+
+
 def test_surfaces_that_the_camera_sees_end_no_paths():
     """A floor and nothing else: every path scatters at what the camera sees, and leaves."""
     lone = lambda: floor_scene(size=(16, 12))  # noqa: E731
