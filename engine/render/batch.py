@@ -12,7 +12,9 @@ import numpy as np
 from engine.accel import RayScratch
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
+from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.taught import TAUGHT_ROWS, TaughtRecords, allocate_taught_records
+from engine.guiding.records.vertices import RECORD_ROWS, VertexRecords, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
@@ -47,6 +49,7 @@ from engine.wavefront.columns import (
     RESAMPLED_CANDIDATES,
     RESAMPLED_VERTICES,
     SHADOW_RAYS,
+    TAUGHT,
     TRANSPARENT_SHADOW_RAYS,
 )
 from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, Work, allocate_queue
@@ -126,7 +129,8 @@ class Batch:
         self.is_guided, self.has_records = is_guided, records
         uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
-        self.records = allocate_vertex_records(RECORD_ROWS if records else 1, channel_count)
+        has_log = records and is_guided
+        self.records = allocate_vertex_records(RECORD_ROWS if has_log else 1, channel_count)
         self.work = Work(
             counts=np.zeros(COUNT_WIDTH, np.int64),
             clock=np.zeros(len(CLOCK) + 1, np.int64),
@@ -149,9 +153,10 @@ class Batch:
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
-            log=allocate_log(lanes, use_vertices=records),
+            log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
+            taught=allocate_taught_records(TAUGHT_ROWS if records and uses_cache else 1),
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(
@@ -171,10 +176,11 @@ class Batch:
         self._arm = self.guidance = None
         self.statistics, self.unit_costs = Statistics(), UnitCosts()
 
-    @property
-    def record_count(self) -> int:
-        """Records of the unit in work."""
-        return int(self.work.counts[RECORDS])
+    def take_records(self) -> UnitRecords:
+        """What the unit in work has recorded, in arrays of its own."""
+        counts = self.work.counts
+        vertices = VertexRecords(*(column[: counts[RECORDS]].copy() for column in self.records))
+        return UnitRecords(vertices, TaughtRecords(*(column[: counts[TAUGHT]].copy() for column in self.work.taught)))
 
     def follow(self, arm: Arm) -> GuidanceView:
         """Draw directions from what an iteration has learned.

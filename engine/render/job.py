@@ -16,7 +16,7 @@ from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
-from engine.guiding.records.vertices import VertexRecords
+from engine.guiding.records.of_unit import UnitRecords
 from engine.render.batch import Batch, Statistics
 from engine.render.film import Film
 from engine.render.report import Progress
@@ -88,7 +88,7 @@ class Job:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
             self._schedule = self._iterations = Iterations(len(self._tiles), settings.samples, strata)
             self._iterations.begin(self.learner.parts)
-        self._units: dict[int, list[VertexRecords]] = {}
+        self._units: dict[int, list[UnitRecords]] = {}
         self._before = Statistics()
         self._queue_changed = threading.Condition()
         self._busy = 0
@@ -246,8 +246,7 @@ class Job:
             if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
             elif self._is_learning:
-                rows = [column[: batch.record_count].copy() for column in batch.records]
-                self._units.setdefault(task.tile, []).append(VertexRecords(*rows))
+                self._units.setdefault(task.tile, []).append(batch.take_records())
         with self.film_lock:
             sums = batch.film
             if isinstance(self.film, StrataFilm):

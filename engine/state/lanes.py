@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array, Uint8Array, Uint32Array
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
 
@@ -367,6 +367,16 @@ def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
     )
 
 
+#: Surfaces at which a recorded path can teach the radiance cache.
+MAX_TAUGHT = 12
+# Columns of CachedLanes.taught.
+TAUGHT_P = 0
+TAUGHT_NG = 3
+TAUGHT_BEFORE = 6  # throughput on arrival
+TAUGHT_RADIANCE = 9  # the path's sum then
+TAUGHT_WIDTH = 12
+
+
 class CachedLanes(Bundle):
     """What a path knows of the radiance cache, L lanes.
 
@@ -374,8 +384,13 @@ class CachedLanes(Bundle):
     origin : float32 (L, 3), the vertex before, or the camera; pdf : float32 [sr^-1], with which it sent the path on, 0:
         by a delta lobe or the camera
     seen : float32 [m^2], footprint of the camera's ray at the first surface; root : float32 [m], square root of the
-        path's own footprint
+        path's own footprint at the vertex before; arriving : float32 [m], and at the surface that it has hit
+    place : int64, tag : uint32, of the cell that is asked first
     is_measured : uint8, whether the path went on where it could have ended
+    is_recorded : uint8, whether the path teaches the cache; has_met : uint8, whether it has met a surface that could be
+        taught; may_teach : uint8, whether the one that it has hit can be
+    taught_count : int32, surfaces so far; taught : float32 (L * MAX_TAUGHT, TAUGHT_WIDTH), row lane * MAX_TAUGHT + k;
+        taught_program : int32 (L * MAX_TAUGHT,)
     base : float32 (L, C), radiance gathered until there; predicted : float32 (L, C), what it would have ended with
     """
 
@@ -385,9 +400,18 @@ class CachedLanes(Bundle):
     pdf: Float32Array
     seen: Float32Array
     root: Float32Array
+    arriving: Float32Array
+    place: Int64Array
+    tag: Uint32Array
     is_measured: Uint8Array
+    is_recorded: Uint8Array
+    has_met: Uint8Array
+    may_teach: Uint8Array
+    taught_count: Int32Array
     base: Float32Array
     predicted: Float32Array
+    taught: Float32Array
+    taught_program: Int32Array
 
 
 def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLanes:
@@ -402,13 +426,23 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
                 ("pdf", real),
                 ("seen", real),
                 ("root", real),
+                ("arriving", real),
+                ("place", np.int64),
+                ("tag", np.uint32),
                 ("is_measured", np.uint8),
+                ("is_recorded", np.uint8),
+                ("has_met", np.uint8),
+                ("may_teach", np.uint8),
+                ("taught_count", np.int32),
                 ("base", real, channel_count),
                 ("predicted", real, channel_count),
             ]
         ],
     )
-    return CachedLanes(**fields)
+    rows = lane_count * MAX_TAUGHT
+    return CachedLanes(
+        **fields, taught=np.zeros((rows, TAUGHT_WIDTH), real), taught_program=np.zeros(rows, np.int32)
+    )
 
 
 class LightSamples(Bundle):

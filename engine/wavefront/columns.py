@@ -51,7 +51,8 @@ RESAMPLED_VERTICES = 13
 CANDIDATES = 14
 RESAMPLED_CANDIDATES = 15
 CACHED_PATHS = 16  # that ended, or could have ended, in the cache
-COUNT_WIDTH = 17
+TAUGHT = 17  # records for the cache
+COUNT_WIDTH = 18
 
 
 class ClockEntries(NamedTuple):

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: end paths where the cache knows what they would still find.
+"""Stages: end paths at surfaces whose light the radiance cache knows.
 
-A path ends at a diffuse scattering once it has spread: its footprint is larger than a share of that of the camera's ray
-(Mueller et al. 2021, "Real-time Neural Radiance Caching for Path Tracing", Eq. 3, after Bekaert et al. 2003, "A Custom
-Designed Density Estimation Method for Light Transport"), and larger than the cell that is asked. So it never ends at a
-surface that the camera sees, directly or in mirrors and smooth glass, nor in corners, where paths stay close together.
-The light sample of the vertex where it ends has been taken: the cache stands for what scattering finds.
+A path ends where it has spread: it has left a surface by a diffuse lobe, its footprint is larger than a share of that
+of the camera's ray (Mueller et al. 2021, "Real-time Neural Radiance Caching for Path Tracing", Eq. 3, after Bekaert et
+al. 2003, "A Custom Designed Density Estimation Method for Light Transport"), and the cell that is asked is smaller. So
+it never ends at a surface that the camera sees, directly or in anything that reflects, nor in corners, where paths stay
+close together. It ends before the surface is shaded: the cell knows what the surface sends back, texture, light
+sampling and all.
 
 Some paths go on all the same, chosen by their hash. They find what the cache should have said: it learns from those
 that are recorded, and `accumulate` keeps the difference.
@@ -15,161 +16,172 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.cells.field import (
-    LEVEL_COUNT,
-    SUM_COUNT,
-    SUM_WEIGHT,
-    cell_key,
-    cell_size,
-    find_cell,
-)
-from engine.guiding.records.vertices import MAX_VERTICES, VERTEX_CACHES
+from engine.guiding.fields.cells.field import SUM_COUNT
+from engine.guiding.fields.cells.query import first_key, look_up
+from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
+from engine.kernels.bsdf.evaluate import is_delta_lobe
 from engine.kernels.constants import FLOAT_MAX
+from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import add_radiance
-from engine.kernels.rng import hash_combine, unit_float
-from engine.kernels.vector import add, dot, load, orthonormal_basis, scale, store, subtract
+from engine.kernels.rng import hash_combine
+from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
 from engine.state.lanes import (
-    RAY_DIFFUSE,
-    RAY_REFLECT,
+    CLOSURE_SAMPLE_WEIGHT,
+    MAX_TAUGHT,
+    POINT_INSTANCE,
+    POINT_NG,
+    POINT_P,
+    POINT_PROGRAM,
+    RAY_DIFFUSE_ANCESTOR,
     RAY_SINGULAR,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
+    RGB,
+    TAUGHT_BEFORE,
+    TAUGHT_NG,
+    TAUGHT_P,
+    TAUGHT_RADIANCE,
 )
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 from engine.wavefront.columns import CACHED_PATHS, UNIT_MEASURE_THRESHOLD
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 _SET_LOOKUP = 1 << 18
 #: Of the camera ray's footprint: paths end where theirs is larger (Mueller et al. 2021: 0.01).
 _SPREAD = np.float32(0.01)
-#: Side of the smallest cell that is asked, over that of the path's footprint: finer ones are noisier, and none sees it.
-_FINEST_SHARE = np.float32(0.125)
-#: Records that a cell must have.
-_LEAST_COUNT = np.float32(32.0)
-#: Scatterings that a path must have left for its vertices behind the first possible end to teach the cache.
+#: Scatterings that a path must have left for its surfaces behind the first possible end to teach the cache.
 _FAR_LIMIT = 8
+#: Surfaces that are smoother do not teach the cache: what they send back depends on where to.
+_LEAST_ROUGHNESS = np.float32(0.1)
 _LEAST_COSINE = np.float32(0.01)
 _FOUR_PI = np.float32(4.0 * math.pi)
+_ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 
 
 @kernel
-def _spread(paths, cached, lane, p, n):
-    """Move the path's footprint on to its newest vertex."""
-    segment = subtract(p, load(cached.origin, lane))
+def is_cached_surface(scene, instance, program):
+    """Whether cells may stand for surfaces of a shader: opaque ones that do not emit."""
+    if scene.shaders.programs[program, PROGRAM_FLAGS] & (PROGRAM_HAS_EMISSION | PROGRAM_MAY_BE_TRANSPARENT):
+        return False
+    return scene.geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT == 0
+
+
+@kernel
+def footprint_root(origin, p, n, pdf):
+    """What a path's way from `origin` to p adds to the square root of its footprint [m], if it was sent out with this
+    density [sr^-1]: float32.
+    """
+    segment = subtract(p, origin)
     squared = dot(segment, segment)
     cosine = max(abs(dot(segment, n)) / math.sqrt(max(squared, np.float32(1e-30))), _LEAST_COSINE)
-    if paths.depth[lane] == 1:
-        cached.seen[lane] = squared / (_FOUR_PI * cosine)
-    elif cached.pdf[lane] > 0.0:
-        cached.root[lane] += math.sqrt(squared / (cached.pdf[lane] * cosine))
-    store(cached.origin, lane, p)
-    cached.pdf[lane] = np.float32(0.0) if paths.flags[lane] & RAY_SINGULAR else paths.mis_pdf[lane]
+    return math.sqrt(squared / (pdf * cosine))
 
 
 @kernel
-def _first_level(cells, side):
-    """Level of the smallest cells that a path of a footprint of this side [m] asks."""
-    level = 0
-    while level + 1 < LEVEL_COUNT and cell_size(cells, level + 1) <= _FINEST_SHARE * side:
-        level += 1
-    return level
+def has_spread(cached, lane, root):
+    """Whether a footprint is large enough for the path to end."""
+    return root * root > _SPREAD * cached.seen[lane]
 
 
 @kernel
-def _moved(cells, p, n, level, bits):
-    """The point along the surface, at random by up to half a cell, so that borders of cells do not show."""
-    size = cell_size(cells, level)
-    tangent, bitangent = orthonormal_basis(n)
-    u = (unit_float(hash_combine(bits, np.uint32(1))) - 0.5) * size
-    v = (unit_float(hash_combine(bits, np.uint32(2))) - 0.5) * size
-    return add(p, add(scale(tangent, u), scale(bitangent, v)))
+def path_bits(paths, lane):
+    """Number of a path, by which it is chosen to go on: uint32."""
+    return hash_combine(paths.rng[lane], np.uint32(paths.sample[lane]))
 
 
 @kernel
-def _look_up(cells, p, n, side, level, bits):
-    """A cell that knows enough and is no larger than the path's footprint, from a level on; -1: none."""
-    while level < LEVEL_COUNT and cell_size(cells, level) <= side:
-        place, tag = cell_key(cells, _moved(cells, p, n, level, bits), n, level)
-        slot = find_cell(cells, place, tag)
-        if slot >= 0 and cells.sums[slot, SUM_COUNT] >= _LEAST_COUNT and cells.sums[slot, SUM_WEIGHT] > 0.0:
-            return slot
-        level += 1
-    return np.int64(-1)
-
-
-@kernel
-def _could_end(options, paths, cached, log, lane):
-    """Whether a path that has just been scattered could end; of a recorded one, note whether the vertex teaches."""
-    p, n = load(paths.mis_origin, lane), load(paths.mis_normal, lane)
-    _spread(paths, cached, lane, p, n)
-    flags = paths.flags[lane]
-    if flags & (RAY_DIFFUSE | RAY_REFLECT) != RAY_DIFFUSE | RAY_REFLECT:
+def _arrive(scene, paths, cached, points, lane):
+    """Move the path's footprint to what it has hit; returns whether the cache may know that."""
+    p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
+    cached.may_teach[lane] = 0
+    cached.arriving[lane] = cached.root[lane]
+    if paths.depth[lane] == 0:
+        cached.seen[lane] = footprint_root(load(cached.origin, lane), p, n, _FOUR_PI) ** 2
         return False
-    if flags & (RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE):
+    if cached.pdf[lane] > 0.0:
+        cached.arriving[lane] += footprint_root(load(cached.origin, lane), p, n, cached.pdf[lane])
+    if not paths.flags[lane] & RAY_DIFFUSE_ANCESTOR:
         return False
-    has_spread = cached.root[lane] * cached.root[lane] > _SPREAD * cached.seen[lane]
-    is_first = has_spread and cached.is_measured[lane] == 0
-    if log.is_recording[lane] != 0 and log.count[lane] > 0:
-        left = min(options.max_depth - paths.depth[lane], options.max_diffuse_depth - paths.diffuse_depth[lane])
-        if is_first or left >= _FAR_LIMIT:
-            log.real[lane * MAX_VERTICES + log.count[lane] - 1, VERTEX_CACHES] = 1.0
-    return is_first
+    if paths.flags[lane] & _ENDS or not has_spread(cached, lane, cached.arriving[lane]):
+        return False
+    return is_cached_surface(scene, points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_PROGRAM])
 
 
 @kernel
-def _numbers(paths, lane):
-    """Of a path, by which it is chosen to go on; and of its newest vertex, for look-ups: uint32, uint32."""
-    bits = hash_combine(paths.rng[lane], np.uint32(paths.sample[lane]))
-    return bits, hash_combine(bits, np.uint32(paths.dimension[lane] + _SET_LOOKUP))
+def _note(paths, cached, points, lane):
+    """Remember how a recorded path has arrived; whether the surface teaches is known once it is shaded."""
+    vertex = cached.taught_count[lane]
+    if vertex >= MAX_TAUGHT:
+        return
+    cached.may_teach[lane] = 1
+    row = lane * MAX_TAUGHT + vertex
+    # Roulette has been played, but what it owes is settled later.
+    inverse = 1.0 / min(paths.survival[lane], np.float32(1.0))
+    for c in range(RGB):
+        cached.taught[row, TAUGHT_P + c] = points.real[lane, POINT_P + c]
+        cached.taught[row, TAUGHT_NG + c] = points.real[lane, POINT_NG + c]
+        cached.taught[row, TAUGHT_BEFORE + c] = paths.throughput[lane, c] * inverse
+        cached.taught[row, TAUGHT_RADIANCE + c] = paths.radiance[lane, c]
+    cached.taught_program[row] = points.integer[lane, POINT_PROGRAM]
 
 
 @kernel
 def end_in_cache(scene, unit, radiance, work, queue):
-    """Look at the queue's paths that have just been scattered: end them, or note what they would have ended with.
+    """Look at paths that have hit a surface: end them, or note what they would have ended with.
 
     Parameters
     ----------
     radiance : RadianceView
         With the cells.
     queue : LaneQueue
-        `work.active`.
+        `work.surface`; the lanes that end are taken out.
     """
     options, cells = scene.options, radiance.cells
-    paths, cached, log, contribution = work.paths, work.cached, work.log, work.f_cos
+    paths, cached, points, contribution = work.paths, work.cached, work.points, work.f_cos
     threshold = unit.header[UNIT_MEASURE_THRESHOLD]
     lanes, lane_count = queue.lanes, queue.count[0]
-    # Nothing waits for shadows any more.
+    # Nothing waits for shadows yet.
     asking, asking_count = work.pending.lanes, 0
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
         ask_for_ray(paths, ahead)
         ask_for_history(paths, ahead)
+        prefetch(points.real, ahead)
         prefetch(cached.depth, ahead)
-        if paths.alive[lane] == 0 or paths.depth[lane] == cached.depth[lane]:
+        if not _arrive(scene, paths, cached, points, lane):
             continue
-        cached.depth[lane] = paths.depth[lane]
-        if not _could_end(options, paths, cached, log, lane):
-            continue
-        _, bits = _numbers(paths, lane)
-        level = _first_level(cells, cached.root[lane])
-        n = load(paths.mis_normal, lane)
-        place, _ = cell_key(cells, _moved(cells, load(paths.mis_origin, lane), n, level, bits), n, level)
-        prefetch(cells.tag, place)
-        asking[asking_count] = lane
-        asking_count += 1
+        is_first = cached.is_measured[lane] == 0
+        if cached.is_recorded[lane] != 0:
+            left = min(options.max_depth - paths.depth[lane], options.max_diffuse_depth - paths.diffuse_depth[lane])
+            if cached.has_met[lane] == 0 or left >= _FAR_LIMIT:
+                _note(paths, cached, points, lane)
+            cached.has_met[lane] = 1
+        if is_first:
+            bits = hash_combine(path_bits(paths, lane), np.uint32(paths.dimension[lane] + _SET_LOOKUP))
+            cached.place[lane], cached.tag[lane] = first_key(
+                cells, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG),
+                points.integer[lane, POINT_PROGRAM], cached.arriving[lane], bits,
+            )
+            prefetch(cells.tag, cached.place[lane])
+            asking[asking_count] = lane
+            asking_count += 1
     cached_count = 0
     for k in range(asking_count):
         lane = asking[k]
         ask_for_throughput(paths, lane_ahead(asking, k, asking_count))
-        chosen, bits = _numbers(paths, lane)
-        side = cached.root[lane]
-        level = _first_level(cells, side)
-        slot = _look_up(cells, load(paths.mis_origin, lane), load(paths.mis_normal, lane), side, level, bits)
+        chosen = path_bits(paths, lane)
+        bits = hash_combine(chosen, np.uint32(paths.dimension[lane] + _SET_LOOKUP))
+        slot = look_up(
+            cells, cached.place[lane], cached.tag[lane], real_3(points, lane, POINT_P),
+            real_3(points, lane, POINT_NG), points.integer[lane, POINT_PROGRAM], cached.arriving[lane], bits,
+        )
         if slot < 0:
             continue
-        inverse = 1.0 / cells.sums[slot, SUM_WEIGHT]
+        inverse = 1.0 / (cells.sums[slot, SUM_COUNT] * min(paths.survival[lane], np.float32(1.0)))
         is_known = True
         for c in range(len(paths.channels)):
             value = paths.throughput[lane, c] * cells.sums[slot, c] * inverse
@@ -189,3 +201,56 @@ def end_in_cache(scene, unit, radiance, work, queue):
             cached.predicted[lane, c] = paths.radiance[lane, c] - cached.base[lane, c]
             paths.radiance[lane, c] = cached.base[lane, c]
     work.counts[CACHED_PATHS] += cached_count
+    kept = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] != 0:
+            lanes[kept] = lane
+            kept += 1
+    queue.count[0] = kept
+
+
+@kernel
+def _teaches(closures, lane):
+    """Whether what a shaded surface sends back is about the same in all directions: its lobes together are rough, those
+    of mirrors counting as 0.
+    """
+    bits = summarize(closures, lane)
+    if bits & HAS_EVAL == 0 or bits & (HAS_TRANSMISSION | HAS_TRANSPARENT):
+        return False
+    rough = np.float32(0.0)
+    total = np.float32(0.0)
+    for i in range(closures.count[lane]):
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        if not is_delta_lobe(closures.kind, closures.param, lane, i):
+            rough += weight
+    return mean_roughness(closures, lane) * rough >= _LEAST_ROUGHNESS * total
+
+
+@kernel
+def follow_footprints(scene, unit, work, queue):
+    """Move the footprints of the paths that have been scattered on, and keep the surfaces that teach the cache.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.surface`.
+    """
+    paths, cached, points, closures = work.paths, work.cached, work.points, work.closures
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_history(paths, ahead)
+        prefetch(cached.depth, ahead)
+        # Of paths that nothing came of too: they have found nothing.
+        if cached.may_teach[lane] != 0 and _teaches(closures, lane):
+            cached.taught_count[lane] += 1
+        if paths.alive[lane] == 0 or paths.depth[lane] == cached.depth[lane]:
+            continue
+        cached.depth[lane] = paths.depth[lane]
+        cached.root[lane] = cached.arriving[lane]
+        store(cached.origin, lane, real_3(points, lane, POINT_P))
+        cached.pdf[lane] = np.float32(0.0) if paths.flags[lane] & RAY_SINGULAR else paths.mis_pdf[lane]

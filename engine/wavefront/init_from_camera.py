@@ -82,6 +82,8 @@ def init_from_camera(scene, unit, work, queue):
     camera, motion, shutter, filter_table = scene.camera, scene.camera_motion, scene.shutter, scene.pixel_filter
     spectrum, full_width = scene.spectrum, scene.header[SCENE_WIDTH]
     paths, log, header, pixels = work.paths, work.log, unit.header, unit.pixels
+    # Without guiding only the cache learns, and has a log of its own.
+    has_log = log.real.shape[0] > 1
     seed, sample_first, path_count = header[UNIT_SEED], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT]
     stratum, strata, divides_wavelengths = header[UNIT_STRATUM], header[UNIT_STRATA], header[UNIT_DIVIDES_WAVELENGTHS]
     record_threshold = header[UNIT_RECORD_THRESHOLD]
@@ -144,13 +146,17 @@ def init_from_camera(scene, unit, work, queue):
         reset_depths(paths, lane)
         paths.alive[lane] = 1
         log.count[lane] = 0
-        log.is_recording[lane] = 1 if np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold else 0
+        is_recorded = np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold
+        log.is_recording[lane] = 1 if is_recorded and has_log else 0
         if uses_cache:
             cached.depth[lane] = 0
             store(cached.origin, lane, origin)
             cached.root[lane] = 0.0
             cached.pdf[lane] = 0.0
             cached.is_measured[lane] = 0
+            cached.is_recorded[lane] = 1 if is_recorded else 0
+            cached.has_met[lane] = 0
+            cached.taught_count[lane] = 0
         active[active_count] = lane
         active_count += 1
     work.counts[NEXT_PATH] = next_path

@@ -19,7 +19,7 @@ from engine.wavefront.columns import (
     UNIT_USES_CACHE,
 )
 from engine.wavefront.draw_candidates import draw_candidates
-from engine.wavefront.end_in_cache import end_in_cache
+from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
@@ -67,14 +67,14 @@ _GUIDED_FEATURES = _by_name(write_guiding)
 #: Take what they need.
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
-_CACHE = _by_name(end_in_cache)
+_CACHE, _FOOTPRINTS = _by_name(end_in_cache), _by_name(follow_footprints)
 _PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
 
 #: Every stage.
 STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_EMITTERS, **_TRANSPARENT_SHADOWS,
     **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS, **_EMISSION_WAVELENGTHS, **_PREDICTION,
-    **_BLENDING, **_CACHE,
+    **_BLENDING, **_CACHE, **_FOOTPRINTS,
 }
 
 
@@ -113,4 +113,5 @@ def stage_arguments(
     add(_PREDICTION, (radiance, guidance, work), is_guided)
     add(_BLENDING, (guidance, work), is_guided)
     add(_CACHE, (scene, unit, radiance, work, work.active), unit.header[UNIT_USES_CACHE])
+    add(_FOOTPRINTS, plain, unit.header[UNIT_USES_CACHE])
     return arguments

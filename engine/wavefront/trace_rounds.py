@@ -149,6 +149,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.shade_lights)
         stages.prepare_surface(scene, unit, work, work.traced)
         mark(clock, CLOCK.prepare_surface)
+        if unit.header[UNIT_USES_CACHE] != 0:
+            stages.end_in_cache(scene, unit, radiance, work, work.surface)
+            mark(clock, CLOCK.end_in_cache)
         if work.missed.count[0] > 0:
             _shade_background(stages, scene, unit, work)
         _shade_surfaces(stages, scene, unit, guidance, work)
@@ -162,7 +165,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if work.several.count[0] > 0:
             _resample(stages, scene, unit, guidance, radiance, work)
         if unit.header[UNIT_USES_CACHE] != 0:
-            stages.end_in_cache(scene, unit, radiance, work, work.active)
+            stages.follow_footprints(scene, unit, work, work.surface)
             mark(clock, CLOCK.end_in_cache)
         if unit.header[UNIT_RECORD_THRESHOLD] != 0:
             stages.collect_records(scene, unit, work, work.active)

@@ -9,6 +9,7 @@ from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.radiance_query import NetworkField
+from engine.guiding.records.taught import TaughtRecords
 from engine.guiding.records.vertices import VertexLog, VertexRecords
 from engine.kernels.bsdf.tables import BsdfTables
 from engine.ris.candidates import Candidates
@@ -155,3 +156,4 @@ class Work(Bundle):
     log: VertexLog
     candidates: Candidates
     records: VertexRecords
+    taught: TaughtRecords

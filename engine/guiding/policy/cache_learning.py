@@ -18,7 +18,8 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.trial import Part
-from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, join_records
+from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.taught import allocate_taught_records, join_taught
 from engine.ris.orca import image_variance, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
@@ -67,21 +68,20 @@ class CacheLearner:
 
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
-        records = allocate_vertex_records(_REHEARSED_RECORDS, self.settings.channel_count)
-        for column in (records.normal, records.radiance, records.cache_weight):
-            column[:] = 1.0
-        CellModel().learn(records, _REHEARSED_RECORDS)
+        CellModel().learn(allocate_taught_records(_REHEARSED_RECORDS))
         return Guidance(self.settings, 0)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: none, but record."""
         return self.complete(Guidance(self.settings, self._budget.threshold(1)))
 
-    def take(self, records: VertexRecords, row_count: int) -> None:
-        """Learn from an iteration's records."""
+    def take(self, units: Sequence[UnitRecords]) -> int:
+        """Learn from an iteration's records; returns how many there were."""
         started = time.perf_counter()
-        self._cells.learn(records, row_count)
+        records = join_taught([unit.taught for unit in units])
+        self._cells.learn(records)
         self.report.field_seconds += time.perf_counter() - started
+        return len(records.program)
 
     def complete(self, guidance: Guidance) -> Guidance:
         """Guidance whose paths end in what is known."""
@@ -109,15 +109,14 @@ class CacheLearner:
         self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
 
     def learn(
-        self, units: Sequence[VertexRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
+        self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
         costs: IterationCosts, next_range: tuple[int, int], *, is_whole: bool = True,
     ) -> Guidance:
         """Learn from an iteration, and say how to go on; see `Learner.learn`."""
-        records, row_count = join_records(units)
+        row_count = self.take(units)
         self.report.record_count += row_count
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * costs.path_count)
-            self.take(records, row_count)
         self.judge(sums, size, next_range[0])
         self.parts = [Part(*next_range, CURRENT)]
         threshold = self._budget.threshold(next_range[1])
@@ -125,7 +124,7 @@ class CacheLearner:
             threshold = min(threshold, int(MEASURED_SHARE * 2**32))
         return self.complete(Guidance(self.settings, threshold))
 
-    def keep(self, units: Sequence[VertexRecords]) -> None:
+    def keep(self, units: Sequence[UnitRecords]) -> None:
         """There is nobody else who learns."""
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:

@@ -54,7 +54,7 @@ class Guidance:
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
-        return Guidance(self.settings, 0, cells=self.cells, measure_threshold=self.measure_threshold)
+        return Guidance(self.settings, 0).with_cells(self.cells, self.measure_threshold)
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""

@@ -29,6 +29,7 @@ from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.worth import Gate, ResamplingWorth
+from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
 from engine.guiding.sources import make_source_model
 from engine.methods import METHODS, rungs_of
@@ -165,14 +166,14 @@ class Learner:
         )
 
     def learn(
-        self, units: Sequence[VertexRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
+        self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
         costs: IterationCosts, next_range: tuple[int, int], *, is_whole: bool = True,
     ) -> Guidance:
         """Learn from an iteration, and say how to go on.
 
         Parameters
         ----------
-        units : VertexRecords of each tile, in an order that does not depend on threads
+        units : UnitRecords of each tile, in an order that does not depend on threads
         recorded_share : float, of the guided paths that were recorded
         sums : FilmTile, the image so far
         size : (int, int)
@@ -199,13 +200,13 @@ class Learner:
             if self._cache is None:
                 return Guidance(settings, 0)
             return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
-        records, row_count = join_records(units)
+        records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
             if self._cache is not None:
-                self._cache.take(records, row_count)
+                self._cache.take(units)
                 self._cache.judge(sums, size, next_range[0])
         regions = self._regions
         if regions is None:
@@ -271,10 +272,10 @@ class Learner:
         is_fixed = method.always_resamples or settings.candidate_allocation == "FIXED"
         return settings.candidate_count if is_fixed else 0
 
-    def keep(self, units: Sequence[VertexRecords]) -> None:
+    def keep(self, units: Sequence[UnitRecords]) -> None:
         """Hand the records of the last iteration to the sink."""
         assert self.sink is not None
-        self.sink.take(*join_records(units))
+        self.sink.take(*join_records([unit.vertices for unit in units]))
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""

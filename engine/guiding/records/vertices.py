@@ -50,7 +50,6 @@ VERTEX_RADIANCE = 24  # the path's sum at the scattering
 VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
 VERTEX_WO = 29
 VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
-VERTEX_CACHES = 33  # whether a path could end here in the cache, so that the record teaches it
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -82,7 +81,6 @@ class VertexRecords(Bundle):
     hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
     spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
         Without wavelengths (R, 0)
-    cache_weight : float32 (R,), share of the light that the surface sends on where the record teaches the cache, else 0
     """
 
     position: Float32Array
@@ -103,7 +101,6 @@ class VertexRecords(Bundle):
     reflectance: Float32Array
     hero: Float32Array
     spectrum: Float32Array
-    cache_weight: Float32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -182,7 +179,6 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
     real[row, VERTEX_BENEFIT] = scattering.benefit
     real[row, VERTEX_BSDF_PDF] = scattering.bsdf_pdf
     real[row, VERTEX_GUIDE_PDF] = scattering.guide_pdf
-    real[row, VERTEX_CACHES] = 0.0
     light_weight = samples.weight[lane]
     real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
     for c in range(len(paths.channels)):
@@ -280,7 +276,6 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.surface_roughness[record_count] = real[row, VERTEX_SURFACE_ROUGHNESS]
                     # Throughput grew by the BSDF over the density.
                     records.reflectance[record_count] = reflectance * real[row, VERTEX_PDF] / channel_count
-                    records.cache_weight[record_count] = real[row, VERTEX_CACHES] * reflectance / channel_count
                     records.time[record_count] = paths.time[lane]
                     if channel_count > RGB:
                         records.hero[record_count] = paths.hero[lane]
@@ -315,7 +310,6 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
         scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
         scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
-        scalars(),
     )
 
 

@@ -135,6 +135,14 @@ def test_surfaces_that_the_camera_sees_end_no_paths():
     assert report.cached_share == 0.0
 
 
+def test_what_is_seen_in_gloss_ends_no_paths():
+    """Reflections stay sharp: no path ends that no diffuse lobe has sent on."""
+    glossy = material(color=(0.8, 0.8, 0.8), kind="ShaderNodeBsdfGlossy")
+    glossy.graph.nodes[0].inputs["Roughness"] = 0.4
+    scene = lambda: replace(corner_scene((16, 12)), materials=[glossy])  # noqa: E731
+    assert render("OFF", 1, scene=scene, samples=31, radiance_cache="FAST").report.cached_share == 0.0
+
+
 @pytest.mark.slow
 def test_the_error_falls_with_the_samples_where_the_cache_lies(monkeypatch):
     """By a fifth, everywhere: never far from the error of unguided rendering, and ever less."""

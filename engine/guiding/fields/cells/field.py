@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`CellField`: mean incident radiance by cell of surface, in a hash table of several cell sizes.
+"""`CellField`: mean radiance that surfaces send back, by cell, in a hash table of several cell sizes.
 
-A cell is a cube of a grid by one of six directions that its surface faces, so that the two sides of a thin wall, and
-the walls of a corner, are apart. Each size is twice the next smaller one.
+A cell is a cube of a grid by one of six directions that its surface faces, and by the surface's shader: so the two
+sides of a thin wall, the walls of a corner, and things of different colours are apart. Each size is twice the next
+smaller one.
 
 References
 ----------
@@ -24,12 +25,11 @@ LEVEL_COUNT = 6
 #: Places of the table, a power of two, and how many of them a cell may be in.
 SLOT_COUNT = 1 << 20
 _PROBE_COUNT = 8
-_DIRECTION_BITS = 8
+_DIRECTION_COUNT = 6
 
 # Columns of the sums, after those of radiance.
-SUM_WEIGHT = 3
-SUM_COUNT = 4
-SUM_WIDTH = 5
+SUM_COUNT = 3
+SUM_WIDTH = 4
 #: A place of the table [numbers], two to a cache line: the sums, then the tag.
 _PLACE_WIDTH = 8
 
@@ -38,8 +38,7 @@ class CellField(Bundle):
     """Cells of surface, S places.
 
     tag : uint32 (S,), by which a cell knows its place again; 0: the place is free
-    sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times incident radiance by channel, weight
-        (the share of the light that the surface sends on), number of records
+    sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: radiance by channel, number of records
     size : float32 (1,) [m], side of the smallest cells
     mask : uint32 (1,), S - 1
     """
@@ -83,18 +82,19 @@ def _facing(n):
 
 
 @kernel
-def cell_key(cells, p, n, level):
+def cell_key(cells, p, n, program, level):
     """First place, and tag (not 0), of the cell of a level at p on the side that n faces: int, uint32.
 
     Parameters
     ----------
     p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit
+    program : int, of the surface's shader
     """
     inverse = 1.0 / cell_size(cells, level)
     x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
     y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
     z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
-    kind = np.uint32(level * _DIRECTION_BITS + _facing(n))
+    kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
     key = hash_combine(hash_combine(x, y), hash_combine(z, kind))
     tag = hash_combine(hash_combine(z, x), hash_combine(kind, y))
     return np.int64(key & cells.mask[0]), max(tag, np.uint32(1))

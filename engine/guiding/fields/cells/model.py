@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What cells learn from the records of an iteration.
 
-A cell's radiance is the mean of what arrived at it, weighed by what the surface sends on: an unbiased estimate of each
-record, so nothing is forgotten, and no record is cut: the energy is right.
+A cell's radiance is the mean of what its surfaces sent back along the paths that met them. Each record is an unbiased
+estimate, so nothing is forgotten, and none is cut: the energy is right.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import numpy as np
 from engine.guiding.fields.cells.field import (
     LEVEL_COUNT,
     SUM_COUNT,
-    SUM_WEIGHT,
     CellField,
     cell_key,
     claim_cell,
     empty_cells,
 )
-from engine.guiding.records.vertices import VertexRecords
+from engine.guiding.records.taught import TaughtRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -31,29 +30,27 @@ _ROWS_AHEAD = 8
 
 
 @kernel
-def _learn(cells, rows, taught, taught_count, level, places, tags):
-    """Add the rows that teach to their cells of a level; returns how many found no room.
+def _learn(cells, rows, level, places, tags):
+    """Add rows to their cells of a level; returns how many found no room.
 
     Parameters
     ----------
-    taught : int64 (>= taught_count,), rows
-    places : int64, tags : uint32, (>= taught_count,), scratch
+    places : int64, tags : uint32, a row each, scratch
     """
-    for k in range(taught_count):
-        row = taught[k]
-        places[k], tags[k] = cell_key(cells, load(rows.position, row), load(rows.normal, row), level)
+    row_count = rows.program.shape[0]
+    for row in range(row_count):
+        places[row], tags[row] = cell_key(
+            cells, load(rows.position, row), load(rows.normal, row), rows.program[row], level
+        )
     lost_count = 0
-    for k in range(taught_count):
-        prefetch(cells.tag, places[min(k + _ROWS_AHEAD, taught_count - 1)])
-        row = taught[k]
-        slot = claim_cell(cells, places[k], tags[k])
+    for row in range(row_count):
+        prefetch(cells.tag, places[min(row + _ROWS_AHEAD, row_count - 1)])
+        slot = claim_cell(cells, places[row], tags[row])
         if slot < 0:
             lost_count += 1
             continue
-        weight = rows.cache_weight[row]
         for c in range(RGB):
-            cells.sums[slot, c] += weight * rows.radiance[row, c]
-        cells.sums[slot, SUM_WEIGHT] += weight
+            cells.sums[slot, c] += rows.radiance[row, c]
         cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
 
@@ -71,16 +68,16 @@ class CellModel:
         self.field: CellField | None = None
         self.lost_count = 0
 
-    def learn(self, records: VertexRecords, row_count: int) -> None:
+    def learn(self, records: TaughtRecords) -> None:
         """Add the records of an iteration; no thread may look cells up meanwhile."""
-        taught = np.flatnonzero(records.cache_weight[:row_count] > 0.0)
-        if not len(taught):
+        row_count = len(records.program)
+        if not row_count:
             return
         if self.field is None:
-            position = records.position[taught]
+            position = records.position
             low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
             extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
-        places, tags = np.zeros(len(taught), np.int64), np.zeros(len(taught), np.uint32)
+        places, tags = np.zeros(row_count, np.int64), np.zeros(row_count, np.uint32)
         for level in range(LEVEL_COUNT):
-            self.lost_count += int(_learn(self.field, records, taught, len(taught), level, places, tags))
+            self.lost_count += int(_learn(self.field, records, level, places, tags))

@@ -7,7 +7,6 @@ import pytest
 from engine.guiding.fields.cells.field import (
     LEVEL_COUNT,
     SUM_COUNT,
-    SUM_WEIGHT,
     cell_key,
     cell_size,
     empty_cells,
@@ -15,17 +14,17 @@ from engine.guiding.fields.cells.field import (
     no_cells,
 )
 from engine.guiding.fields.cells.model import CellModel
-from engine.guiding.records.vertices import allocate_vertex_records
+from engine.guiding.records.taught import allocate_taught_records
 from engine.runtime.jit import kernel
 
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 
 
 @kernel
-def _find(cells, points, normal, level, out):
+def _find(cells, points, normal, program, level, out):
     for row in range(points.shape[0]):
         p = points[row, 0], points[row, 1], points[row, 2]
-        place, tag = cell_key(cells, p, (normal[0], normal[1], normal[2]), level)
+        place, tag = cell_key(cells, p, (normal[0], normal[1], normal[2]), program, level)
         out[row] = find_cell(cells, place, tag)
 
 
@@ -34,17 +33,16 @@ def _size(cells, level):
     return cell_size(cells, level)
 
 
-def find(cells, points, normal, level):
+def find(cells, points, normal, level, program=0):
     """Places in the table of the cells at points (N, 3), -1 where there is none."""
     out = np.zeros(len(points), np.int64)
-    _find(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), level, out)
+    _find(cells, np.asarray(points, np.float32), np.asarray(normal, np.float32), program, level, out)
     return out
 
 
-def records(position, normal, radiance, weight):
-    rows = allocate_vertex_records(len(position))
-    rows.position[:], rows.normal[:], rows.radiance[:] = position, normal, radiance
-    rows.cache_weight[:] = weight
+def records(position, normal, radiance, program=0):
+    rows = allocate_taught_records(len(position))
+    rows.position[:], rows.normal[:], rows.radiance[:], rows.program[:] = position, normal, radiance, program
     return rows
 
 
@@ -53,36 +51,33 @@ def rng():
     return np.random.default_rng(7)
 
 
-def test_a_cell_is_the_mean_of_what_arrived_weighed_by_what_the_surface_sends_on(rng):
+def test_a_cell_is_the_mean_of_what_was_sent_back(rng):
     count = 4000
     position = np.column_stack([rng.random((count, 2)) * 0.9e-3, np.zeros(count)]).astype(np.float32)
     position[0], position[-1] = (-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)
     radiance = rng.gamma(0.5, 2.0, (count, 3)).astype(np.float32)
-    weight = rng.random(count).astype(np.float32)
-    weight[::5] = 0.0  # those teach nothing
     model = CellModel()
     model.field = empty_cells(1e-3)
-    model.learn(records(position, UP, radiance, weight), count)
+    model.learn(records(position, UP, radiance))
     slot = find(model.field, [(1e-4, 1e-4, 0.0)], UP, 0)[0]
     assert slot >= 0
-    inside = slice(1, -1)
     sums = model.field.sums[slot]
-    assert sums[SUM_COUNT] == np.count_nonzero(weight[inside])
-    expected = (weight[inside, None] * radiance[inside]).sum(axis=0) / weight[inside].sum()
-    np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], expected, rtol=1e-4)
+    assert sums[SUM_COUNT] == count - 2
+    np.testing.assert_allclose(sums[:3] / sums[SUM_COUNT], radiance[1:-1].mean(axis=0), rtol=1e-4)
 
 
-def test_sides_of_a_wall_and_walls_of_a_corner_are_apart(rng):
+def test_sides_of_a_wall_walls_of_a_corner_and_materials_are_apart():
     position = np.zeros((64, 3), np.float32)
     model = CellModel()
     model.field = empty_cells(0.1)
-    for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
-        model.learn(records(position, normal, value, 1.0), len(position))
-    for normal, value in ((UP, 1.0), (DOWN, 2.0), ((1.0, 0.0, 0.0), 3.0)):
-        slot = find(model.field, [(0.0, 0.0, 0.0)], normal, 0)[0]
+    kinds = ((UP, 0, 1.0), (DOWN, 0, 2.0), ((1.0, 0.0, 0.0), 0, 3.0), (UP, 1, 4.0), (DOWN, 7, 5.0))
+    for normal, program, value in kinds:
+        model.learn(records(position, normal, value, program))
+    for normal, program, value in kinds:
+        slot = find(model.field, [(0.0, 0.0, 0.0)], normal, 0, program)[0]
         assert slot >= 0
         sums = model.field.sums[slot]
-        np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], value)
+        np.testing.assert_allclose(sums[:3] / sums[SUM_COUNT], value)
 
 
 def test_larger_cells_hold_what_smaller_ones_hold(rng):
@@ -91,7 +86,7 @@ def test_larger_cells_hold_what_smaller_ones_hold(rng):
     near, far = np.full((4, 3), 0.5, np.float32), np.full((40, 3), 1.5, np.float32)
     near[:, 2] = far[:, 2] = 0.0
     for points in (near, far):
-        model.learn(records(points, UP, 1.0, 1.0), len(points))
+        model.learn(records(points, UP, 1.0))
     counts = [
         [model.field.sums[find(model.field, points[:1], UP, level)[0], SUM_COUNT] for level in range(LEVEL_COUNT)]
         for points in (near, far)
@@ -107,7 +102,7 @@ def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
     value = rng.random(count).astype(np.float32)
     model = CellModel()
     model.field = empty_cells(1e-3)
-    model.learn(records(position, UP, value[:, None], 1.0), count)
+    model.learn(records(position, UP, value[:, None]))
     slots = find(model.field, position, UP, 0)
     assert (slots >= 0).all() and len(np.unique(slots)) == count
     np.testing.assert_allclose(model.field.sums[slots, 0], value, rtol=1e-6)
@@ -119,7 +114,7 @@ def test_a_full_table_counts_what_it_has_no_room_for(rng):
     model = CellModel()
     model.field = empty_cells(1e-3, slot_count=8)
     model.field.tag[:] = 1
-    model.learn(records(np.ones((10, 3), np.float32), UP, 1.0, 1.0), 10)
+    model.learn(records(np.ones((10, 3), np.float32), UP, 1.0))
     assert model.lost_count == 10 * LEVEL_COUNT
 
 
@@ -127,12 +122,12 @@ def test_a_full_table_counts_what_it_has_no_room_for(rng):
 def test_sizes_of_cells_follow_the_scene(rng, scale):
     position = (scale * rng.random((2000, 3))).astype(np.float32)
     model = CellModel()
-    model.learn(records(position, UP, 1.0, 1.0), len(position))
+    model.learn(records(position, UP, 1.0))
     assert 0.9 * scale / 256 < _size(model.field, 0) < scale / 256
 
 
 def test_where_nothing_teaches_nothing_is_known():
     model = CellModel()
-    model.learn(records(np.zeros((5, 3), np.float32), UP, 1.0, 0.0), 5)
+    model.learn(records(np.zeros((0, 3), np.float32), UP, 1.0))
     assert model.field is None
     assert (find(no_cells(), [(0.0, 0.0, 0.0)], UP, 0) == -1).all()

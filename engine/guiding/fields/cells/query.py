@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Asking cells: which size a path asks first, where it is, and which one answers."""
+
+import numpy as np
+
+from engine.guiding.fields.cells.field import LEVEL_COUNT, SUM_COUNT, cell_key, cell_size, find_cell
+from engine.kernels.rng import hash_combine, unit_float
+from engine.kernels.vector import add, orthonormal_basis, scale
+from engine.runtime.jit import kernel
+
+#: Sides of the smallest and the largest cell that is asked, over that of the path's footprint: finer ones are noisier,
+#: and nobody sees it; what lies behind an edge would leak through larger ones.
+_FINEST_SHARE = np.float32(0.125)
+_LARGEST_SHARE = np.float32(0.5)
+#: Records that a cell must have.
+LEAST_COUNT = np.float32(32.0)
+
+
+@kernel
+def _first_level(cells, side):
+    """Level of the smallest cells that a path of a footprint of this side [m] asks."""
+    level = 0
+    while level + 1 < LEVEL_COUNT and cell_size(cells, level + 1) <= _FINEST_SHARE * side:
+        level += 1
+    return level
+
+
+@kernel
+def _moved(cells, p, n, level, bits):
+    """The point along the surface, at random by up to half a cell, so that borders of cells do not show."""
+    size = cell_size(cells, level)
+    tangent, bitangent = orthonormal_basis(n)
+    u = (unit_float(hash_combine(bits, np.uint32(1))) - 0.5) * size
+    v = (unit_float(hash_combine(bits, np.uint32(2))) - 0.5) * size
+    return add(p, add(scale(tangent, u), scale(bitangent, v)))
+
+
+@kernel
+def first_key(cells, p, n, program, side, bits):
+    """Place and tag of the cell that is asked first (`cell_key`), so that its memory can be asked for ahead.
+
+    Parameters
+    ----------
+    p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit, geometric
+    program : int, of the surface's shader
+    side : float32 [m], of the path's footprint
+    bits : uint32, of the look-up
+    """
+    level = _first_level(cells, side)
+    return cell_key(cells, _moved(cells, p, n, level, bits), n, program, level)
+
+
+@kernel
+def look_up(cells, place, tag, p, n, program, side, bits):
+    """A cell that knows enough and is small beside the path's footprint, from `first_key` on; -1: none."""
+    level = _first_level(cells, side)
+    while level < LEVEL_COUNT and cell_size(cells, level) <= _LARGEST_SHARE * side:
+        slot = find_cell(cells, place, tag)
+        if slot >= 0 and cells.sums[slot, SUM_COUNT] >= LEAST_COUNT:
+            return slot
+        level += 1
+        place, tag = cell_key(cells, _moved(cells, p, n, level, bits), n, program, level)
+    return np.int64(-1)

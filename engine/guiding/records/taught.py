@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What recorded paths teach the radiance cache: the light that surfaces send back along them.
+
+A path gathers its radiance in one sum. The light that a surface sends back is therefore what the sum gains once the
+path has arrived there, divided by the throughput with which it arrived: light sampling at the surface, what scattering
+finds, and all that lies behind. What the surface emits is no part of it: surfaces that emit are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array
+from engine.kernels.constants import FLOAT_MAX
+from engine.runtime.bundle import Bundle
+from engine.runtime.jit import kernel
+from engine.state.lanes import MAX_TAUGHT, RGB, TAUGHT_BEFORE, TAUGHT_NG, TAUGHT_P, TAUGHT_RADIANCE
+
+#: Records that a unit of work may make.
+TAUGHT_ROWS = 1 << 16
+
+
+class TaughtRecords(Bundle):
+    """Light that surfaces send back along paths, R rows.
+
+    position : float32 (R, 3), world [m]
+    normal : float32 (R, 3), geometric, unit, on the side that the path came from
+    program : int32 (R,), of the surface's shader
+    radiance : float32 (R, 3), sent back along the path
+    """
+
+    position: Float32Array
+    normal: Float32Array
+    program: Int32Array
+    radiance: Float32Array
+
+
+def allocate_taught_records(row_count: int) -> TaughtRecords:
+    """Zeroed `TaughtRecords` of `row_count` rows."""
+    vectors = [np.zeros((row_count, RGB), np.float32) for _ in range(3)]
+    return TaughtRecords(vectors[0], vectors[1], np.zeros(row_count, np.int32), vectors[2])
+
+
+def join_taught(units: Sequence[TaughtRecords]) -> TaughtRecords:
+    """Records of all units one after the other."""
+    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
+    return TaughtRecords(*columns)
+
+
+@kernel
+def collect_taught(paths, cached, lanes, lane_count, records, record_count):
+    """Turn what ended paths among `lanes` have met into records; call before their lanes are freed.
+
+    Returns
+    -------
+    record_count : int
+        Rows in use.
+    reject_count : int
+        Estimates that were not finite.
+    dropped_count : int
+        Surfaces for whose records there was no room.
+    """
+    capacity = records.program.shape[0]
+    reject_count = 0
+    dropped_count = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] != 0 or cached.is_recorded[lane] == 0:
+            continue
+        for vertex in range(cached.taught_count[lane]):
+            if record_count >= capacity:
+                dropped_count += 1
+                continue
+            row = lane * MAX_TAUGHT + vertex
+            is_finite = True
+            for c in range(RGB):
+                # Rounding of the long sum may leave a little less than before. A channel that the path had lost
+                # before tells nothing; it never sees the cell's either.
+                gain = max(paths.radiance[lane, c] - cached.taught[row, TAUGHT_RADIANCE + c], np.float32(0.0))
+                before = cached.taught[row, TAUGHT_BEFORE + c]
+                value = gain / before if before > 0.0 else np.float32(0.0)
+                is_finite = is_finite and value < FLOAT_MAX
+                records.radiance[record_count, c] = value
+                records.position[record_count, c] = cached.taught[row, TAUGHT_P + c]
+                records.normal[record_count, c] = cached.taught[row, TAUGHT_NG + c]
+            if is_finite:
+                records.program[record_count] = cached.taught_program[row]
+                record_count += 1
+            else:
+                reject_count += 1
+    return record_count, reject_count, dropped_count
