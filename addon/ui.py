@@ -116,6 +116,7 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         for name in ("samples", "time_limit"):
             _draw_shared(column, scene, name)
         column.prop(settings, "guiding_method")
+        column.prop(settings, "radiance_cache")
         column.prop(settings, "spectral")
 
 

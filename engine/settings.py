@@ -174,6 +174,19 @@ class RenderSettings:
         "OFF", "Guiding", "How directions are chosen where light is hard to find", "Sampling", scene_default="AUTO",
         choices=_METHOD_CHOICES,
     )
+    radiance_cache: str = _declare(
+        "OFF", "Accuracy",
+        "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
+        "Sampling",
+        choices=(
+            Choice("OFF", "Unbiased", "Paths find all light themselves"),
+            Choice("FAST", "Fast", "Biased: what was not learned is left out. For previews"),
+            Choice(
+                "CONVERGING", "Converging",
+                "Some paths go on and measure what the learned light lacks: the image gets as right as one wants",
+            ),
+        ),
+    )
     spectral: str = _declare(
         "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
         choices=(
@@ -312,20 +325,6 @@ class RenderSettings:
         choices=(
             Choice("COMPACT", "Compact", "What a processor can train while it renders"),
             Choice("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
-        ),
-    )
-    radiance_cache: str = _declare(
-        "OFF", "Radiance Cache",
-        "End paths with the light that was learned where they have spread, and so make less noise behind the second "
-        "bounce",
-        "Learning",
-        choices=(
-            Choice("OFF", "Off", "Paths find all light themselves"),
-            Choice("FAST", "Fast", "Biased: what the cache lacks is left out. For previews"),
-            Choice(
-                "CONVERGING", "Converging",
-                "Some paths go on and measure what the cache lacks, so that the image gets as right as one wants",
-            ),
         ),
     )
     mixture_preset: str = _declare(

@@ -89,8 +89,8 @@ These settings are for `'NPM'`, `'NPM_PRODUCT'` and `'NASG'`, as a method or as 
 """,
     "Time and Wavelengths": """\
 The fourth dimension is called u ([glossary](glossary.md)). Where lights move while the shutter is open,
-`guiding_method` `'NPM'` with `mixture_u` `'PLANES'` learns where they are when: 3.0 times less error than unguided
-paths in three such scenes at equal samples, and 4.3 times in 8 `strata`. Both take many times as long
+`guiding_method` `'NPM'` with `mixture_u` `'PLANES'` learns where they are when: 2.7 times less error than unguided
+paths in three such scenes at equal samples, and 3.6 times in 8 `strata`. Both take many times as long
 ([figures](results/motion.md)). Both see the wavelength instead where nothing moves and a material disperses
 ([figures](results/wavelengths.md)).
 

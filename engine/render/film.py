@@ -70,6 +70,7 @@ class Film:
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
         if len(self.sums.residual):
             self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
+            self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)

@@ -266,9 +266,7 @@ class Session:
             guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
             guiding.describe(dict(total.stage_seconds))
             if settings.radiance_cache != "OFF":
-                guiding.lines.append(
-                    f"radiance cache: {cached_share:.0%} of the paths came to where they could end in it"
-                )
+                guiding.describe_cache(cached_share)
         elif settings.method.rungs:
             guiding.chosen = "OFF"
             guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]

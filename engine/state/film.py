@@ -39,6 +39,8 @@ class FilmTile(Bundle):
     points : float32 (P or 0, FIRST_WIDTH), first sample only
     residual : float32 (P or 0, 2 C), sums of what the radiance cache lacked, as of all paths, by two halves of those
         that measure it
+    square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
+        paths, mean over channels
     """
 
     radiance: np.ndarray
@@ -50,6 +52,7 @@ class FilmTile(Bundle):
     features: np.ndarray
     points: np.ndarray
     residual: np.ndarray
+    square_gain: np.ndarray
 
 
 def allocate_tile(
@@ -67,4 +70,5 @@ def allocate_tile(
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
         np.zeros((feature_count, FIRST_WIDTH), np.float32),
         np.zeros((pixel_count if use_residual else 0, 2 * channel_count), np.float32),
+        np.zeros(pixel_count if use_residual else 0, np.float32),
     )

@@ -22,8 +22,12 @@ def _take_cached(spectrum, paths, cached, lane, film, scale):
     lacked = to_rgb(spectrum, paths, lane, paths.radiance, lane)
     half = np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
     if film.residual.shape[0] > 0:
+        cached_color = to_rgb(spectrum, paths, lane, cached.base, lane)
+        gain = np.float32(0.0)
         for c in range(RGB):
             film.residual[paths.pixel[lane], RGB * half + c] += scale * lacked[c]
+            gain += lacked[c] * (lacked[c] + 2.0 * cached_color[c])
+        film.square_gain[paths.pixel[lane]] += scale * gain * np.float32(1.0 / RGB)
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] = cached.base[lane, c]
 

@@ -82,7 +82,7 @@ def test_the_radiance_cache_keeps_what_it_was_as_a_switch(
     store(blender.context.scene, radiance_cache=stored, use_cycles_settings=1)
     save_as_before(blender, tmp_path / "old.blend")
     scene = reopen(blender, tmp_path / "old.blend")
-    assert scene.neuralguide.experiment.radiance_cache == settings_of(scene).radiance_cache == name
+    assert scene.neuralguide.radiance_cache == settings_of(scene).radiance_cache == name
 
 
 @pytest.mark.parametrize("is_linked", [False, True])

@@ -43,7 +43,22 @@ class GuidingReport:
     #: Share of the regions that are guided.
     guided_share: float = float("nan")
 
+    #: What the image still lacks that the radiance cache did not know, relative to a pixel, root of the mean
+    #: square, as estimated; NaN where it is not measured. The sample from which on the cache was given up, 0:
+    #: never.
+    cache_bias: float = float("nan")
+    cache_stopped_at: int = 0
+
     lines: list[str] = field(default_factory=list)
+
+    def describe_cache(self, cached_share: float) -> None:
+        """Add a line on the radiance cache, in which this share of the paths came to an end."""
+        line = f"radiance cache: {cached_share:.0%} of the paths came to where they could end in it"
+        if self.cache_stopped_at:
+            line += f"; given up after {self.cache_stopped_at} samples, since it made more error than paths without it"
+        elif math.isfinite(self.cache_bias):
+            line += f"; pixels are off by about {self.cache_bias:.1%} that it did not know"
+        self.lines.append(line)
 
     def describe(self, stage_seconds: dict[str, float]) -> None:
         """Write `lines` for people, given the time of the tracing threads by stage."""

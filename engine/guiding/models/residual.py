@@ -10,6 +10,8 @@ is the measured difference itself: the image converges to the unbiased one (docs
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 #: Pixels to each side over which the two squares are averaged, and by how much of its own error the signal is taken to
@@ -55,15 +57,17 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
     return _box_axis(_box_axis(image.astype(np.float64)).T).T
 
 
-def _kept(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Wiener weight of a band by its two halves, and the variance of its noise: float (height, width)."""
+def _kept(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wiener weight of a band by its two halves, mean square of its true difference as far as they tell (it may be
+    negative), and the variance of its noise: float (height, width).
+    """
     signal = _mean_around((first * second).mean(axis=-1))
     noise = _mean_around(((first - second) ** 2).mean(axis=-1)) / 4.0
     height, width = signal.shape
     seen = min(2 * _WINDOW + 1, height) * min(2 * _WINDOW + 1, width)
     # Noise alone makes products of this size: those of the halves have twice the variance each.
-    signal = np.maximum(signal - _DOUBT * 2.0 * noise / np.sqrt(seen), 0.0)
-    return signal / np.maximum(signal + noise, 1e-30), noise
+    sure = np.maximum(signal - _DOUBT * 2.0 * noise / np.sqrt(seen), 0.0)
+    return sure / np.maximum(sure + noise, 1e-30), signal, noise
 
 
 def _bands(sums: np.ndarray, shape: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -95,25 +99,37 @@ def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """
     known = np.zeros((1, 1, 3))
     for first, second in _bands(sums, shape):
-        kept, _ = _kept(first, second)
+        kept, _, _ = _kept(first, second)
         known = _expand(known, kept.shape) + kept[..., None] * (0.5 * (first + second))
     return known.reshape(-1, 3).astype(np.float32)
 
 
-def kept_noise(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray) -> float:
-    """Variance that `known_residual` brings into the image, mean over pixels.
+class ResidualError(NamedTuple):
+    """Errors of an image with `known_residual`, weighted means over pixels.
+
+    noise : float, variance that comes with what is known
+    bias_squared : float, squares of what is lacking still
+    """
+
+    noise: float
+    bias_squared: float
+
+
+def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray) -> ResidualError:
+    """What `known_residual` does to the image, estimated.
 
     Parameters
     ----------
     sums, shape : see `known_residual`
     weights : float32 (P,)
-        Of the pixels' variances (`engine.ris.orca.pixel_weights`).
+        Of the pixels' squared errors (`engine.ris.orca.pixel_weights`).
     """
     weight = [weights.reshape(*shape, 1)]
     while max(weight[-1].shape[:2]) > 1:
         weight.append(_reduce(weight[-1]))
-    total = 0.0
+    total_noise = bias_squared = 0.0
     for (first, second), of_pixel in zip(_bands(sums, shape), reversed(weight), strict=True):
-        kept, noise = _kept(first, second)
-        total += float((kept * kept * noise * of_pixel[..., 0]).mean())
-    return total
+        kept, signal, noise = _kept(first, second)
+        total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())
+        bias_squared += float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean())
+    return ResidualError(total_noise, max(bias_squared, 0.0))

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from engine.guiding.fields.cells.model import CellModel
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.models.residual import kept_noise
+from engine.guiding.models.residual import known_residual, residual_error
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
@@ -30,6 +31,11 @@ from engine.state.unit import CURRENT, Unit, UnitCosts
 MEASURED_SHARE = 0.125
 #: The share is judged again at so many times the samples.
 _AGAIN = 1.5
+#: The cache is given up where the image makes so many times the error that one without it would make: at once, or when
+#: it is judged for the second time in a row.
+_TOO_BAD, _BAD = 1.5, 1.1
+#: Share of the pixels whose squares are cut to the next smaller one: single bright paths would decide.
+_CUT_PERCENT = 0.1
 #: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
 EARLY_SAMPLES = 7
 _REHEARSED_RECORDS = 16
@@ -51,7 +57,6 @@ class CacheLearner:
     """
 
     sink = None
-    is_over = False
 
     def __init__(
         self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int, report: GuidingReport | None = None
@@ -65,6 +70,13 @@ class CacheLearner:
         #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
         self._share = MEASURED_SHARE if settings.radiance_cache == "CONVERGING" else 0.0
         self._judge_from = 0.0
+        self._was_bad = False
+        self.is_given_up = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there is nothing to learn any more, so that the render need not go in iterations."""
+        return self.is_given_up
 
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
@@ -85,10 +97,13 @@ class CacheLearner:
 
     def complete(self, guidance: Guidance) -> Guidance:
         """Guidance whose paths end in what is known."""
+        if self.is_given_up:
+            return guidance
         return guidance.with_cells(self._cells.field, max(guidance.record_threshold, int(self._share * 2**32)))
 
     def judge(self, sums: FilmTile, size: tuple[int, int], next_sample: int) -> None:
-        """Have more paths measure where the noise of what they found is more than that of the cached image, else fewer.
+        """Give the cache up where the image makes more error with it than without, as far as measuring paths tell. Have
+        more of them measure where the noise of what they found is more than that of the cached image, else fewer.
 
         Parameters
         ----------
@@ -97,7 +112,7 @@ class CacheLearner:
             Rows and columns of the image.
         next_sample : int
         """
-        if not len(sums.residual) or next_sample < self._judge_from:
+        if self.is_given_up or not len(sums.residual) or next_sample < self._judge_from:
             return
         self._judge_from = _AGAIN * next_sample
         weight = np.maximum(sums.weight, 1e-20)[:, None]
@@ -105,8 +120,23 @@ class CacheLearner:
         weights = pixel_weights(mean.reshape(*size, -1))
         of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
         cached = image_variance(mean, sums.square / weight, weights) * of_mean
-        is_too_few = kept_noise(sums.residual / weight, size, weights) > cached
+        residual = sums.residual / weight
+        error = residual_error(residual, size, weights)
+        is_too_few = error.noise > cached
         self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
+        self.report.cache_bias = math.sqrt(error.bias_squared)
+        if next_sample < EARLY_SAMPLES:
+            return
+        # The variance of whole paths is that of cached ones, and what their squares have more, but for the mean's.
+        known = known_residual(residual, size)
+        gain = sums.square_gain / weight[:, 0] - (known * (known + 2.0 * mean)).mean(axis=1)
+        low, high = np.percentile(gain * weights, (_CUT_PERCENT, 100.0 - _CUT_PERCENT))
+        whole = cached + float(np.clip(gain * weights, low, high).mean()) * of_mean
+        ratio = (cached + error.noise + error.bias_squared) / max(whole, 1e-20)
+        self.is_given_up = ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
+        self._was_bad = ratio > _BAD
+        if self.is_given_up:
+            self.report.cache_stopped_at = next_sample
 
     def learn(
         self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
@@ -119,6 +149,8 @@ class CacheLearner:
             self._budget.count(row_count + costs.dropped_records, recorded_share * costs.path_count)
         self.judge(sums, size, next_range[0])
         self.parts = [Part(*next_range, CURRENT)]
+        if self.is_given_up:
+            return Guidance(self.settings, 0)
         threshold = self._budget.threshold(next_range[1])
         if next_range[0] >= EARLY_SAMPLES:
             threshold = min(threshold, int(MEASURED_SHARE * 2**32))

@@ -122,7 +122,7 @@ class Learner:
     @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
-        return self._is_over and self._cache is None
+        return self._is_over and (self._cache is None or self._cache.is_over)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: none, but record."""

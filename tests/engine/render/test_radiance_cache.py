@@ -143,6 +143,17 @@ def test_what_is_seen_in_gloss_ends_no_paths():
     assert render("OFF", 1, scene=scene, samples=31, radiance_cache="FAST").report.cached_share == 0.0
 
 
+def test_a_cache_that_lies_is_given_up(monkeypatch):
+    """And said to be; one that does not is kept, and what it is off by is told."""
+    kept = render("OFF", 1, **ENDLESS, radiance_cache="CONVERGING").report.guiding
+    assert not kept.cache_stopped_at and 0.0 <= kept.cache_bias < 0.1
+    assert "did not know" in kept.lines[-1]
+    distort(monkeypatch, lambda sums: 3.0 * sums)
+    given_up = render("OFF", 1, **ENDLESS, radiance_cache="CONVERGING").report.guiding
+    assert 0 < given_up.cache_stopped_at < ENDLESS["samples"]
+    assert "given up" in given_up.lines[-1]
+
+
 @pytest.mark.slow
 def test_the_error_falls_with_the_samples_where_the_cache_lies(monkeypatch):
     """By a fifth, everywhere: never far from the error of unguided rendering, and ever less."""

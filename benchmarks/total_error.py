@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Total error of finished renders, taken apart into squared bias and variance: `python -m benchmarks.total_error`.
+
+Differences to two independent references are multiplied: their own noise is not correlated, and so it is in none of the
+figures but as noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.metrics import EPSILON, FloatArray, image_scale, reduce_error
+from benchmarks.report.collect import Batch, SceneResults, collect
+from benchmarks.tables import table
+
+
+@dataclass(frozen=True)
+class TotalError:
+    """Relative squared errors without the worst 0.1% of the pixels, and the mean's relative difference.
+
+    total : float, median over seeds; variance, bias_squared : float, nan of a single seed
+    difference : float, of the mean over seeds
+    """
+
+    total: float
+    variance: float
+    bias_squared: float
+    difference: float
+
+
+def _product(first: FloatArray, second: FloatArray, scale: FloatArray) -> float:
+    return reduce_error((first * second / scale).mean(axis=-1)).trimmed
+
+
+def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, FloatArray]) -> TotalError:
+    """Errors of renders of one kind.
+
+    Parameters
+    ----------
+    images, references : float (height, width, >= 3)
+        Independent of each other.
+    """
+    first, second = (np.asarray(reference, np.float64)[..., :3] for reference in references)
+    truth = 0.5 * (first + second)
+    scale = truth**2 + EPSILON * image_scale(truth) ** 2
+    stack = np.stack([np.asarray(image, np.float64)[..., :3] for image in images])
+    total = float(np.median([_product(image - first, image - second, scale) for image in stack]))
+    mean = stack.mean(axis=0)
+    variance = bias_squared = float("nan")
+    if len(stack) > 1:
+        variance = reduce_error((stack.var(axis=0, ddof=1) / scale).mean(axis=-1)).trimmed
+        bias_squared = _product(mean - first, mean - second, scale) - variance / len(stack)
+    return TotalError(total, variance, bias_squared, float(mean.mean() / truth.mean()) - 1.0)
+
+
+def _references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[FloatArray, FloatArray]:
+    for other in among:
+        if (other.scene, other.width, other.height) == (scene.scene, scene.width, scene.height):
+            images = [render.image for batch in other.batches for render in batch.renders]
+            if len(images) == 2:
+                return images[0], images[1]
+    raise ValueError(f"{scene.name}: its references are not two renders of {scene.width} x {scene.height} pixels")
+
+
+def _row(
+    scene: SceneResults, batch: Batch, references: tuple[FloatArray, FloatArray]
+) -> list[float | int | str | None]:
+    error = total_error([render.image for render in batch.renders], references)
+    samples = float(np.median([render.record.samples for render in batch.renders]))
+    return [
+        scene.name, batch.rival, str(batch.budget), len(batch.renders), error.total, error.variance,
+        error.bias_squared, f"{error.difference:+.2%}", round(samples),
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a table; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.total_error", description=__doc__)
+    parser.add_argument("results", type=Path, help="folder that `run` or `sweep` wrote")
+    parser.add_argument("references", type=Path, help="folder that `run` wrote, with two renders of each scene")
+    chosen = parser.parse_args(arguments)
+    try:
+        (scenes, _), (others, _) = collect(chosen.results), collect(chosen.references)
+        rows = []
+        for scene in scenes:
+            references = _references(scene, others)
+            rows += [_row(scene, batch, references) for batch in scene.batches]
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    header = ["scene", "rival", "budget", "seeds", "total", "variance", "bias^2", "mean", "samples"]
+    print(table(header, rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
