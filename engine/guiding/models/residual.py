@@ -131,5 +131,6 @@ def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray
     for (first, second), of_pixel in zip(_bands(sums, shape), reversed(weight), strict=True):
         kept, signal, noise = _kept(first, second)
         total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())
-        bias_squared += float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean())
-    return ResidualError(total_noise, max(bias_squared, 0.0))
+        # A band whose true difference is 0 seems to have a negative square as often as a positive one.
+        bias_squared += max(float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean()), 0.0)
+    return ResidualError(total_noise, bias_squared)
