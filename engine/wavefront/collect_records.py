@@ -2,10 +2,9 @@
 """Stage: what ended paths have found becomes records to learn from. Runs only if paths are recorded."""
 
 from engine.guiding.records import vertices
-from engine.guiding.records.taught import collect_taught
 from engine.kernels.constants import DISTANT
 from engine.runtime.jit import kernel
-from engine.wavefront.columns import RECORD_REJECTS, RECORDS, RECORDS_DROPPED, TAUGHT, UNIT_USES_CACHE
+from engine.wavefront.columns import RECORD_REJECTS, RECORDS, RECORDS_DROPPED
 
 
 @kernel
@@ -17,9 +16,3 @@ def collect_records(scene, unit, work, queue):
     )
     work.counts[RECORD_REJECTS] += reject_count
     work.counts[RECORDS_DROPPED] += dropped_count
-    if unit.header[UNIT_USES_CACHE] != 0:
-        work.counts[TAUGHT], reject_count, dropped_count = collect_taught(
-            work.paths, work.cached, queue.lanes, queue.count[0], work.taught, work.counts[TAUGHT]
-        )
-        work.counts[RECORD_REJECTS] += reject_count
-        work.counts[RECORDS_DROPPED] += dropped_count

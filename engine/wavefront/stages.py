@@ -9,6 +9,7 @@ from typing import Any
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
 from engine.wavefront.collect_records import collect_records
+from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
@@ -67,14 +68,14 @@ _GUIDED_FEATURES = _by_name(write_guiding)
 #: Take what they need.
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
-_CACHE, _FOOTPRINTS = _by_name(end_in_cache), _by_name(follow_footprints)
+_CACHE, _TAUGHT = _by_name(end_in_cache), _by_name(follow_footprints, collect_taught)
 _PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
 
 #: Every stage.
 STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_EMITTERS, **_TRANSPARENT_SHADOWS,
     **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS, **_EMISSION_WAVELENGTHS, **_PREDICTION,
-    **_BLENDING, **_CACHE, **_FOOTPRINTS,
+    **_BLENDING, **_CACHE, **_TAUGHT,
 }
 
 
@@ -113,5 +114,5 @@ def stage_arguments(
     add(_PREDICTION, (radiance, guidance, work), is_guided)
     add(_BLENDING, (guidance, work), is_guided)
     add(_CACHE, (scene, unit, radiance, work, work.active), unit.header[UNIT_USES_CACHE])
-    add(_FOOTPRINTS, plain, unit.header[UNIT_USES_CACHE])
+    add(_TAUGHT, plain, unit.header[UNIT_USES_CACHE])
     return arguments

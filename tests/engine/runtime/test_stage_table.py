@@ -117,7 +117,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     # The world is not constant in this scene, and three stages are for wavelengths.
     unused = {"fill_background"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
     if cache == "OFF" or spectral == "ON":
-        unused |= {"end_in_cache", "follow_footprints"}
+        unused |= {"end_in_cache", "follow_footprints", "collect_taught"}
     assert set(stages) - set(bound) == unused
     for name, stage in bound.items():
         assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]
