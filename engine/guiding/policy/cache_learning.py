@@ -41,6 +41,22 @@ EARLY_SAMPLES = 7
 _REHEARSED_RECORDS = 16
 
 
+def _variance_gain(mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
+    """By how much the variance of one sample of a pixel would be larger without the cache, weighted mean over pixels.
+
+    Parameters
+    ----------
+    mean, known : float32 (P, C), of the cached image, and what is known of what it lacks
+    square_gain : float32 (P,)
+        See `FilmTile.square_gain`, of one sample.
+    weights : float32 (P,)
+        See `pixel_weights`.
+    """
+    gain = (square_gain - (known * (known + 2.0 * mean)).mean(axis=1)) * weights
+    low, high = np.percentile(gain, (_CUT_PERCENT, 100.0 - _CUT_PERCENT))
+    return float(np.clip(gain, low, high).mean())
+
+
 class CacheLearner:
     """Owns the cells of one render.
 
@@ -102,8 +118,10 @@ class CacheLearner:
         return guidance.with_cells(self._cells.field, max(guidance.record_threshold, int(self._share * 2**32)))
 
     def judge(self, sums: FilmTile, size: tuple[int, int], next_sample: int) -> None:
-        """Give the cache up where the image makes more error with it than without, as far as measuring paths tell. Have
-        more of them measure where the noise of what they found is more than that of the cached image, else fewer.
+        """Give the cache up where the image makes more error with it than without, as far as measuring paths tell.
+
+        More of them measure where the noise of what they found, and what they have not found yet, is more than the
+        noise of the cached image; else fewer.
 
         Parameters
         ----------
@@ -122,16 +140,13 @@ class CacheLearner:
         cached = image_variance(mean, sums.square / weight, weights) * of_mean
         residual = sums.residual / weight
         error = residual_error(residual, size, weights)
-        is_too_few = error.noise > cached
+        is_too_few = error.noise + error.bias_squared > cached
         self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
         self.report.cache_bias = math.sqrt(error.bias_squared)
         if next_sample < EARLY_SAMPLES:
             return
-        # The variance of whole paths is that of cached ones, and what their squares have more, but for the mean's.
-        known = known_residual(residual, size)
-        gain = sums.square_gain / weight[:, 0] - (known * (known + 2.0 * mean)).mean(axis=1)
-        low, high = np.percentile(gain * weights, (_CUT_PERCENT, 100.0 - _CUT_PERCENT))
-        whole = cached + float(np.clip(gain * weights, low, high).mean()) * of_mean
+        gain = _variance_gain(mean, sums.square_gain / weight[:, 0], known_residual(residual, size), weights)
+        whole = cached + gain * of_mean
         ratio = (cached + error.noise + error.bias_squared) / max(whole, 1e-20)
         self.is_given_up = ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
         self._was_bad = ratio > _BAD
