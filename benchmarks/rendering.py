@@ -188,6 +188,7 @@ def render_scene(
     pixels: int = 0,
     size: tuple[int, int] | None = None,
     threads: int = 0,
+    first_seed: int = 1,
     resume: bool = False,
     isolate: bool = False,
     without_lamps: bool = False,
@@ -209,7 +210,7 @@ def render_scene(
     if without_lamps:
         hide_lamps(scene)
         scene_hash += " without lamps"
-    for seed in range(1, seed_count + 1):
+    for seed in range(first_seed, first_seed + seed_count):
         for rival in rivals:
             if any(failure.rival == rival.name for failure in failures):
                 continue

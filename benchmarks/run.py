@@ -181,6 +181,7 @@ def run(
     pixels: int = 0,
     references: Path | None = None,
     threads: int = 0,
+    first_seed: int = 1,
     resume: bool = False,
     isolate: bool = False,
 ) -> int:
@@ -191,8 +192,8 @@ def run(
         reference = find_reference(references, source)
         size = (reference.shape[1], reference.shape[0]) if reference is not None else None
         renders, failed = render_scene(
-            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads, resume=resume,
-            isolate=isolate,
+            source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads,
+            first_seed=first_seed, resume=resume, isolate=isolate,
         )  # fmt: skip
         failures += [(source.name, failure) for failure in failed]
         results += evaluate(source.name, renders, reference).values()

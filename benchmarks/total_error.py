@@ -60,11 +60,14 @@ def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, Floa
 
 
 def _references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[FloatArray, FloatArray]:
+    seeds = {render.record.seed for batch in scene.batches for render in batch.renders}
     for other in among:
         if (other.scene, other.width, other.height) == (scene.scene, scene.width, scene.height):
-            images = [render.image for batch in other.batches for render in batch.renders]
-            if len(images) == 2:
-                return images[0], images[1]
+            renders = [render for batch in other.batches for render in batch.renders]
+            if seeds & {render.record.seed for render in renders}:
+                raise ValueError(f"{scene.name}: references have seeds of the renders: make them with --first-seed")
+            if len(renders) == 2:
+                return renders[0].image, renders[1].image
     raise ValueError(f"{scene.name}: its references are not two renders of {scene.width} x {scene.height} pixels")
 
 

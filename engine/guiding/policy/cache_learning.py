@@ -33,7 +33,7 @@ MEASURED_SHARE = 0.125
 _AGAIN = 1.5
 #: The cache is given up where the image makes so many times the error that one without it would make: at once, or when
 #: it is judged for the second time in a row.
-_TOO_BAD, _BAD = 1.5, 1.1
+_TOO_BAD, _BAD = 3.0, 1.5
 #: Share of the pixels whose squares are cut to the next smaller one: single bright paths would decide.
 _CUT_PERCENT = 0.1
 #: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
