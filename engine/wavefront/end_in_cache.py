@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.cells.field import SUM_COUNT
+from engine.guiding.fields.cells.field import SUM_WEIGHT
 from engine.guiding.fields.cells.query import first_key, look_up
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
 from engine.kernels.bsdf.evaluate import is_delta_lobe
@@ -181,7 +181,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
         )
         if slot < 0:
             continue
-        inverse = 1.0 / (cells.sums[slot, SUM_COUNT] * min(paths.survival[lane], np.float32(1.0)))
+        inverse = 1.0 / (cells.sums[slot, SUM_WEIGHT] * min(paths.survival[lane], np.float32(1.0)))
         is_known = True
         for c in range(len(paths.channels)):
             value = paths.throughput[lane, c] * cells.sums[slot, c] * inverse

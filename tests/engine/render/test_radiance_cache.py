@@ -22,8 +22,8 @@ def image_mean(method, seed, **settings):
     return render(method, seed, **ENDLESS | settings).passes["Combined"][..., :3].mean()
 
 
-def means(method, first=0, **settings):
-    return np.array([image_mean(method, first + seed, **settings) for seed in range(SEEDS)])
+def means(method, first=0, count=SEEDS, **settings):
+    return np.array([image_mean(method, first + seed, **settings) for seed in range(count)])
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,8 @@ def test_paths_end_and_rays_are_saved():
 def test_the_mean_is_right(method, cache, plain):
     """FAST has the right energy too: cells are means of whole paths."""
     settings = {} if method == "OFF" else {"guiding_trial": False}
-    cached = means(method, radiance_cache=cache, **settings)
+    # A cached image has the noise of its cells all over: 0.7% of the mean from seed to seed.
+    cached = means(method, count=3 * SEEDS, radiance_cache=cache, **settings)
     assert cached.mean() == pytest.approx(plain.mean(), rel=0.01)
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What cells learn from the records of an iteration.
 
-A cell's radiance is the mean of what its surfaces sent back along the paths that met them. Each record is an unbiased
-estimate, so nothing is forgotten, and none is cut: the energy is right.
+A cell's radiance is the mean of what its surfaces sent back along the paths that met them, weighed by what these paths
+bring of it to the camera. Guided paths come more often to where a cell is bright, with less weight each: a plain mean
+would be too bright. Nothing is forgotten, and no record is cut: the energy is right.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from engine.guiding.fields.cells.field import (
     LEVEL_COUNT,
     SUM_COUNT,
+    SUM_WEIGHT,
     CellField,
     cell_key,
     claim_cell,
@@ -49,8 +51,10 @@ def _learn(cells, rows, level, places, tags):
         if slot < 0:
             lost_count += 1
             continue
+        weight = rows.weight[row]
         for c in range(RGB):
-            cells.sums[slot, c] += rows.radiance[row, c]
+            cells.sums[slot, c] += weight * rows.radiance[row, c]
+        cells.sums[slot, SUM_WEIGHT] += weight
         cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
 

@@ -7,6 +7,7 @@ import pytest
 from engine.guiding.fields.cells.field import (
     LEVEL_COUNT,
     SUM_COUNT,
+    SUM_WEIGHT,
     cell_key,
     cell_size,
     empty_cells,
@@ -40,8 +41,9 @@ def find(cells, points, normal, level, program=0):
     return out
 
 
-def records(position, normal, radiance, program=0):
+def records(position, normal, radiance, program=0, weight=1.0):
     rows = allocate_taught_records(len(position))
+    rows.weight[:] = weight
     rows.position[:], rows.normal[:], rows.radiance[:], rows.program[:] = position, normal, radiance, program
     return rows
 
@@ -51,19 +53,21 @@ def rng():
     return np.random.default_rng(7)
 
 
-def test_a_cell_is_the_mean_of_what_was_sent_back(rng):
+def test_a_cell_is_the_mean_of_what_was_sent_back_weighed_by_what_paths_bring_of_it(rng):
     count = 4000
     position = np.column_stack([rng.random((count, 2)) * 0.9e-3, np.zeros(count)]).astype(np.float32)
     position[0], position[-1] = (-1.0, -1.0, 0.0), (1.0, 1.0, 0.0)
     radiance = rng.gamma(0.5, 2.0, (count, 3)).astype(np.float32)
     model = CellModel()
     model.field = empty_cells(1e-3)
-    model.learn(records(position, UP, radiance))
+    weight = rng.random(count).astype(np.float32)
+    model.learn(records(position, UP, radiance, weight=weight))
     slot = find(model.field, [(1e-4, 1e-4, 0.0)], UP, 0)[0]
     assert slot >= 0
     sums = model.field.sums[slot]
     assert sums[SUM_COUNT] == count - 2
-    np.testing.assert_allclose(sums[:3] / sums[SUM_COUNT], radiance[1:-1].mean(axis=0), rtol=1e-4)
+    expected = (weight[1:-1, None] * radiance[1:-1]).sum(axis=0) / weight[1:-1].sum()
+    np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], expected, rtol=1e-4)
 
 
 def test_sides_of_a_wall_walls_of_a_corner_and_materials_are_apart():
@@ -77,7 +81,7 @@ def test_sides_of_a_wall_walls_of_a_corner_and_materials_are_apart():
         slot = find(model.field, [(0.0, 0.0, 0.0)], normal, 0, program)[0]
         assert slot >= 0
         sums = model.field.sums[slot]
-        np.testing.assert_allclose(sums[:3] / sums[SUM_COUNT], value)
+        np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], value)
 
 
 def test_larger_cells_hold_what_smaller_ones_hold(rng):
