@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metrics import EPSILON, FloatArray, image_scale, reduce_error
+from benchmarks.metrics import EPSILON, FloatArray, image_scale, reduce_error, seed_variance
 from benchmarks.report.collect import Batch, SceneResults, collect
 from benchmarks.tables import table
 
@@ -54,7 +54,7 @@ def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, Floa
     mean = stack.mean(axis=0)
     variance = bias_squared = float("nan")
     if len(stack) > 1:
-        variance = reduce_error((stack.var(axis=0, ddof=1) / scale).mean(axis=-1)).trimmed
+        variance = seed_variance(images, truth, least_seeds=2).trimmed
         bias_squared = _product(mean - first, mean - second, scale) - variance / len(stack)
     return TotalError(total, variance, bias_squared, float(mean.mean() / truth.mean()) - 1.0)
 

@@ -83,6 +83,11 @@ def _bands(sums: np.ndarray, shape: tuple[int, int]) -> list[tuple[np.ndarray, n
     return bands
 
 
+def _with_band(known: np.ndarray, kept: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """What is known of all bands down to one, given that of the bands before it."""
+    return _expand(known, kept.shape) + kept[..., None] * (0.5 * (first + second))
+
+
 def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """As much of the difference between the true image and the cached one as is known.
 
@@ -100,17 +105,19 @@ def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     known = np.zeros((1, 1, 3))
     for first, second in _bands(sums, shape):
         kept, _, _ = _kept(first, second)
-        known = _expand(known, kept.shape) + kept[..., None] * (0.5 * (first + second))
+        known = _with_band(known, kept, first, second)
     return known.reshape(-1, 3).astype(np.float32)
 
 
 class ResidualError(NamedTuple):
-    """Errors of an image with `known_residual`, weighted means over pixels.
+    """What `known_residual` knows, and errors of an image with it, weighted means over pixels.
 
+    known : float32 (P, 3)
     noise : float, variance that comes with what is known
     bias_squared : float, squares of what is lacking still
     """
 
+    known: np.ndarray
     noise: float
     bias_squared: float
 
@@ -127,10 +134,12 @@ def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray
     weight = [weights.reshape(*shape, 1)]
     while max(weight[-1].shape[:2]) > 1:
         weight.append(_reduce(weight[-1]))
+    known = np.zeros((1, 1, 3))
     total_noise = bias_squared = 0.0
     for (first, second), of_pixel in zip(_bands(sums, shape), reversed(weight), strict=True):
         kept, signal, noise = _kept(first, second)
+        known = _with_band(known, kept, first, second)
         total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())
         # A band whose true difference is 0 seems to have a negative square as often as a positive one.
         bias_squared += max(float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean()), 0.0)
-    return ResidualError(total_noise, bias_squared)
+    return ResidualError(known.reshape(-1, 3).astype(np.float32), total_noise, bias_squared)

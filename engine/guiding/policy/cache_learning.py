@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.guiding.fields.cells.model import CellModel
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.models.residual import known_residual, residual_error
+from engine.guiding.models.residual import residual_error
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
@@ -138,14 +138,13 @@ class CacheLearner:
         weights = pixel_weights(mean.reshape(*size, -1))
         of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
         cached = image_variance(mean, sums.square / weight, weights) * of_mean
-        residual = sums.residual / weight
-        error = residual_error(residual, size, weights)
+        error = residual_error(sums.residual / weight, size, weights)
         is_too_few = error.noise + error.bias_squared > cached
         self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
         self.report.cache_bias = math.sqrt(error.bias_squared)
         if next_sample < EARLY_SAMPLES:
             return
-        gain = _variance_gain(mean, sums.square_gain / weight[:, 0], known_residual(residual, size), weights)
+        gain = _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, weights)
         whole = cached + gain * of_mean
         ratio = (cached + error.noise + error.bias_squared) / max(whole, 1e-20)
         self.is_given_up = ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
