@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,6 +33,13 @@ TILE_SIZE = 32
 _PREPARING = "Preparing kernels"
 
 
+@lru_cache(maxsize=8)
+def _grid(row_count: int, column_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of each pixel of a tile: four sizes at most are in an image, and a render starts at once."""
+    rows, columns = np.divmod(np.arange(row_count * column_count, dtype=np.int64), column_count)
+    return rows, columns
+
+
 def tiles_of(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pixels (column, row in the full image) and film indices of each tile of the region."""
     x0, y0, x1, y1 = frame.region
@@ -39,9 +47,11 @@ def tiles_of(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
     tiles = []
     for top in range(y0, y1, TILE_SIZE):
         for left in range(x0, x1, TILE_SIZE):
-            rows, columns = np.mgrid[top : min(top + TILE_SIZE, y1), left : min(left + TILE_SIZE, x1)]
-            pixels = np.ascontiguousarray(np.stack([columns.ravel(), rows.ravel()], axis=1), np.int32)
-            tiles.append((pixels, ((rows - y0) * width + (columns - x0)).ravel()))
+            rows, columns = _grid(min(TILE_SIZE, y1 - top), min(TILE_SIZE, x1 - left))
+            pixels = np.empty((len(rows), 2), np.int32)
+            np.add(columns, left, out=pixels[:, 0])
+            np.add(rows, top, out=pixels[:, 1])
+            tiles.append((pixels, rows * width + (columns + ((top - y0) * width + left - x0))))
     return tiles
 
 
