@@ -36,6 +36,7 @@ from engine.state.lanes import (
 from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.unit import UnitCosts
 from engine.wavefront.columns import (
+    CACHED_DEPTHS,
     CACHED_PATHS,
     CANDIDATES,
     CLOCK,
@@ -85,8 +86,8 @@ class Statistics:
     several_count: int = 0
     candidate_count: int = 0
     several_candidate_count: int = 0
-    #: Paths that ended, or could have, in the radiance cache.
-    cached_count: int = 0
+    #: Paths that ended, or could have, in the radiance cache, by how often they had been scattered (the last: or more).
+    cached_counts: Counter[int] = field(default_factory=Counter)
 
     def add(self, other: Statistics) -> None:
         """Add another thread's."""
@@ -100,7 +101,7 @@ class Statistics:
         self.several_count += other.several_count
         self.candidate_count += other.candidate_count
         self.several_candidate_count += other.several_candidate_count
-        self.cached_count += other.cached_count
+        self.cached_counts.update(other.cached_counts)
 
 
 class Batch:
@@ -127,7 +128,7 @@ class Batch:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
         self.is_guided, self.has_records = is_guided, records
-        uses_cache = settings.radiance_cache != "OFF"
+        self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
         has_log = records and is_guided
         self.records = allocate_vertex_records(RECORD_ROWS if has_log else 1, channel_count)
@@ -242,4 +243,5 @@ class Batch:
         statistics.several_count += counts[RESAMPLED_VERTICES]
         statistics.candidate_count += counts[CANDIDATES]
         statistics.several_candidate_count += counts[RESAMPLED_CANDIDATES]
-        statistics.cached_count += counts[CACHED_PATHS]
+        for depth in range(CACHED_DEPTHS):
+            statistics.cached_counts[depth + 1] += counts[CACHED_PATHS + depth]

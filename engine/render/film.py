@@ -71,6 +71,7 @@ class Film:
         if len(self.sums.residual):
             self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
             self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
+            self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)

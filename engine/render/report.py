@@ -49,8 +49,8 @@ class RenderReport:
     record_drop_count: int = 0  # records of units whose paths left more than there is room for
     peak_memory: int = 0
     thread_count: int = 1
-    #: Share of the paths that ended in the radiance cache, or could have.
-    cached_share: float = 0.0
+    #: Shares of the paths that ended in the radiance cache, or could have: after one scattering, after two, later.
+    cached_shares: tuple[float, ...] = ()
     is_spectral: bool = False  # paths had wavelengths
     cancelled: bool = False
     guiding: GuidingReport = field(default_factory=GuidingReport)

@@ -27,6 +27,7 @@ from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
 from engine.state.lanes import RGB
+from engine.wavefront.columns import CACHED_DEPTHS
 
 #: Said while there is nothing to show yet.
 _COMPILING = "Compiling kernels (once, takes about a minute)"
@@ -259,14 +260,16 @@ class Session:
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
         total, learner, film = job.statistics(), job.learner, job.film
-        cached_share = total.cached_count / max(total.path_count, 1)
+        cached_shares = tuple(
+            total.cached_counts[depth + 1] / max(total.path_count, 1) for depth in range(CACHED_DEPTHS)
+        )
         guiding = GuidingReport(method=settings.guiding_method)
         if learner is not None:
             guiding = learner.report
             guiding.candidates_per_vertex = total.candidate_count / max(total.guided_count, 1)
             guiding.describe(dict(total.stage_seconds))
             if settings.radiance_cache != "OFF":
-                guiding.describe_cache(cached_share)
+                guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
             guiding.chosen = "OFF"
             guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
@@ -288,7 +291,7 @@ class Session:
             record_drop_count=total.record_drop_count,
             peak_memory=peak_memory(),
             thread_count=self.thread_count,
-            cached_share=cached_share,
+            cached_shares=cached_shares,
             is_spectral=settings.spectral == "ON",
             cancelled=job.cancelled,
             guiding=guiding,

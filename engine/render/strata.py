@@ -127,6 +127,7 @@ class StrataFilm(Film):
         if len(whole.residual):
             whole.residual[pixels] = (sums.residual[rows] * factor[..., None]).sum(axis=0)
             whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
+            whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
         if self.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
 

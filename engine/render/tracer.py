@@ -172,7 +172,7 @@ class Tracer:
         _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, batch.has_records, self.use_features, unit.header[UNIT_USES_CACHE],
+            batch.is_guided, batch.has_records, batch.uses_cache, self.use_features,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -190,7 +190,7 @@ class Tracer:
         self._guidance = guidance
         challenger = guidance.challenger if guidance is not None else None
         # The cache ends paths whatever guides them.
-        plain = guidance.plain() if guidance is not None and guidance.cells is not None else None
+        plain = guidance.plain() if guidance is not None and guidance.uses_cache else None
         self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance)}
         if challenger is not None:
             self._arms[CHALLENGER] = self._make_arm(challenger)
@@ -224,7 +224,10 @@ class Tracer:
         arguments = self._rehearsed_arguments(batch)
         _, scene, view, guidance, radiance, work, _ = arguments
         is_linked = self.stages.link(
-            stage_arguments(scene, view, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records)
+            stage_arguments(
+                scene, view, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records,
+                uses_cache=batch.uses_cache,
+            )
         )
         if hasattr(trace_rounds, "overloads"):
             loop = BoundKernel(trace_rounds)
@@ -323,7 +326,7 @@ class Tracer:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.use_features
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
-        header[UNIT_USES_CACHE] = self._settings.radiance_cache != "OFF"
+        header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)

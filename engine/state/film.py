@@ -41,6 +41,7 @@ class FilmTile(Bundle):
         that measure it
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
+    ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
     """
 
     radiance: np.ndarray
@@ -53,6 +54,7 @@ class FilmTile(Bundle):
     points: np.ndarray
     residual: np.ndarray
     square_gain: np.ndarray
+    ended: np.ndarray
 
 
 def allocate_tile(
@@ -70,5 +72,6 @@ def allocate_tile(
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
         np.zeros((feature_count, FIRST_WIDTH), np.float32),
         np.zeros((pixel_count if use_residual else 0, 2 * channel_count), np.float32),
+        np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
     )

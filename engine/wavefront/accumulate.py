@@ -23,10 +23,12 @@ def _take_cached(spectrum, paths, cached, lane, film, scale):
     half = np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
     if film.residual.shape[0] > 0:
         cached_color = to_rgb(spectrum, paths, lane, cached.base, lane)
+        ended = to_rgb(spectrum, paths, lane, cached.predicted, lane)
         gain = np.float32(0.0)
         for c in range(RGB):
             film.residual[paths.pixel[lane], RGB * half + c] += scale * lacked[c]
             gain += lacked[c] * (lacked[c] + 2.0 * cached_color[c])
+            film.ended[paths.pixel[lane]] += scale * ended[c] * np.float32(1.0 / RGB)
         film.square_gain[paths.pixel[lane]] += scale * gain * np.float32(1.0 / RGB)
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] = cached.base[lane, c]

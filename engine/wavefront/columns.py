@@ -50,9 +50,10 @@ GUIDED_VERTICES = 12
 RESAMPLED_VERTICES = 13
 CANDIDATES = 14
 RESAMPLED_CANDIDATES = 15
-CACHED_PATHS = 16  # that ended, or could have ended, in the cache
-TAUGHT = 17  # records for the cache
-COUNT_WIDTH = 18
+TAUGHT = 16  # records for the cache
+CACHED_PATHS = 17  # that ended, or could have ended, in the cache: after one scattering, after two, later
+CACHED_DEPTHS = 3
+COUNT_WIDTH = CACHED_PATHS + CACHED_DEPTHS
 
 
 class ClockEntries(NamedTuple):

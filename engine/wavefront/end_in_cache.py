@@ -46,7 +46,7 @@ from engine.state.lanes import (
     TAUGHT_RADIANCE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
-from engine.wavefront.columns import CACHED_PATHS, UNIT_MEASURE_THRESHOLD
+from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD
 
 #: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
 _SET_LOOKUP = 1 << 18
@@ -169,7 +169,6 @@ def end_in_cache(scene, unit, radiance, work, queue):
             prefetch(cells.tag, cached.place[lane])
             asking[asking_count] = lane
             asking_count += 1
-    cached_count = 0
     for k in range(asking_count):
         lane = asking[k]
         ask_for_throughput(paths, lane_ahead(asking, k, asking_count))
@@ -191,7 +190,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
             cached.base[lane, c] = paths.radiance[lane, c]
         if not is_known:
             continue
-        cached_count += 1
+        work.counts[CACHED_PATHS + min(int(paths.depth[lane]), CACHED_DEPTHS) - 1] += 1
         add_radiance(options, paths, lane, contribution, lane, paths.depth[lane], 1.0)
         if np.int64(chosen) >= threshold:
             paths.alive[lane] = 0
@@ -200,7 +199,6 @@ def end_in_cache(scene, unit, radiance, work, queue):
         for c in range(len(paths.channels)):
             cached.predicted[lane, c] = paths.radiance[lane, c] - cached.base[lane, c]
             paths.radiance[lane, c] = cached.base[lane, c]
-    work.counts[CACHED_PATHS] += cached_count
     kept = 0
     for k in range(lane_count):
         lane = lanes[k]

@@ -17,7 +17,6 @@ from engine.wavefront.columns import (
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_USE_FEATURES,
-    UNIT_USES_CACHE,
 )
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
@@ -81,7 +80,7 @@ STAGES: _Stages = {
 
 def stage_arguments(
     scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool,
-    records: bool,
+    records: bool, uses_cache: bool,
 ) -> dict[str, tuple[Any, ...]]:
     """What `StageTable.link` is to know of every stage that `trace_rounds` may call for these bundles.
 
@@ -113,6 +112,6 @@ def stage_arguments(
     add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])
     add(_PREDICTION, (radiance, guidance, work), is_guided)
     add(_BLENDING, (guidance, work), is_guided)
-    add(_CACHE, (scene, unit, radiance, work, work.active), unit.header[UNIT_USES_CACHE])
-    add(_TAUGHT, plain, unit.header[UNIT_USES_CACHE])
+    add(_CACHE, (scene, unit, radiance, work, work.active), uses_cache)
+    add(_TAUGHT, plain, uses_cache)
     return arguments

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from engine.methods import METHODS
@@ -51,9 +52,14 @@ class GuidingReport:
 
     lines: list[str] = field(default_factory=list)
 
-    def describe_cache(self, cached_share: float) -> None:
-        """Add a line on the radiance cache, in which this share of the paths came to an end."""
-        line = f"radiance cache: {cached_share:.0%} of the paths came to where they could end in it"
+    def describe_cache(self, cached_shares: Sequence[float]) -> None:
+        """Add a line on the radiance cache, in which these shares of the paths ended: after one scattering, after two,
+        later.
+        """
+        line = f"radiance cache: {sum(cached_shares):.0%} of the paths came to where they could end in it"
+        if any(cached_shares):
+            first, second, later = cached_shares
+            line += f" ({first:.0%} after one scattering, {second:.0%} after two, {later:.0%} later)"
         if self.cache_stopped_at:
             line += f"; given up after {self.cache_stopped_at} samples, since it made more error than paths without it"
         elif math.isfinite(self.cache_bias):

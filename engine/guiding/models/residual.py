@@ -10,6 +10,7 @@ is the measured difference itself: the image converges to the unbiased one (docs
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ import numpy as np
 #: be less than it seems: noise must not pass for it.
 _WINDOW = 4
 _DOUBT = 2.0
+#: Bands of details below 8 pixels.
+_FINE_BANDS = 3
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:
@@ -115,11 +118,15 @@ class ResidualError(NamedTuple):
     known : float32 (P, 3)
     noise : float, variance that comes with what is known
     bias_squared : float, squares of what is lacking still
+    wide_squared, wide_noise : float
+        Squares of what was lacking, known by now or not, in bands of 8 pixels and more; the standard error of that.
     """
 
     known: np.ndarray
     noise: float
     bias_squared: float
+    wide_squared: float
+    wide_noise: float
 
 
 def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray) -> ResidualError:
@@ -135,11 +142,17 @@ def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray
     while max(weight[-1].shape[:2]) > 1:
         weight.append(_reduce(weight[-1]))
     known = np.zeros((1, 1, 3))
-    total_noise = bias_squared = 0.0
-    for (first, second), of_pixel in zip(_bands(sums, shape), reversed(weight), strict=True):
+    total_noise = bias_squared = wide_squared = wide_variance = 0.0
+    for index, ((first, second), of_pixel) in enumerate(zip(_bands(sums, shape), reversed(weight), strict=True)):
         kept, signal, noise = _kept(first, second)
         known = _with_band(known, kept, first, second)
         total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())
         # A band whose true difference is 0 seems to have a negative square as often as a positive one.
         bias_squared += max(float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean()), 0.0)
-    return ResidualError(known.reshape(-1, 3).astype(np.float32), total_noise, bias_squared)
+        if index < len(weight) - _FINE_BANDS:
+            wide_squared += float((signal * of_pixel[..., 0]).mean())
+            # Products of two halves that are noise alone: each half has twice the variance of their mean.
+            wide_variance += float((2.0 * noise * of_pixel[..., 0]).mean()) ** 2 / signal.size
+    return ResidualError(
+        known.reshape(-1, 3).astype(np.float32), total_noise, bias_squared, wide_squared, math.sqrt(wide_variance)
+    )

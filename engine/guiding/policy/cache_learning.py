@@ -34,6 +34,9 @@ _AGAIN = 1.5
 #: The cache is given up where the image makes so many times the error that one without it would make: at once, or when
 #: it is judged for the second time in a row.
 _TOO_BAD, _BAD = 3.0, 1.5
+#: It is given up at once, too, where what it lacks in the large is surely more than this share of what it says, as
+#: squares, and more than the noise of an image without it: of details of such a lie too little is known in time.
+_WRONG, _SURE = 0.2, 3.0
 #: Share of the pixels whose squares are cut to the next smaller one: single bright paths would decide.
 _CUT_PERCENT = 0.1
 #: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
@@ -147,7 +150,9 @@ class CacheLearner:
         gain = _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, weights)
         whole = cached + gain * of_mean
         ratio = (cached + error.noise + error.bias_squared) / max(whole, 1e-20)
-        self.is_given_up = ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
+        said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())
+        is_wrong = error.wide_squared > max(_SURE * error.wide_noise, _WRONG * said, whole)
+        self.is_given_up = is_wrong or ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
         self._was_bad = ratio > _BAD
         if self.is_given_up:
             self.report.cache_stopped_at = next_sample

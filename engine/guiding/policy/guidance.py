@@ -31,7 +31,8 @@ class Guidance:
     challenger : Guidance or None, what a part of the iteration's samples goes by instead, to compare
     probes_only : bool, whether it is tried at some vertices of recorded paths, and all others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
-    cells : CellField or None, where paths end; paths whose hash is below measure_threshold go on all the same
+    uses_cache : bool, whether paths end in `cells`, and teach them
+    cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     """
 
@@ -49,14 +50,18 @@ class Guidance:
     probes_only: bool = False
     source: Bundle | None = None
     challenger: Guidance | None = None
+    uses_cache: bool = False
     cells: CellField | None = None
     measure_threshold: int = 0
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
-        return Guidance(self.settings, 0).with_cells(self.cells, self.measure_threshold)
+        plain = Guidance(self.settings, 0)
+        return plain.with_cells(self.cells, self.measure_threshold) if self.uses_cache else plain
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""
         challenger = None if self.challenger is None else self.challenger.with_cells(cells, measure_threshold)
-        return replace(self, cells=cells, measure_threshold=measure_threshold, challenger=challenger)
+        return replace(
+            self, uses_cache=True, cells=cells, measure_threshold=measure_threshold, challenger=challenger
+        )

@@ -55,7 +55,9 @@ def distort(monkeypatch, how):
 
 def test_paths_end_and_rays_are_saved():
     without, cached = (render("OFF", 1, **ENDLESS, radiance_cache=cache).report for cache in ("OFF", "FAST"))
-    assert without.cached_share == 0.0 and cached.cached_share > 0.5
+    assert sum(without.cached_shares) == 0.0 and sum(cached.cached_shares) > 0.5
+    first, second, later = cached.cached_shares
+    assert first > second > 0.0 and later > 0.0
     assert cached.rays["closest"] < 0.8 * without.rays["closest"]
     assert any("radiance cache" in line for line in cached.guiding.lines)
 
@@ -102,7 +104,7 @@ def test_no_energy_is_lost_or_made_under_a_white_sky(albedo):
     settings = ENDLESS | {"scene": furnace}
     plain = np.array([image_mean("OFF", seed, **settings) for seed in range(SEEDS)])
     cached = np.array([image_mean("OFF", 10 + seed, radiance_cache="FAST", **settings) for seed in range(SEEDS)])
-    assert render("OFF", 0, **settings, radiance_cache="FAST").report.cached_share > 0.05
+    assert render("OFF", 0, **settings, radiance_cache="FAST").report.cached_shares[0] > 0.05
     assert z_score(cached, plain) < Z_LIMIT
     assert cached.mean() == pytest.approx(plain.mean(), rel=0.003)
 
@@ -133,7 +135,7 @@ def test_surfaces_that_the_camera_sees_end_no_paths():
     """A floor and nothing else: every path scatters at what the camera sees, and leaves."""
     lone = lambda: floor_scene(size=(16, 12))  # noqa: E731
     report = render("OFF", 1, scene=lone, samples=31, radiance_cache="FAST").report
-    assert report.cached_share == 0.0
+    assert report.cached_shares == (0.0, 0.0, 0.0)
 
 
 def test_what_is_seen_in_gloss_ends_no_paths():
@@ -141,7 +143,7 @@ def test_what_is_seen_in_gloss_ends_no_paths():
     glossy = material(color=(0.8, 0.8, 0.8), kind="ShaderNodeBsdfGlossy")
     glossy.graph.nodes[0].inputs["Roughness"] = 0.4
     scene = lambda: replace(corner_scene((16, 12)), materials=[glossy])  # noqa: E731
-    assert render("OFF", 1, scene=scene, samples=31, radiance_cache="FAST").report.cached_share == 0.0
+    assert render("OFF", 1, scene=scene, samples=31, radiance_cache="FAST").report.cached_shares == (0.0, 0.0, 0.0)
 
 
 def test_a_cache_that_lies_is_given_up(monkeypatch):
