@@ -2,6 +2,7 @@
 """Closures of the Glossy, Refraction and Glass BSDF."""
 
 import math
+from typing import NamedTuple
 
 from engine.kernels.bsdf.closures import append_closure, store_color
 from engine.kernels.bsdf.energy import finish_lobe
@@ -29,6 +30,45 @@ from engine.kernels.memory import read3
 from engine.kernels.vector import add, cross, dot, normalize, scale
 from engine.runtime.jit import kernel
 
+_Vector = tuple[float, float, float]
+
+
+class Facets(NamedTuple):
+    """The microfacets of a surface.
+
+    Attributes
+    ----------
+    n, tangent : tuple of 3 float32
+        Normal and direction of anisotropy; unit, world space. The tangent need not be orthogonal to `n`; if it is
+        parallel or zero the lobe becomes isotropic.
+    alpha_x, alpha_y : float32
+    is_multiple : bool
+        Whether light that is scattered repeatedly between them counts.
+    """
+
+    n: _Vector
+    tangent: _Vector
+    alpha_x: float
+    alpha_y: float
+    is_multiple: bool
+
+
+class Interface(NamedTuple):
+    """Fresnel term of a microfacet lobe, and its tints.
+
+    Attributes
+    ----------
+    eta : float32
+        Refractive index of the far side over the viewer's side.
+    f0, reflection, transmission : tuple of 3 float32
+        Columns F0, REFLECTION_TINT (or F82_B) and TRANSMISSION_TINT.
+    """
+
+    eta: float
+    f0: _Vector
+    reflection: _Vector
+    transmission: _Vector
+
 
 @kernel
 def rotate_tangent(tangent, axis, turns):
@@ -42,22 +82,23 @@ def rotate_tangent(tangent, axis, turns):
 
 
 @kernel
-def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent, eta, f0, reflection, transmission):
-    """Append a microfacet lobe; -1 as `append_closure`.
+def append_microfacet(closures, lane, kind, weight, facets, interface):
+    """Append a microfacet lobe; returns as `append_closure`.
 
     Parameters
     ----------
-    tangent : tuple of 3 float32
-        Need not be orthogonal to `n`; if it is parallel or zero the lobe becomes isotropic.
-    f0, reflection, transmission : tuple of 3 float32
-        Columns F0, REFLECTION_TINT (or F82_B) and TRANSMISSION_TINT.
+    kind : int
+    weight : tuple of 3 float32
+    facets : Facets
+    interface : Interface
     """
+    n, tangent, alpha_x, alpha_y, _is_multiple = facets
     i = append_closure(closures, lane, kind, weight, n)
     if i >= 0:
         param = closures.param
-        store_color(param, lane, i, F0, f0)
-        store_color(param, lane, i, REFLECTION_TINT, reflection)
-        store_color(param, lane, i, TRANSMISSION_TINT, transmission)
+        store_color(param, lane, i, F0, interface.f0)
+        store_color(param, lane, i, REFLECTION_TINT, interface.reflection)
+        store_color(param, lane, i, TRANSMISSION_TINT, interface.transmission)
         alpha_x = min(max(alpha_x, 0.0), 1.0)
         alpha_y = min(max(alpha_y, 0.0), 1.0)
         if alpha_x != alpha_y:
@@ -72,9 +113,9 @@ def append_microfacet(closures, lane, kind, weight, n, alpha_x, alpha_y, tangent
                 alpha_y = alpha_x
         param[lane, i, ALPHA_X] = alpha_x
         param[lane, i, ALPHA_Y] = alpha_y
-        param[lane, i, ETA] = eta
+        param[lane, i, ETA] = interface.eta
         param[lane, i, ENERGY_SCALE] = 1.0
-        param[lane, i, F0_REAL] = f0_of_eta(eta)
+        param[lane, i, F0_REAL] = f0_of_eta(interface.eta)
     return i
 
 
@@ -115,8 +156,9 @@ def add_glossy(
         else:
             alpha_x *= 1.0 - anisotropy
             alpha_y /= 1.0 - anisotropy
-    i = append_microfacet(closures, lane, GLOSSY, weight, n, alpha_x, alpha_y, tangent, 1.0, color, color, color)
-    if i >= 0 and distribution == MULTI_GGX:
+    facets = Facets(n, tangent, alpha_x, alpha_y, distribution == MULTI_GGX)
+    i = append_microfacet(closures, lane, GLOSSY, weight, facets, Interface(1.0, color, color, color))
+    if i >= 0 and facets.is_multiple:
         fresnel = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, fresnel)
 
@@ -132,50 +174,44 @@ def add_refraction(closures, tables, lane, weight, color, wo, n, distribution, r
     if is_backfacing:
         eta = 1.0 / eta
     alpha = roughness * roughness
-    append_microfacet(closures, lane, REFRACTION, weight, n, alpha, alpha, n, eta, color, color, color)
+    facets = Facets(n, n, alpha, alpha, False)
+    append_microfacet(closures, lane, REFRACTION, weight, facets, Interface(eta, color, color, color))
 
 
 @kernel
-def append_glass(
-    closures,
-    tables,
-    lane,
-    weight,
-    wo,
-    n,
-    is_multiple,
-    alpha,
-    ior,
-    is_backfacing,
-    f0,
-    reflection_tint,
-    transmission_tint,
-):
-    """Append a dielectric interface whose Fresnel term runs from `f0` to 1; caustics switched off drop a tint."""
+def append_glass(closures, tables, lane, weight, wo, facets, interface):
+    """Append a dielectric interface whose Fresnel term runs from `f0` to 1; caustics switched off drop a tint.
+
+    Parameters
+    ----------
+    weight : tuple of 3 float32
+    wo : tuple of 3 float32
+        Direction to the viewer, unit, world space.
+    facets : Facets
+        Isotropic.
+    interface : Interface
+        Its `f0` is clamped to [0, 1].
+    """
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
     refracts = closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS == 0
     if not reflects and not refracts:
         return
-    eta = ior
-    if is_backfacing:
-        eta = 1.0 / ior
+    eta, f0, reflection, transmission = interface
     black = (0.0, 0.0, 0.0)
     if not reflects:
-        reflection_tint = black
+        reflection = black
     if not refracts:
-        transmission_tint = black
+        transmission = black
     f0 = (min(max(f0[0], 0.0), 1.0), min(max(f0[1], 0.0), 1.0), min(max(f0[2], 0.0), 1.0))
-    i = append_microfacet(
-        closures, lane, GLASS, weight, n, alpha, alpha, n, eta, f0, reflection_tint, transmission_tint
-    )
+    i = append_microfacet(closures, lane, GLASS, weight, facets, Interface(eta, f0, reflection, transmission))
     if i < 0:
         return
     # Most of the colour is the transmitted light's.
-    fresnel = transmission_tint
-    if transmission_tint[0] == 0.0 and transmission_tint[1] == 0.0 and transmission_tint[2] == 0.0:
+    fresnel = transmission
+    if transmission[0] == 0.0 and transmission[1] == 0.0 and transmission[2] == 0.0:
         fresnel = blend_to_white(f0, interface_mean_blend(eta))
-        fresnel = (fresnel[0] * reflection_tint[0], fresnel[1] * reflection_tint[1], fresnel[2] * reflection_tint[2])
-    finish_lobe(closures.param, tables.data, lane, i, GLASS, wo, is_multiple, fresnel)
+        fresnel = (fresnel[0] * reflection[0], fresnel[1] * reflection[1], fresnel[2] * reflection[2])
+    finish_lobe(closures.param, tables.data, lane, i, GLASS, wo, facets.is_multiple, fresnel)
 
 
 @kernel
@@ -185,21 +221,10 @@ def add_glass(closures, tables, lane, weight, color, wo, n, distribution, roughn
     roughness = min(max(roughness, 0.0), 1.0)
     tint = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
     f0 = f0_of_eta(ior)
-    append_glass(
-        closures,
-        tables,
-        lane,
-        weight,
-        wo,
-        n,
-        distribution == MULTI_GGX,
-        roughness * roughness,
-        ior,
-        is_backfacing,
-        (f0, f0, f0),
-        tint,
-        tint,
-    )
+    alpha = roughness * roughness
+    facets = Facets(n, n, alpha, alpha, distribution == MULTI_GGX)
+    interface = Interface(1.0 / ior if is_backfacing else ior, (f0, f0, f0), tint, tint)
+    append_glass(closures, tables, lane, weight, wo, facets, interface)
 
 
 @kernel(forceinline=True)

@@ -7,7 +7,14 @@ from typing import NamedTuple
 from engine.kernels.bsdf.closures import append_closure, weight_below
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import eta_of_f0, f0_of_eta, f82_b, f82_mean, fresnel_mean, interface_mean_blend
-from engine.kernels.bsdf.glossy import append_glass, append_microfacet, blend_to_white, rotate_tangent
+from engine.kernels.bsdf.glossy import (
+    Facets,
+    Interface,
+    append_glass,
+    append_microfacet,
+    blend_to_white,
+    rotate_tangent,
+)
 from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     DIFFUSE,
@@ -99,23 +106,10 @@ class PrincipledInputs(NamedTuple):
     alpha: float
 
 
-class _Facets(NamedTuple):
-    """Microfacets of a reflecting layer: normal, tangent (3-tuples), alphas, and whether they scatter repeatedly."""
-
-    n: _Vector
-    tangent: _Vector
-    alpha_x: float
-    alpha_y: float
-    is_multiple: bool
-
-
 @kernel
-def add_layer(closures, tables, lane, kind, weight, scale_in, wo, facets, eta, f0, b, fresnel):
+def add_layer(closures, tables, lane, kind, weight, scale_in, wo, facets, interface, fresnel):
     """Append a reflecting lobe of weight `weight` times `scale_in`; returns what it leaves of `weight` below."""
-    i = append_microfacet(
-        closures, lane, kind, scale(weight, scale_in), facets.n, facets.alpha_x, facets.alpha_y, facets.tangent, eta,
-        f0, b, f0,
-    )
+    i = append_microfacet(closures, lane, kind, scale(weight, scale_in), facets, interface)
     if i < 0:
         return weight
     layer = finish_lobe(closures.param, tables.data, lane, i, kind, wo, facets.is_multiple, fresnel)
@@ -153,7 +147,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         alpha_x /= aspect
         alpha_y *= aspect
         tangent = rotate_tangent(tangent, n, inputs.anisotropic_rotation)
-    facets = _Facets(specular_n, tangent, alpha_x, alpha_y, is_multiple)
+    facets = Facets(specular_n, tangent, alpha_x, alpha_y, is_multiple)
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
 
     if alpha < 1.0:
@@ -178,8 +172,10 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
             mean_color = (mean, mean, mean)
             weight = add_layer(
                 closures, tables, lane, GLOSSY_DIELECTRIC, weight, coat_weight, wo,
-                _Facets(coat_n, n, coat_alpha, coat_alpha, True), coat_ior, mean_color, mean_color, mean_color,
-            )
+                Facets(coat_n, n, coat_alpha, coat_alpha, True),
+                Interface(coat_ior, mean_color, mean_color, mean_color),
+                mean_color,
+            )  # fmt: skip
         coat_tint = inputs.coat_tint
         if coat_tint[0] != 1.0 or coat_tint[1] != 1.0 or coat_tint[2] != 1.0:
             weight = absorb_in_coat(weight, dot(wo, coat_n), coat_weight, coat_ior, not_negative(coat_tint))
@@ -195,16 +191,19 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
                 f82_b(f0[2], min(specular_tint[2], 1.0)),
             )
             fresnel = (f82_mean(f0[0], b[0]), f82_mean(f0[1], b[1]), f82_mean(f0[2], b[2]))
-            add_layer(closures, tables, lane, GLOSSY_F82, weight, metallic, wo, facets, 1.0, f0, b, fresnel)
+            interface = Interface(1.0, f0, b, f0)
+            add_layer(closures, tables, lane, GLOSSY_F82, weight, metallic, wo, facets, interface, fresnel)
         weight = scale(weight, 1.0 - metallic)
 
     f0_real = f0_of_eta(ior)
     if transmission > WEIGHT_CUTOFF:
         tint = (math.sqrt(clamped_color[0]), math.sqrt(clamped_color[1]), math.sqrt(clamped_color[2]))
+        glass_alpha = roughness * roughness
         append_glass(
-            closures, tables, lane, scale(weight, transmission), wo, specular_n, is_multiple, roughness * roughness,
-            ior, is_backfacing, scale(specular_tint, f0_real), (1.0, 1.0, 1.0), tint,
-        )
+            closures, tables, lane, scale(weight, transmission), wo,
+            Facets(specular_n, n, glass_alpha, glass_alpha, is_multiple),
+            Interface(1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_real), (1.0, 1.0, 1.0), tint),
+        )  # fmt: skip
         weight = scale(weight, 1.0 - transmission)
 
     eta = ior
@@ -218,7 +217,8 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         f0 = scale(specular_tint, f0_real)
         f0 = (clamp01(f0[0]), clamp01(f0[1]), clamp01(f0[2]))
         fresnel = blend_to_white(f0, interface_mean_blend(eta))
-        weight = add_layer(closures, tables, lane, GLOSSY_SCHLICK, weight, 1.0, wo, facets, eta, f0, f0, fresnel)
+        interface = Interface(eta, f0, f0, f0)
+        weight = add_layer(closures, tables, lane, GLOSSY_SCHLICK, weight, 1.0, wo, facets, interface, fresnel)
 
     diffuse_weight = multiply(weight, base_color)
     diffuse_roughness = clamp01(inputs.diffuse_roughness)

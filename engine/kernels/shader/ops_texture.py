@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procedural textures as instructions; layout as in ops_math."""
 
+import numpy as np
+
 from engine.kernels.memory import read3, write3
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
 from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
-from engine.kernels.shader.procedural_noise import noise_texture
+from engine.kernels.shader.procedural_noise import Fractal, noise_texture
 from engine.kernels.shader.procedural_voronoi import Voronoi, voronoi_texture
 from engine.runtime.jit import kernel
 from engine.state.shaders import SINK
@@ -39,19 +41,18 @@ def run_texture_op(opcode, code, pc, memory, tables):
         x, y, z, w = p[0] * scale, p[1] * scale, p[2] * scale, memory[code[pc + 5]] * scale
         if dimensions == 1:
             x = w
-        color = noise_texture(
-            x, y, z, w,
-            dimensions,
-            code[pc + 14],
-            memory[code[pc + 7]],
-            memory[code[pc + 8]],
-            memory[code[pc + 9]],
-            memory[code[pc + 10]],
-            memory[code[pc + 11]],
-            memory[code[pc + 12]],
-            code[pc + 15],
-            1 if code[pc + 3] == SINK else 3,
-        )  # fmt: skip
+        # With the wave texture's types, so that `fractal_noise` is compiled once.
+        fractal = Fractal(
+            dimensions=np.int64(dimensions),
+            kind=np.int64(code[pc + 14]),
+            detail=memory[code[pc + 7]],
+            roughness=memory[code[pc + 8]],
+            lacunarity=memory[code[pc + 9]],
+            offset=memory[code[pc + 10]],
+            gain=memory[code[pc + 11]],
+            normalize=np.int64(code[pc + 15]),
+        )
+        color = noise_texture(x, y, z, w, fractal, memory[code[pc + 12]], 1 if code[pc + 3] == SINK else 3)
         memory[code[pc + 2]] = color[0]
         write3(memory, code[pc + 3], color)
     elif opcode == OP_VORONOI:

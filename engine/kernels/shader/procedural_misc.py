@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.kernels.constants import HALF_PI, INV_TWO_PI, TWO_PI
 from engine.kernels.shader.procedural_hash import unit_1, unit_2, unit_3, unit_4
-from engine.kernels.shader.procedural_noise import NOISE_FBM, fractal_noise
+from engine.kernels.shader.procedural_noise import NOISE_FBM, Fractal, fractal_noise
 from engine.runtime.jit import kernel
 
 GRADIENT_LINEAR = 0
@@ -95,10 +95,17 @@ def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, de
     angle += phase
     if distortion != 0.0:
         detail = min(max(detail, 0.0), 15.0)
-        noise = fractal_noise(
-            x * detail_scale, y * detail_scale, z * detail_scale, 0.0,
-            3, NOISE_FBM, detail, detail_roughness, 2.0, 0.0, 0.0, 1,
-        )  # fmt: skip
+        fractal = Fractal(
+            dimensions=3,
+            kind=NOISE_FBM,
+            detail=detail,
+            roughness=detail_roughness,
+            lacunarity=2.0,
+            offset=0.0,
+            gain=0.0,
+            normalize=1,
+        )
+        noise = fractal_noise(x * detail_scale, y * detail_scale, z * detail_scale, 0.0, fractal)
         angle += distortion * (noise * 2.0 - 1.0)
     if profile == WAVE_SINE:
         return 0.5 + 0.5 * math.sin(angle - HALF_PI)

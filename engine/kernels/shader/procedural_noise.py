@@ -6,6 +6,7 @@ Unused coordinates are zero.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,33 @@ NOISE_HETERO_TERRAIN = 4
 _PERIOD = np.float32(100000.0)
 #: From here on every float32 is near an integer, where noise is zero: Cycles samples half-way between instead.
 _PRECISION_LIMIT = np.float32(1000000.0)
+
+
+class Fractal(NamedTuple):
+    """How octaves of `perlin` add up: int64 and float32.
+
+    Attributes
+    ----------
+    dimensions : int
+        1 to 4.
+    kind : int
+        One of NOISE_*; `offset` and `gain` matter for the hybrid, ridged and hetero terrain kinds.
+    detail : float32
+        Octaves after the first; the last one weighs the fraction.
+    roughness, lacunarity : float32
+        Factor of the amplitude and of the frequency from one octave to the next.
+    normalize : int
+        Not 0: map to [0, 1] (FBM only).
+    """
+
+    dimensions: int
+    kind: int
+    detail: float
+    roughness: float
+    lacunarity: float
+    offset: float
+    gain: float
+    normalize: int
 
 
 def _offsets() -> np.ndarray:
@@ -169,18 +197,17 @@ def perlin(x, y, z, w, dimensions):
 
 
 @kernel
-def fractal_noise(x, y, z, w, dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize):
-    """Sum (or product) of octaves of `perlin`; the last one weighs the fraction of `detail`.
+def fractal_noise(x, y, z, w, fractal):
+    """Sum (or product) of octaves of `perlin`: float32.
 
     Parameters
     ----------
-    kind : int
-        One of NOISE_*; `offset` and `gain` matter for the hybrid, ridged and hetero terrain kinds.
-    normalize : bool
-        FBM only: map to [0, 1].
+    x, y, z, w : float32
+    fractal : Fractal
 
     References: Musgrave in Ebert et al. 2003, "Texturing and Modeling", chapter 16.
     """
+    dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize = fractal
     octave_count = int(detail) + 1
     remainder = detail - np.float32(octave_count - 1)
     last = octave_count if remainder != 0.0 and kind != NOISE_RIDGED_MULTIFRACTAL else octave_count - 1
@@ -240,13 +267,15 @@ def fractal_noise(x, y, z, w, dimensions, kind, detail, roughness, lacunarity, o
 
 
 @kernel
-def noise_texture(
-    x, y, z, w, dimensions, kind, detail, roughness, lacunarity, offset, gain, distortion, normalize, channel_count
-):
+def noise_texture(x, y, z, w, fractal, distortion, channel_count):
     """Blender's Noise texture at a position already multiplied by the scale.
 
     Parameters
     ----------
+    x, y, z, w : float32
+    fractal : Fractal
+        As the sockets have it: detail and roughness are clamped here.
+    distortion : float32
     channel_count : int
         1 if only the float output is wanted, else 3.
 
@@ -255,8 +284,10 @@ def noise_texture(
     3 float32
         The colour output; its first channel is the float output.
     """
+    dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize = fractal
     detail = min(max(detail, 0.0), 15.0)
     roughness = max(roughness, 0.0)
+    clamped = Fractal(dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize)
     first_row = _OFFSET_ROW_1D if dimensions == 1 else 0
     px, py, pz, pw = x, y, z, w
     if distortion != 0.0:
@@ -285,10 +316,7 @@ def noise_texture(
         if channel > 0:
             row = first_row + dimensions + channel - 1
             ox, oy, oz, ow = _OFFSETS[row, 0], _OFFSETS[row, 1], _OFFSETS[row, 2], _OFFSETS[row, 3]
-        value = fractal_noise(
-            px + ox, py + oy, pz + oz, pw + ow,
-            dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize,
-        )  # fmt: skip
+        value = fractal_noise(px + ox, py + oy, pz + oz, pw + ow, clamped)
         if channel == 0:
             red = value
         elif channel == 1:

@@ -294,7 +294,7 @@ class SdTreeModel:
         pieces = self._pieces(sizes, thread_count)
 
         def work(piece: int) -> None:
-            quadtree.copy_trees(int(pieces[piece]), int(pieces[piece + 1]), source, share, *old, *pool)
+            quadtree.copy_trees(int(pieces[piece]), int(pieces[piece + 1]), source, share, old, pool)
 
         run(work, pieces.size - 1)
         self._pool = pool
@@ -343,14 +343,15 @@ class SdTreeModel:
         def splat(piece: int) -> None:
             quadtree.splat_regions(
                 batch, rows, int(pieces[piece]), int(pieces[piece + 1]), column, limit_column, np.float32(scale),
-                measures, *self._pool,
+                measures, self._pool,
             )
 
         run(splat, pieces.size - 1)
 
     def _publish(self, run: Runner, thread_count: int) -> SdTreeField:
         """Make the field of what was gathered, and refine the trees that gather next."""
-        root, child, sums, squares = self._pool
+        pool = self._pool
+        root, child = pool.root, pool.child
         count, nodes = self.region_count, self._node_count
         values = np.empty((len(child), 4))
         areas = np.empty(len(child), np.float32)
@@ -360,12 +361,12 @@ class SdTreeModel:
 
         def collect(piece: int) -> None:
             quadtree.collect_trees(
-                int(pieces[piece]), int(pieces[piece + 1]), self._is_variance_aware, self._totals, root, child, sums,
-                squares, values, areas, split, is_ready,
+                int(pieces[piece]), int(pieces[piece + 1]), self._is_variance_aware, self._totals, pool, values, areas,
+                split, is_ready,
             )
 
         run(collect, pieces.size - 1)
-        self._pool = self._refine(self._pool, values, run, thread_count)
+        self._pool = self._refine(pool, values, run, thread_count)
         known = np.maximum(self._totals[:, quadtree.TOTAL_COUNT], 1.0)
         return SdTreeField(
             self._space.node_split[:nodes].copy(),
@@ -385,21 +386,20 @@ class SdTreeModel:
         counts = np.zeros(len(pool.root) - 1, np.int32)
         pieces = self._pieces(np.diff(pool.root), thread_count)
 
-        def span(piece: int) -> tuple[int, int, float, int]:
-            return int(pieces[piece]), int(pieces[piece + 1]), self._flux_share, self._max_depth
-
-        def scratch() -> tuple[np.ndarray, np.ndarray]:
-            return np.zeros((quadtree.MAX_NODES, 2), np.int32), np.zeros((quadtree.MAX_NODES, 3))
-
         def count(piece: int) -> None:
-            quadtree.count_refined(*span(piece), *pool, values, *scratch(), counts)
+            quadtree.count_refined(
+                int(pieces[piece]), int(pieces[piece + 1]), pool, values, self._flux_share, self._max_depth,
+                quadtree.allocate_refine_scratch(), counts,
+            )
 
         run(count, pieces.size - 1)
-        root = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        refined = _empty_pool(root)
+        refined = _empty_pool(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
 
         def write(piece: int) -> None:
-            quadtree.write_refined(*span(piece), *pool, values, *scratch(), *refined)
+            quadtree.write_refined(
+                int(pieces[piece]), int(pieces[piece + 1]), pool, values, self._flux_share, self._max_depth,
+                quadtree.allocate_refine_scratch(), refined,
+            )
 
         run(write, pieces.size - 1)
         return refined

@@ -11,9 +11,9 @@ References: Müller et al. 2017, "Practical Path Guiding for Efficient Light-Tra
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
 from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_PHI, SPLIT_Z
@@ -26,6 +26,7 @@ from engine.guiding.fields.sdtree.space import (
     BATCH_Y,
 )
 from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 
 #: No record may hold a larger share of what its region sees in an update (unless there are hardly any).
@@ -54,7 +55,7 @@ TOTAL_ENERGY = 1
 TOTAL_WIDTH = 2
 
 
-class QuadPool(NamedTuple):
+class QuadPool(Bundle):
     """Quadtrees of R regions, Q nodes.
 
     root : int32 (R + 1,), first node of each region, and the end
@@ -69,27 +70,41 @@ class QuadPool(NamedTuple):
     squares: Float32Array
 
 
+class RefineScratch(Bundle):
+    """One thread's workspace of `refine_tree`, by node of the new quadtree.
+
+    links : int32 (MAX_NODES, 2), node of the old tree (-1 = none), depth
+    quarters : float64 (MAX_NODES, 3), value, sum and square of each quadrant of a node that the old tree lacks
+    """
+
+    links: Int32Array
+    quarters: npt.NDArray[np.float64]
+
+
+def allocate_refine_scratch() -> RefineScratch:
+    """Zeroed `RefineScratch`."""
+    return RefineScratch(np.zeros((MAX_NODES, 2), np.int32), np.zeros((MAX_NODES, 3)))
+
+
 @kernel
-def copy_trees(
-    first, last, source, share, old_root, old_child, old_sums, old_squares, root, child, sums, squares
-):  # fmt: skip
+def copy_trees(first, last, source, share, old, pool):
     """Write regions [first, last) as copies of their sources, with a share of their sums.
 
     Parameters
     ----------
     source : int32 (R,), region of the old pool
     share : float32 (R,)
-    old_root, old_child, old_sums, old_squares, root, child, sums, squares
-        Two `QuadPool`s; root is given.
+    old, pool : QuadPool
+        All of `pool` but its root is written.
     """
     for region in range(first, last):
-        start = np.int64(old_root[source[region]])
-        target = np.int64(root[region])
-        for k in range(np.int64(root[region + 1]) - target):
+        start = np.int64(old.root[source[region]])
+        target = np.int64(pool.root[region])
+        for k in range(np.int64(pool.root[region + 1]) - target):
             for q in range(4):
-                child[target + k, q] = old_child[start + k, q]
-                sums[target + k, q] = old_sums[start + k, q] * share[region]
-                squares[target + k, q] = old_squares[start + k, q] * share[region]
+                pool.child[target + k, q] = old.child[start + k, q]
+                pool.sums[target + k, q] = old.sums[start + k, q] * share[region]
+                pool.squares[target + k, q] = old.squares[start + k, q] * share[region]
 
 
 @kernel
@@ -168,7 +183,7 @@ def _find_leaf(child, root, x, y):
 
 
 @kernel
-def splat_regions(batch, rows, first, last, column, limit_column, scale, measures, root, child, sums, squares):
+def splat_regions(batch, rows, first, last, column, limit_column, scale, measures, pool):
     """Add a batch to the quadtrees of regions [first, last).
 
     A record's direction is moved by up to half the size of the leaf it falls into (a box filter, by one random point of
@@ -181,10 +196,11 @@ def splat_regions(batch, rows, first, last, column, limit_column, scale, measure
     column, limit_column : int, of the batch and of `measures`
     scale : float32, factor of all
     measures : float64 (R, MEASURE_WIDTH)
-    root, child, sums, squares : `QuadPool`
+    pool : QuadPool
     """
+    child, sums, squares = pool.child, pool.sums, pool.squares
     for region in range(first, last):
-        start = np.int64(root[region])
+        start = np.int64(pool.root[region])
         limit = np.float32(measures[region, limit_column])
         for k in range(rows[region, 0], rows[region, 1]):
             value = batch[k, column]
@@ -229,7 +245,7 @@ def _even_share(sums, squares, node):
 
 
 @kernel
-def collect_trees(first, last, is_variance_aware, totals, root, child, sums, squares, values, areas, split, is_ready):
+def collect_trees(first, last, is_variance_aware, totals, pool, values, areas, split, is_ready):
     """From what leaves have gathered, make the density of regions [first, last).
 
     A leaf's probability is in proportion to its energy; in a variance-aware tree to the root of its second moment times
@@ -239,15 +255,16 @@ def collect_trees(first, last, is_variance_aware, totals, root, child, sums, squ
     Parameters
     ----------
     totals : float64 (R, TOTAL_WIDTH)
-    root, child, sums, squares : `QuadPool`, sums and squares of inner quadrants are written
+    pool : QuadPool, sums and squares of inner quadrants are written
     values : float64 (Q, 4), written: what the probability of each quadrant is in proportion to
     areas : float32 (Q,), scratch: share of the sphere of each node
     split : float32 (Q, SPLIT_WIDTH), written, see `SdTreeField`
     is_ready : uint8 (R,), written
     """
+    child, sums, squares = pool.child, pool.sums, pool.squares
     for region in range(first, last):
-        start = np.int64(root[region])
-        stop = np.int64(root[region + 1])
+        start = np.int64(pool.root[region])
+        stop = np.int64(pool.root[region + 1])
         areas[start] = 1.0
         for node in range(start, stop):
             for q in range(4):
@@ -283,31 +300,30 @@ def collect_trees(first, last, is_variance_aware, totals, root, child, sums, squ
 
 
 @kernel
-def refine_tree(
-    region, flux_share, max_depth, root, child, sums, squares, values, links, quarters, target, new_child, new_sums,
-    new_squares, is_written,
-):  # fmt: skip
+def refine_tree(pool, values, region, flux_share, max_depth, scratch, refined, is_written):
     """Divide the quadrants of a region that hold much and join those that do not.
 
     Parameters
     ----------
+    pool : QuadPool
+    values : float64 (Q, 4), of `collect_trees`
     region : int
     flux_share : float
         Quadrants with more of the total are divided, down to `max_depth` divisions of the sphere.
-    root, child, sums, squares : `QuadPool`
-    values : float64 (Q, 4), of `collect_trees`
-    links : int32 (MAX_NODES, 2), scratch: node of the old tree (-1 = none), depth
-    quarters : float64 (MAX_NODES, 3), scratch: value, sum and square of each quadrant of a node that the old tree lacks
-    target : int
-        First node of the new quadtree.
-    new_child, new_sums, new_squares : as in `QuadPool`
-        Written if `is_written`; what a quadrant held is spread evenly over its new parts.
+    scratch : RefineScratch
+    refined : QuadPool
+        All of it but its root is written if `is_written`, else nothing, and `pool` will do; what a quadrant held is
+        spread evenly over its new parts.
 
     Returns
     -------
     int, nodes of the new quadtree
     """
-    start = np.int64(root[region])
+    child, sums, squares = pool.child, pool.sums, pool.squares
+    new_child, new_sums, new_squares = refined.child, refined.sums, refined.squares
+    links, quarters = scratch.links, scratch.quarters
+    start = np.int64(pool.root[region])
+    target = np.int64(refined.root[region])
     total = (values[start, 0] + values[start, 1]) + (values[start, 2] + values[start, 3])
     is_lit = total > _LEAST_SUM
     least = total * flux_share
@@ -348,23 +364,14 @@ def refine_tree(
 
 
 @kernel
-def count_refined(first, last, flux_share, max_depth, root, child, sums, squares, values, links, quarters, node_counts):
+def count_refined(first, last, pool, values, flux_share, max_depth, scratch, node_counts):
     """Write how many nodes the refined quadtrees of regions [first, last) have: int32 (R,), see `refine_tree`."""
     for region in range(first, last):
-        node_counts[region] = refine_tree(
-            region, flux_share, max_depth, root, child, sums, squares, values, links, quarters, 0, child, sums, squares,
-            False,
-        )
+        node_counts[region] = refine_tree(pool, values, region, flux_share, max_depth, scratch, pool, False)
 
 
 @kernel
-def write_refined(
-    first, last, flux_share, max_depth, root, child, sums, squares, values, links, quarters, new_root, new_child,
-    new_sums, new_squares,
-):  # fmt: skip
-    """Write the refined quadtrees of regions [first, last), see `refine_tree`; `new_root` is given."""
+def write_refined(first, last, pool, values, flux_share, max_depth, scratch, refined):
+    """Write the refined quadtrees of regions [first, last), see `refine_tree`."""
     for region in range(first, last):
-        refine_tree(
-            region, flux_share, max_depth, root, child, sums, squares, values, links, quarters,
-            np.int64(new_root[region]), new_child, new_sums, new_squares, True,
-        )
+        refine_tree(pool, values, region, flux_share, max_depth, scratch, refined, True)
