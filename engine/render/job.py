@@ -252,7 +252,7 @@ class Job:
         """Put a finished unit on the film, and what it recorded aside."""
         weight = 1.0
         if self.learner is not None:
-            weight = iteration_weight(task.weighs_as, self.settings.sample_weighting)
+            weight = iteration_weight(task.weighs_as, self.settings)
             if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
             elif self._is_learning:

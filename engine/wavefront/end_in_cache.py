@@ -48,8 +48,6 @@ from engine.state.lanes import (
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD
 
-#: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
-_SET_LOOKUP = 1 << 18
 #: Of the camera ray's footprint: paths end where theirs is larger (Mueller et al. 2021: 0.01).
 _SPREAD = np.float32(0.01)
 #: Scatterings that a path must have left for its surfaces behind the first possible end to teach the cache.
@@ -161,10 +159,9 @@ def end_in_cache(scene, unit, radiance, work, queue):
                 _note(paths, cached, points, lane)
             cached.has_met[lane] = 1
         if is_first:
-            bits = hash_combine(path_bits(paths, lane), np.uint32(paths.dimension[lane] + _SET_LOOKUP))
             cached.place[lane], cached.tag[lane] = first_key(
                 cells, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG),
-                points.integer[lane, POINT_PROGRAM], cached.arriving[lane], bits,
+                points.integer[lane, POINT_PROGRAM], cached.arriving[lane],
             )
             prefetch(cells.tag, cached.place[lane])
             asking[asking_count] = lane
@@ -173,10 +170,9 @@ def end_in_cache(scene, unit, radiance, work, queue):
         lane = asking[k]
         ask_for_throughput(paths, lane_ahead(asking, k, asking_count))
         chosen = path_bits(paths, lane)
-        bits = hash_combine(chosen, np.uint32(paths.dimension[lane] + _SET_LOOKUP))
         slot = look_up(
             cells, cached.place[lane], cached.tag[lane], real_3(points, lane, POINT_P),
-            real_3(points, lane, POINT_NG), points.integer[lane, POINT_PROGRAM], cached.arriving[lane], bits,
+            real_3(points, lane, POINT_NG), points.integer[lane, POINT_PROGRAM], cached.arriving[lane],
         )
         if slot < 0:
             continue

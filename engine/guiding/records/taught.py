@@ -20,6 +20,9 @@ from engine.state.lanes import MAX_TAUGHT, RGB, TAUGHT_BEFORE, TAUGHT_NG, TAUGHT
 
 #: Records that a unit of work may make.
 TAUGHT_ROWS = 1 << 16
+#: Weight of what a path meets behind the first surface that it teaches. Few paths end there, and such surfaces lie
+#: elsewhere in the same cell: they count where nothing better is known.
+_FAR = np.float32(0.1)
 
 
 class TaughtRecords(Bundle):
@@ -92,7 +95,8 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
                 records.normal[record_count, c] = cached.taught[row, TAUGHT_NG + c]
             if is_finite:
                 records.program[record_count] = cached.taught_program[row]
-                records.weight[record_count] = weight * np.float32(1.0 / RGB)
+                is_first = vertex == 0
+                records.weight[record_count] = weight * (np.float32(1.0) if is_first else _FAR) * np.float32(1.0 / RGB)
                 record_count += 1
             else:
                 reject_count += 1

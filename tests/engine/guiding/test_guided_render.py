@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Guided renders: the same mean as unguided ones whatever predicts, the same image for any thread count."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +21,7 @@ from engine.ris.orca import (
     pixel_weights,
 )
 from engine.ris.resample import product_target, resample
-from engine.settings import MAX_CANDIDATES
+from engine.settings import MAX_CANDIDATES, RenderSettings
 from engine.wavefront.draw_candidates import rotated
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
@@ -175,9 +176,12 @@ def test_iterations_grow_and_hold_every_sample():
     assert sum(lengths) == 100
     assert lengths[:5] == [1, 2, 4, 8, 16]
     assert max(lengths) == LONGEST_ITERATION
-    weights = [iteration_weight(first, "ITERATION") for first in (0, 1, 15, 31, 1000)]
+    guided = RenderSettings(guiding_method="VMM")
+    weights = [iteration_weight(first, guided) for first in (0, 1, 15, 31, 1000)]
     assert weights == sorted(weights) and weights[-1] == 1.0
-    assert iteration_weight(0, "UNIFORM") == 1.0
+    assert iteration_weight(0, replace(guided, sample_weighting="UNIFORM")) == 1.0
+    cached = RenderSettings(guiding_method="OFF", radiance_cache="FAST")
+    np.testing.assert_allclose([iteration_weight(first, cached) for first in (0, 1, 15)], np.sqrt(weights[:3]))
 
 
 def test_allocation_follows_the_fixed_point():

@@ -7,7 +7,7 @@ smaller one.
 
 References
 ----------
-Binder et al. 2019, "Massively Parallel Path Space Filtering" (cells in a hash table, jittered look-up).
+Binder et al. 2019, "Massively Parallel Path Space Filtering" (cells in a hash table).
 """
 
 import math

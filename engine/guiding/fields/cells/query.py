@@ -4,8 +4,6 @@
 import numpy as np
 
 from engine.guiding.fields.cells.field import LEVEL_COUNT, SUM_COUNT, SUM_WEIGHT, cell_key, cell_size, find_cell
-from engine.kernels.rng import hash_combine, unit_float
-from engine.kernels.vector import add, orthonormal_basis, scale
 from engine.runtime.jit import kernel
 
 #: Sides of the smallest and the largest cell that is asked, over that of the path's footprint: finer ones are noisier,
@@ -26,17 +24,7 @@ def _first_level(cells, side):
 
 
 @kernel
-def _moved(cells, p, n, level, bits):
-    """The point along the surface, at random by up to half a cell, so that borders of cells do not show."""
-    size = cell_size(cells, level)
-    tangent, bitangent = orthonormal_basis(n)
-    u = (unit_float(hash_combine(bits, np.uint32(1))) - 0.5) * size
-    v = (unit_float(hash_combine(bits, np.uint32(2))) - 0.5) * size
-    return add(p, add(scale(tangent, u), scale(bitangent, v)))
-
-
-@kernel
-def first_key(cells, p, n, program, side, bits):
+def first_key(cells, p, n, program, side):
     """Place and tag of the cell that is asked first (`cell_key`), so that its memory can be asked for ahead.
 
     Parameters
@@ -44,14 +32,12 @@ def first_key(cells, p, n, program, side, bits):
     p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit, geometric
     program : int, of the surface's shader
     side : float32 [m], of the path's footprint
-    bits : uint32, of the look-up
     """
-    level = _first_level(cells, side)
-    return cell_key(cells, _moved(cells, p, n, level, bits), n, program, level)
+    return cell_key(cells, p, n, program, _first_level(cells, side))
 
 
 @kernel
-def look_up(cells, place, tag, p, n, program, side, bits):
+def look_up(cells, place, tag, p, n, program, side):
     """A cell that knows enough and is small beside the path's footprint, from `first_key` on; -1: none."""
     level = _first_level(cells, side)
     while level < LEVEL_COUNT and cell_size(cells, level) <= _LARGEST_SHARE * side:
@@ -59,5 +45,5 @@ def look_up(cells, place, tag, p, n, program, side, bits):
         if slot >= 0 and cells.sums[slot, SUM_COUNT] >= LEAST_COUNT and cells.sums[slot, SUM_WEIGHT] > 0.0:
             return slot
         level += 1
-        place, tag = cell_key(cells, _moved(cells, p, n, level, bits), n, program, level)
+        place, tag = cell_key(cells, p, n, program, level)
     return np.int64(-1)
