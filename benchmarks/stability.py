@@ -27,11 +27,14 @@ from benchmarks.scene_files import BUILTIN, SceneSource
 from benchmarks.stability_cases import Case, describe_case, find_cases, resized
 from benchmarks.stability_figures import Figures, Picture
 from benchmarks.tables import table
+from benchmarks.total_error import total_error
 from engine.methods import METHODS
 from engine.scene.description import SceneDescription
 from engine.settings import RenderSettings
 
 UNGUIDED = "OFF"
+#: Methods without a radiance cache and with one.
+NAMES = [*METHODS, *(f"{method}-{cache}" for method in METHODS for cache in ("CONVERGING", "FAST"))]
 #: Seeds of the reference, apart from those compared, and its samples over theirs.
 REFERENCE_SEED, REFERENCE_COUNT, REFERENCE_FACTOR = 1001, 4, 4
 #: Steps of training between iterations; the engine's own number is for pictures with more to learn from.
@@ -43,10 +46,13 @@ FORCED_RESAMPLING: Mapping[str, Any] = {"candidate_allocation": "FIXED", "candid
 
 
 def method_settings(
-    method: str, base: RenderSettings, *, forced: bool, steps: int = TRAINING_STEPS
+    name: str, base: RenderSettings, *, forced: bool, steps: int = TRAINING_STEPS
 ) -> RenderSettings:
-    """Settings of a method's render: in step with its training, so that a seed gives one picture."""
+    """Settings of a method's render (of `NAMES`): in step with its training, so that a seed gives one picture."""
+    method, _, cache = name.partition("-")
     changes: dict[str, Any] = {"guiding_method": method, "deterministic": True, "training_steps": steps}
+    if cache:
+        changes["radiance_cache"] = cache
     if forced and method != UNGUIDED:
         changes |= FORCED
         if METHODS[method].predictor:
@@ -126,6 +132,8 @@ def evaluate(
     reference = np.mean(np.stack(references).astype(np.float64), axis=0)
     plain = [picture.image for picture in pictures[UNGUIDED]]
     plain_worst = worst_pixels(plain, reference)
+    halves = tuple(np.mean(np.stack(references[first::2]).astype(np.float64), axis=0) for first in (0, 1))
+    plain_total = total_error(plain, halves).total
     plain_seconds = statistics.median(picture.seconds for picture in pictures[UNGUIDED])
     results = []
     for method, rendered in pictures.items():
@@ -136,6 +144,7 @@ def evaluate(
         results.append(
             Figures(
                 case, method, len(rendered), find_bias(images, references), variance, variance_error, whole,
+                total_error(finite, halves).total / max(plain_total, 1e-20),
                 worst / plain_worst if plain_worst > 0.0 else math.nan,
                 statistics.median(picture.seconds for picture in rendered) / max(plain_seconds, 1e-9),
                 sum(picture.reject_count for picture in rendered),
@@ -190,13 +199,13 @@ def result_table(results: Sequence[Figures]) -> str:
         [
             r.case, r.method, r.seed_count, f"{100 * r.bias.difference:+.2f} ± {100 * r.bias.error:.2f}", r.bias.z,
             r.bias.worst_z, f"{100 * r.bias.detectable:.2f}", f"{r.variance:.2f} ± {r.variance_error:.2f}",
-            r.variance_whole, r.worst_pixel, r.time, r.stopped, r.reject_count, ", ".join(r.problems) or "-",
+            r.variance_whole, r.total, r.worst_pixel, r.time, r.stopped, r.reject_count, ", ".join(r.problems) or "-",
         ]
         for r in results
     ]  # fmt: skip
     header = [
-        "case", "method", "seeds", "mean %", "z", "part z", "finds %", "variance", "whole", "worst pixel", "time",
-        "given up", "rejects", "problems",
+        "case", "method", "seeds", "mean %", "z", "part z", "finds %", "variance", "whole", "total", "worst pixel",
+        "time", "given up", "rejects", "problems",
     ]  # fmt: skip
     return table(header, rows)
 
@@ -206,7 +215,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("cases", nargs="*", help="names or patterns (default: all)")
     parser.add_argument(
         "--methods", nargs="+", default=[name for name in METHODS if name != UNGUIDED],
-        choices=METHODS, metavar="METHOD", help="beside OFF (default: all)",
+        choices=NAMES, metavar="METHOD",
+        help="beside OFF; METHOD-CONVERGING and METHOD-FAST with the radiance cache (default: all without)",
     )  # fmt: skip
     parser.add_argument("--seeds", type=int, default=0, help="renders per method, 2 or more (default: the case's)")
     parser.add_argument("--samples", type=int, default=0, help="per pixel (default: the case's)")

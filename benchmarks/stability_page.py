@@ -25,10 +25,10 @@ SYMBOLS = {
     "not finite": ("∞", "#c0392b", "pixels that are no numbers"),
     "biased": ("✗", "#c0392b", "biased"),
     "noticed": ("!", "#d35400", "the engine had to give up a part of guiding"),
-    "noisier": ("▲", "#e59866", "more than 1.2 times the variance of unguided rendering"),
+    "noisier": ("▲", "#e59866", "more than 1.2 times the error of unguided rendering"),
     "blind": ("?", "#b2babb", "too noisy to see a bias of 2%"),
 }
-BETTER = ("●", "#58b368", "at most 0.8 of the variance of unguided rendering")
+BETTER = ("●", "#58b368", "at most 0.8 of the error of unguided rendering")
 SAME = ("·", "#d5ead8", "neither much better nor much worse")
 _THUMBNAIL_WIDTH = 144
 
@@ -38,13 +38,13 @@ def mark(figures: Figures) -> tuple[str, str, str]:
     for problem in SYMBOLS:
         if problem in figures.problems:
             return SYMBOLS[problem]
-    return BETTER if figures.variance <= 0.8 else SAME
+    return BETTER if figures.error <= 0.8 else SAME
 
 
 def matrix_text(results: Sequence[Figures]) -> str:
-    """Cases down, methods across: a symbol, and the variance over that of unguided rendering."""
+    """Cases down, methods across: a symbol, and the error over that of unguided rendering."""
     methods = list(dict.fromkeys(r.method for r in results))
-    cells = {(r.case, r.method): f"{mark(r)[0]} {format_figure(r.variance, 2)}" for r in results}
+    cells = {(r.case, r.method): f"{mark(r)[0]} {format_figure(r.error, 2)}" for r in results}
     rows: list[list[float | int | str | None]] = [
         [case, *(cells.get((case, method), "") for method in methods)]
         for case in dict.fromkeys(r.case for r in results)
@@ -76,6 +76,7 @@ def _cell(figures: Figures) -> str:
         else f"{figures.method} on {figures.case}: {', '.join(figures.problems)}",
         f"bias: {figures.bias}",
         f"variance {figures.variance:.2f} ± {figures.variance_error:.2f} (all pixels {shown(figures.variance_whole)})",
+        f"total error {shown(figures.total)} of that of unguided rendering",
         f"worst pixels {shown(figures.worst_pixel)}, time {shown(figures.time)}, all over unguided rendering",
         f"{figures.seed_count} seeds, given up in {figures.stopped:.0%} of them, {figures.reject_count} rejects",
         *figures.notices,
@@ -83,7 +84,7 @@ def _cell(figures: Figures) -> str:
     worst = "" if math.isnan(figures.worst_pixel) else f"px {shown(figures.worst_pixel)}"
     return (
         f'<td style="background:{colour}" title="{html.escape(chr(10).join(lines), quote=True)}">'
-        f"<b>{symbol}</b> {shown(figures.variance)}<br><small>{worst}<br>t {shown(figures.time)}</small></td>"
+        f"<b>{symbol}</b> {shown(figures.error)}<br><small>{worst}<br>t {shown(figures.time)}</small></td>"
     )
 
 
@@ -121,9 +122,10 @@ td.case img {{ image-rendering: pixelated; width: {_THUMBNAIL_WIDTH}px; height: 
 .legend span {{ padding: 2px 8px; margin-right: 6px; display: inline-block; }}
 </style></head><body>
 <h1>Where guiding fails</h1>
-<p>{html.escape(facts)}. In each cell: variance over that of unguided rendering at equal samples (without the worst
-0.1% of pixels), squared error that one pixel in a thousand exceeds (px) and processor time (t), over those of unguided
-rendering. Rest the pointer on a cell for bias, the bias that would have been found, and rejects.</p>
+<p>{html.escape(facts)}. In each cell: error over that of unguided rendering at equal samples (without the worst
+0.1% of pixels; with a radiance cache the total error, else the variance), squared error that one pixel in a thousand
+exceeds (px) and processor time (t), over those of unguided rendering. Rest the pointer on a cell for bias, the bias
+that would have been found, and rejects.</p>
 <p class="legend">{legend}</p>
 <table><thead><tr><th>case</th>{head}</tr></thead><tbody>
 {"".join(body)}

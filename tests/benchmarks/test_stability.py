@@ -222,6 +222,16 @@ def test_variance_ratios_are_those_planted() -> None:
     assert whole == pytest.approx(1.96, rel=0.2)
 
 
+def test_a_cached_image_is_judged_by_its_total_error() -> None:
+    """A picture a half too bright, but with less noise: biased without a cache, with one as bad as its error is."""
+    references = [noise(spread=0.05, seed=1000 + k) for k in range(4)]
+    plain = [Picture(noise(seed=k), 1.0, 1, 0) for k in range(4)]
+    bright = [Picture(noise(spread=0.15, seed=10 + k, bias=0.5), 1.0, 1, 0) for k in range(4)]
+    _, unbiased, cached = evaluate("case", {"OFF": plain, "VMM": bright, "VMM-FAST": bright}, references)
+    assert unbiased.problems == ["biased"] and unbiased.error < 0.8
+    assert cached.problems == ["noisier"] and cached.error > 2.0
+
+
 def test_every_method_is_covered_and_forced_to_guide() -> None:
     assert set(STATISTICAL) | set(NETWORKS) | {"OFF"} == set(METHODS)
     for method in METHODS:
@@ -229,6 +239,9 @@ def test_every_method_is_covered_and_forced_to_guide() -> None:
         assert forced.guiding_method == method and forced.deterministic
         assert forced.guiding_trial == (method == "OFF")
         assert method_settings(method, RenderSettings(), forced=False).guiding_trial
+        assert method_settings(method, RenderSettings(), forced=False).radiance_cache == "OFF"
+    cached = method_settings("VMM-CONVERGING", RenderSettings(), forced=False)
+    assert (cached.guiding_method, cached.radiance_cache) == ("VMM", "CONVERGING")
 
 
 def test_cases_have_scenes_and_sentences() -> None:
