@@ -176,10 +176,14 @@ def end_in_cache(scene, unit, radiance, work, queue):
         )
         if slot < 0:
             continue
-        inverse = 1.0 / (cells.sums[slot, SUM_WEIGHT] * min(paths.survival[lane], np.float32(1.0)))
+        survival = min(paths.survival[lane], np.float32(1.0))
         is_known = True
         for c in range(len(paths.channels)):
-            value = paths.throughput[lane, c] * cells.sums[slot, c] * inverse
+            value = np.float32(0.0)
+            if paths.throughput[lane, c] > 0.0:
+                # Not finite where no path has brought anything of this channel to the cell.
+                weight = cells.sums[slot, SUM_WEIGHT + c] * survival
+                value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
             # Written so that NaN fails.
             is_known = is_known and value >= 0.0 and value < FLOAT_MAX
             contribution[lane, c] = value

@@ -32,7 +32,7 @@ class TaughtRecords(Bundle):
     normal : float32 (R, 3), geometric, unit, on the side that the path came from
     program : int32 (R,), of the surface's shader
     radiance : float32 (R, 3), sent back along the path
-    weight : float32 (R,), throughput with which the path arrived, mean over channels
+    weight : float32 (R, 3), throughput with which the path arrived; less behind the first surface
     """
 
     position: Float32Array
@@ -44,9 +44,8 @@ class TaughtRecords(Bundle):
 
 def allocate_taught_records(row_count: int) -> TaughtRecords:
     """Zeroed `TaughtRecords` of `row_count` rows."""
-    vectors = [np.zeros((row_count, RGB), np.float32) for _ in range(3)]
-    program, weight = np.zeros(row_count, np.int32), np.zeros(row_count, np.float32)
-    return TaughtRecords(vectors[0], vectors[1], program, vectors[2], weight)
+    position, normal, radiance, weight = (np.zeros((row_count, RGB), np.float32) for _ in range(4))
+    return TaughtRecords(position, normal, np.zeros(row_count, np.int32), radiance, weight)
 
 
 def join_taught(units: Sequence[TaughtRecords]) -> TaughtRecords:
@@ -81,7 +80,7 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
                 continue
             row = lane * MAX_TAUGHT + vertex
             is_finite = True
-            weight = np.float32(0.0)
+            share = np.float32(1.0) if vertex == 0 else _FAR
             for c in range(RGB):
                 # Rounding of the long sum may leave a little less than before. A channel that the path had lost
                 # before tells nothing; it never sees the cell's either.
@@ -89,14 +88,12 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
                 before = cached.taught[row, TAUGHT_BEFORE + c]
                 value = gain / before if before > 0.0 else np.float32(0.0)
                 is_finite = is_finite and value < FLOAT_MAX
-                weight += before
+                records.weight[record_count, c] = share * before
                 records.radiance[record_count, c] = value
                 records.position[record_count, c] = cached.taught[row, TAUGHT_P + c]
                 records.normal[record_count, c] = cached.taught[row, TAUGHT_NG + c]
             if is_finite:
                 records.program[record_count] = cached.taught_program[row]
-                is_first = vertex == 0
-                records.weight[record_count] = weight * (np.float32(1.0) if is_first else _FAR) * np.float32(1.0 / RGB)
                 record_count += 1
             else:
                 reject_count += 1

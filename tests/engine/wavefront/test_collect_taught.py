@@ -62,7 +62,7 @@ def test_a_record_is_the_gain_over_the_throughput() -> None:
     np.testing.assert_array_equal(work.taught.radiance[:4, 0], [3.0, 2.0 / 0.5, 5.0, 4.0 / 0.5])
     np.testing.assert_array_equal(work.taught.position[:4, :2], [[0, 0], [0, 1], [1, 0], [1, 1]])
     np.testing.assert_array_equal(work.taught.program[:4], [0, 10, 0, 10])
-    np.testing.assert_allclose(work.taught.weight[:4], [1.0, 0.05, 1.0, 0.05])
+    np.testing.assert_allclose(work.taught.weight[:4, 2], [1.0, 0.05, 1.0, 0.05])
 
 
 def test_what_is_not_finite_and_what_has_no_room_is_counted() -> None:

@@ -29,8 +29,8 @@ _DIRECTION_COUNT = 6
 
 # Columns of the sums, after those of radiance.
 SUM_WEIGHT = 3
-SUM_COUNT = 4
-SUM_WIDTH = 5
+SUM_COUNT = 6
+SUM_WIDTH = 7
 #: A place of the table [numbers], two to a cache line: the sums, then the tag.
 _PLACE_WIDTH = 8
 
@@ -39,8 +39,8 @@ class CellField(Bundle):
     """Cells of surface, S places.
 
     tag : uint32 (S,), by which a cell knows its place again; 0: the place is free
-    sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times radiance by channel, weight, number of
-        records
+    sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times radiance by channel, weight by
+        channel, number of records
     size : float32 (1,) [m], side of the smallest cells
     mask : uint32 (1,), S - 1
     """

@@ -3,7 +3,8 @@
 
 A cell's radiance is the mean of what its surfaces sent back along the paths that met them, weighed by what these paths
 bring of it to the camera. Guided paths come more often to where a cell is bright, with less weight each: a plain mean
-would be too bright. Nothing is forgotten, and no record is cut: the energy is right.
+would be too bright. Each channel has weights of its own: a path that comes from something red says nothing of blue.
+Nothing is forgotten, and no record is cut: the energy is right.
 """
 
 from __future__ import annotations
@@ -51,10 +52,9 @@ def _learn(cells, rows, level, places, tags):
         if slot < 0:
             lost_count += 1
             continue
-        weight = rows.weight[row]
         for c in range(RGB):
-            cells.sums[slot, c] += weight * rows.radiance[row, c]
-        cells.sums[slot, SUM_WEIGHT] += weight
+            cells.sums[slot, c] += rows.weight[row, c] * rows.radiance[row, c]
+            cells.sums[slot, SUM_WEIGHT + c] += rows.weight[row, c]
         cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
 

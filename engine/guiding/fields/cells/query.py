@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from engine.guiding.fields.cells.field import LEVEL_COUNT, SUM_COUNT, SUM_WEIGHT, cell_key, cell_size, find_cell
+from engine.guiding.fields.cells.field import LEVEL_COUNT, SUM_COUNT, cell_key, cell_size, find_cell
 from engine.runtime.jit import kernel
 
 #: Sides of the smallest and the largest cell that is asked, over that of the path's footprint: finer ones are noisier,
@@ -42,7 +42,7 @@ def look_up(cells, place, tag, p, n, program, side):
     level = _first_level(cells, side)
     while level < LEVEL_COUNT and cell_size(cells, level) <= _LARGEST_SHARE * side:
         slot = find_cell(cells, place, tag)
-        if slot >= 0 and cells.sums[slot, SUM_COUNT] >= LEAST_COUNT and cells.sums[slot, SUM_WEIGHT] > 0.0:
+        if slot >= 0 and cells.sums[slot, SUM_COUNT] >= LEAST_COUNT:
             return slot
         level += 1
         place, tag = cell_key(cells, p, n, program, level)

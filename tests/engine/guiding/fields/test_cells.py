@@ -60,14 +60,14 @@ def test_a_cell_is_the_mean_of_what_was_sent_back_weighed_by_what_paths_bring_of
     radiance = rng.gamma(0.5, 2.0, (count, 3)).astype(np.float32)
     model = CellModel()
     model.field = empty_cells(1e-3)
-    weight = rng.random(count).astype(np.float32)
+    weight = rng.random((count, 3)).astype(np.float32)
     model.learn(records(position, UP, radiance, weight=weight))
     slot = find(model.field, [(1e-4, 1e-4, 0.0)], UP, 0)[0]
     assert slot >= 0
     sums = model.field.sums[slot]
     assert sums[SUM_COUNT] == count - 2
-    expected = (weight[1:-1, None] * radiance[1:-1]).sum(axis=0) / weight[1:-1].sum()
-    np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], expected, rtol=1e-4)
+    expected = (weight[1:-1] * radiance[1:-1]).sum(axis=0) / weight[1:-1].sum(axis=0)
+    np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT : SUM_WEIGHT + 3], expected, rtol=1e-4)
 
 
 def test_sides_of_a_wall_walls_of_a_corner_and_materials_are_apart():
@@ -81,7 +81,7 @@ def test_sides_of_a_wall_walls_of_a_corner_and_materials_are_apart():
         slot = find(model.field, [(0.0, 0.0, 0.0)], normal, 0, program)[0]
         assert slot >= 0
         sums = model.field.sums[slot]
-        np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT], value)
+        np.testing.assert_allclose(sums[:3] / sums[SUM_WEIGHT : SUM_WEIGHT + 3], value)
 
 
 def test_larger_cells_hold_what_smaller_ones_hold(rng):
