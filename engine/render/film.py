@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.guiding.models.residual import known_residual
+from engine.guiding.models.residual import with_residual
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
@@ -111,7 +111,7 @@ class Film:
         # Variances below are of the cached samples, about their own mean.
         whole = mean
         if len(self.sums.residual):
-            whole = mean + known_residual(self.sums.residual * scale, shape)
+            whole = with_residual(mean, self.sums.residual * scale, shape)
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (whole * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.

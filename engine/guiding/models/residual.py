@@ -112,6 +112,19 @@ def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return known.reshape(-1, 3).astype(np.float32)
 
 
+def with_residual(cached: np.ndarray, sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The cached image with what is known of what it lacks: float32 (P, 3).
+
+    It is nowhere negative. The true image is not either, so this can only bring the error down.
+
+    Parameters
+    ----------
+    cached : float32 (P, 3)
+    sums, shape : see `known_residual`
+    """
+    return np.maximum(cached + known_residual(sums, shape), np.float32(0.0))
+
+
 class ResidualError(NamedTuple):
     """What `known_residual` knows, and errors of an image with it, weighted means over pixels.
 

@@ -31,9 +31,9 @@ def plain():
     return means("OFF", 100)
 
 
-def measured(sums, shape):
-    """All that measuring paths have found, noise and all: with it the image is unbiased."""
-    return sums[:, :3] + sums[:, 3:]
+def with_measured(cached, sums, shape):
+    """The cached image with all that measuring paths have found, noise and all: it is unbiased."""
+    return cached + sums[:, :3] + sums[:, 3:]
 
 
 def distort(monkeypatch, how):
@@ -78,7 +78,7 @@ def test_the_mean_is_right(method, cache, plain):
 )  # fmt: skip
 def test_with_what_measuring_paths_find_the_mean_is_right_whatever_cells_say(how, plain, monkeypatch):
     distort(monkeypatch, how)
-    monkeypatch.setattr(film, "known_residual", measured)
+    monkeypatch.setattr(film, "with_residual", with_measured)
     cached = means("OFF", radiance_cache="CONVERGING")
     assert z_score(cached, plain) < Z_LIMIT
     # The test can see a bias of 5%.

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from engine.guiding.models.residual import known_residual
+from engine.guiding.models.residual import known_residual, with_residual
 
 
 def sums_of(first, second):
@@ -54,3 +54,12 @@ def test_a_shape_is_found_as_the_noise_falls():
         # Never worse than to know nothing, nor than to believe everything.
         assert errors[-1] < 1.1 * min((truth**2).mean(), 0.5 * deviation**2)
     assert errors == sorted(errors, reverse=True)
+
+
+def test_no_light_is_less_than_none():
+    """One pixel lacks less than nothing, in both halves: it is black then, and the others stay as they are."""
+    image = np.zeros((9, 16, 3), np.float32)
+    image[4, 7] = -5.0
+    whole = with_residual(np.full((9 * 16, 3), 0.5, np.float32), sums_of(image, image), (9, 16)).reshape(9, 16, 3)
+    np.testing.assert_array_equal(whole[4, 7], 0.0)
+    np.testing.assert_allclose(np.delete(whole.reshape(-1, 3), 4 * 16 + 7, axis=0), 0.5, atol=1e-4)
