@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.images import Float32Array, auto_exposure, tone_map
-from benchmarks.metrics import EPSILON, FloatArray, reduce_error
+from benchmarks.metrics import FloatArray, reduce_error, relative_squared_error_map, seed_variance
 from benchmarks.rivals import VARIANTS
 from benchmarks.scene_files import expand, open_scene
+from benchmarks.sequence import render_frame
 from benchmarks.tables import table
-from engine.render.session import Session
 from engine.scene.description import SceneDescription
 from engine.settings import RenderSettings
 
@@ -50,10 +50,9 @@ def flicker(frames: Sequence[FloatArray], references: Sequence[FloatArray]) -> F
     """
     truth = np.stack(references).astype(np.float64)
     difference = np.stack(frames).astype(np.float64) - truth
-    scale = truth.mean(axis=0) ** 2 + EPSILON
-    total = (difference**2).mean(axis=0) / scale
-    changing = difference.var(axis=0, ddof=1) / scale
-    return Flicker(reduce_error(total.mean(axis=-1)).trimmed, reduce_error(changing.mean(axis=-1)).trimmed)
+    errors = [relative_squared_error_map(frame, reference) for frame, reference in zip(frames, references, strict=True)]
+    changing = seed_variance(list(difference), truth.mean(axis=0), least_seeds=2)
+    return Flicker(reduce_error(np.mean(errors, axis=0)).trimmed, changing.trimmed)
 
 
 def turned(description: SceneDescription, angle: float) -> SceneDescription:
@@ -66,11 +65,8 @@ def turned(description: SceneDescription, angle: float) -> SceneDescription:
 
 
 def _render(settings: RenderSettings, description: SceneDescription) -> Float32Array:
-    session = Session(settings)
-    session.load(description)
-    image = session.render().passes["Combined"][..., :3]
-    session.close()
-    return np.ascontiguousarray(image[::-1])
+    """Colour of one frame: float32 (height, width, 3), row 0 at the top."""
+    return np.ascontiguousarray(render_frame(settings, description)[::-1, :, :3])
 
 
 def _parser() -> argparse.ArgumentParser:

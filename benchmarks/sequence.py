@@ -51,7 +51,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _render(settings: RenderSettings, description: Any, field: Any) -> np.ndarray:
+def render_frame(settings: RenderSettings, description: Any, field: Any = None) -> np.ndarray:
+    """Combined of one frame: float32 (height, width, 4), row 0 at the bottom; `field` is that of a sequence."""
     session = Session(settings)
     session.load(description)
     source = None if field is None else field.source(settings, description)
@@ -87,7 +88,7 @@ def main(arguments: list[str] | None = None) -> int:
                 field = train_sequence(settings, trained_on, tuple(chosen.span), samples=training)
                 settings = replace(settings, samples=chosen.samples - training * len(trained_on) // len(frames))
                 print(f"{name}, seed {seed}: {field}", file=sys.stderr, flush=True)
-            images[name].append([_render(settings, frame, field) for frame in frames])
+            images[name].append([render_frame(settings, frame, field) for frame in frames])
 
     errors: dict[str, list[float]] = {}
     for name, by_seed in images.items():
