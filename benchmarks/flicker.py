@@ -49,9 +49,9 @@ def flicker(frames: Sequence[FloatArray], references: Sequence[FloatArray]) -> F
         The references' own noise is in both figures.
     """
     truth = np.stack(references).astype(np.float64)
-    difference = np.stack(frames).astype(np.float64) - truth
-    errors = [relative_squared_error_map(frame, reference) for frame, reference in zip(frames, references, strict=True)]
-    changing = seed_variance(list(difference), truth.mean(axis=0), least_seeds=2)
+    difference, mean = np.stack(frames).astype(np.float64) - truth, truth.mean(axis=0)
+    errors = [relative_squared_error_map(mean + one, mean) for one in difference]
+    changing = seed_variance(list(difference), mean, least_seeds=2)
     return Flicker(reduce_error(np.mean(errors, axis=0)).trimmed, changing.trimmed)
 
 
