@@ -70,6 +70,7 @@ class Film:
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
         if len(self.sums.residual):
             self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
+            self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
             self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
             self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
@@ -111,7 +112,9 @@ class Film:
         # Variances below are of the cached samples, about their own mean.
         whole = mean
         if len(self.sums.residual):
-            whole = with_residual(mean, self.sums.residual * scale, shape)
+            whole = with_residual(
+                mean, self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
+            )
         combined = np.empty((*shape, 4), np.float32)
         combined[..., :3] = (whole * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.

@@ -126,6 +126,7 @@ class StrataFilm(Film):
         whole.square[pixels] = (sums.square[rows] * factor[..., None]).sum(axis=0)
         if len(whole.residual):
             whole.residual[pixels] = (sums.residual[rows] * factor[..., None]).sum(axis=0)
+            whole.residual_square[pixels] = (sums.residual_square[rows] * factor**2).sum(axis=0)
             whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
             whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
         if self.use_features:

@@ -39,6 +39,7 @@ class FilmTile(Bundle):
     points : float32 (P or 0, FIRST_WIDTH), first sample only
     residual : float32 (P or 0, 2 C), sums of what the radiance cache lacked, as of all paths, by two halves of those
         that measure it
+    residual_square : float32 (P or 0,), squares of the addends of `residual`, mean over channels
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
@@ -53,6 +54,7 @@ class FilmTile(Bundle):
     features: np.ndarray
     points: np.ndarray
     residual: np.ndarray
+    residual_square: np.ndarray
     square_gain: np.ndarray
     ended: np.ndarray
 
@@ -72,6 +74,7 @@ def allocate_tile(
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
         np.zeros((feature_count, FIRST_WIDTH), np.float32),
         np.zeros((pixel_count if use_residual else 0, 2 * channel_count), np.float32),
+        np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
     )

@@ -22,14 +22,19 @@ def _take_cached(spectrum, paths, cached, lane, film, scale):
     lacked = to_rgb(spectrum, paths, lane, paths.radiance, lane)
     half = np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
     if film.residual.shape[0] > 0:
+        pixel = paths.pixel[lane]
         cached_color = to_rgb(spectrum, paths, lane, cached.base, lane)
-        ended = to_rgb(spectrum, paths, lane, cached.predicted, lane)
-        gain = np.float32(0.0)
+        ended_color = to_rgb(spectrum, paths, lane, cached.predicted, lane)
+        ended = gain = square = np.float32(0.0)
         for c in range(RGB):
-            film.residual[paths.pixel[lane], RGB * half + c] += scale * lacked[c]
-            gain += lacked[c] * (lacked[c] + 2.0 * cached_color[c])
-            film.ended[paths.pixel[lane]] += scale * ended[c] * np.float32(1.0 / RGB)
-        film.square_gain[paths.pixel[lane]] += scale * gain * np.float32(1.0 / RGB)
+            film.residual[pixel, RGB * half + c] += scale * lacked[c]
+            ended += ended_color[c]
+            gain += lacked[c] * (lacked[c] + np.float32(2.0) * cached_color[c])
+            square += lacked[c] * lacked[c]
+        of_mean = scale * np.float32(1.0 / RGB)
+        film.ended[pixel] += of_mean * ended
+        film.square_gain[pixel] += of_mean * gain
+        film.residual_square[pixel] += scale * of_mean * square
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] = cached.base[lane, c]
 

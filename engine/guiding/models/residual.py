@@ -3,8 +3,8 @@
 
 Two halves of these paths give two independent images of it, both unbiased and noisy. They are taken apart into bands,
 from the whole image down to single pixels. Of each band as much is kept as is known: the product of the halves is on
-average the square of what is lacking, the square of their difference that of the noise, and the Wiener weight of the
-two is what brings the error down most. With ever more samples the noise goes, every band is kept whole, and their sum
+average the square of what is lacking, the squares of single paths tell the noise, and the Wiener weight of the two is
+what brings the error down most. With ever more samples the noise goes, every band is kept whole, and their sum
 is the measured difference itself: the image converges to the unbiased one (docs/decisions/radiance-cache.md).
 """
 
@@ -60,44 +60,74 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
     return _box_axis(_box_axis(image.astype(np.float64)).T).T
 
 
-def _kept(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wiener weight of a band by its two halves, mean square of its true difference as far as they tell (it may be
-    negative), and the variance of its noise: float (height, width).
+def _kept(first: np.ndarray, second: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How much of a band is kept, by its two halves and the variance of their mean in each pixel.
+
+    A bright path in one pixel is noise there, and makes nothing certain of its neighbours: the Wiener weight is by the
+    pixel's own variance where that is more than the window's, and the window's mean square is sure as far as the
+    squares of the variances tell. A pixel whose paths happen to have found nothing is no surer than those around it.
+
+    Parameters
+    ----------
+    first, second : float (height, width, 3)
+    variance : float (height, width, 1)
+
+    Returns
+    -------
+    kept, signal : float (height, width)
+        The weight, and the mean square of the band's true difference as far as is known (it may be negative).
     """
+    of_pixel = variance[..., 0]
+    noise = np.maximum(of_pixel, _mean_around(of_pixel))
     signal = _mean_around((first * second).mean(axis=-1))
-    noise = _mean_around(((first - second) ** 2).mean(axis=-1)) / 4.0
     height, width = signal.shape
     seen = min(2 * _WINDOW + 1, height) * min(2 * _WINDOW + 1, width)
-    # Noise alone makes products of this size: those of the halves have twice the variance each.
-    sure = np.maximum(signal - _DOUBT * 2.0 * noise / np.sqrt(seen), 0.0)
-    return sure / np.maximum(sure + noise, 1e-30), signal, noise
+    # Noise alone makes products of this size: each of the halves has twice the variance of their mean.
+    of_noise = 2.0 * np.sqrt(_mean_around(of_pixel * of_pixel) / seen)
+    sure = np.maximum(signal - _DOUBT * of_noise, 0.0)
+    return sure / np.maximum(sure + noise, 1e-30), signal
 
 
-def _bands(sums: np.ndarray, shape: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Both halves of each band, the whole image first; each image twice the size of the one before."""
+class _Band(NamedTuple):
+    """Both halves of a band, float (height, width, 3), and the variance of their mean, float (height, width, 1)."""
+
+    first: np.ndarray
+    second: np.ndarray
+    variance: np.ndarray
+
+
+def _bands(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> list[_Band]:
+    """Bands, the whole image first; each image twice the size of the one before.
+
+    A band has a little less variance than the image that it is taken from, which is left out of account.
+    """
     halves = 2.0 * sums.reshape(*shape, 2, 3)
-    images = [(halves[..., 0, :], halves[..., 1, :])]
-    while max(images[-1][0].shape[:2]) > 1:
-        images.append((_reduce(images[-1][0]), _reduce(images[-1][1])))
+    images = [_Band(halves[..., 0, :], halves[..., 1, :], variance.reshape(*shape, 1))]
+    while max(images[-1].variance.shape[:2]) > 1:
+        first, second, noise = images[-1]
+        images.append(_Band(_reduce(first), _reduce(second), 0.25 * _reduce(noise)))
     bands = [images[-1]]
     for finer, coarser in zip(images[-2::-1], images[:0:-1], strict=True):
-        size = finer[0].shape[:2]
-        bands.append((finer[0] - _expand(coarser[0], size), finer[1] - _expand(coarser[1], size)))
+        size = finer.variance.shape[:2]
+        first, second = finer.first - _expand(coarser.first, size), finer.second - _expand(coarser.second, size)
+        bands.append(_Band(first, second, finer.variance))
     return bands
 
 
-def _with_band(known: np.ndarray, kept: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _with_band(known: np.ndarray, kept: np.ndarray, band: _Band) -> np.ndarray:
     """What is known of all bands down to one, given that of the bands before it."""
-    return _expand(known, kept.shape) + kept[..., None] * (0.5 * (first + second))
+    return _expand(known, kept.shape) + kept[..., None] * (0.5 * (band.first + band.second))
 
 
-def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def known_residual(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """As much of the difference between the true image and the cached one as is known.
 
     Parameters
     ----------
     sums : float32 (P, 6)
         Of a film (`FilmTile.residual`), over the weight of all its samples.
+    variance : float32 (P,)
+        Of what `sums` says in all (`FilmTile.residual_square`, over the squared weight of all samples).
     shape : (int, int)
         Rows and columns of the image.
 
@@ -106,13 +136,14 @@ def known_residual(sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     float32 (P, 3)
     """
     known = np.zeros((1, 1, 3))
-    for first, second in _bands(sums, shape):
-        kept, _, _ = _kept(first, second)
-        known = _with_band(known, kept, first, second)
+    for band in _bands(sums, variance, shape):
+        known = _with_band(known, _kept(*band)[0], band)
     return known.reshape(-1, 3).astype(np.float32)
 
 
-def with_residual(cached: np.ndarray, sums: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def with_residual(
+    cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
     """The cached image with what is known of what it lacks: float32 (P, 3).
 
     It is nowhere negative. The true image is not either, so this can only bring the error down.
@@ -120,9 +151,9 @@ def with_residual(cached: np.ndarray, sums: np.ndarray, shape: tuple[int, int]) 
     Parameters
     ----------
     cached : float32 (P, 3)
-    sums, shape : see `known_residual`
+    sums, variance, shape : see `known_residual`
     """
-    return np.maximum(cached + known_residual(sums, shape), np.float32(0.0))
+    return np.maximum(cached + known_residual(sums, variance, shape), np.float32(0.0))
 
 
 class ResidualError(NamedTuple):
@@ -130,7 +161,7 @@ class ResidualError(NamedTuple):
 
     known : float32 (P, 3)
     noise : float, variance that comes with what is known
-    bias_squared : float, squares of what is lacking still
+    bias_squared, bias_noise : float, squares of what is lacking still; the standard error of that
     wide_squared, wide_noise : float
         Squares of what was lacking, known by now or not, in bands of 8 pixels and more; the standard error of that.
     """
@@ -138,16 +169,19 @@ class ResidualError(NamedTuple):
     known: np.ndarray
     noise: float
     bias_squared: float
+    bias_noise: float
     wide_squared: float
     wide_noise: float
 
 
-def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray) -> ResidualError:
+def residual_error(
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], weights: np.ndarray
+) -> ResidualError:
     """What `known_residual` does to the image, estimated.
 
     Parameters
     ----------
-    sums, shape : see `known_residual`
+    sums, variance, shape : see `known_residual`
     weights : float32 (P,)
         Of the pixels' squared errors (`engine.ris.orca.pixel_weights`).
     """
@@ -155,17 +189,22 @@ def residual_error(sums: np.ndarray, shape: tuple[int, int], weights: np.ndarray
     while max(weight[-1].shape[:2]) > 1:
         weight.append(_reduce(weight[-1]))
     known = np.zeros((1, 1, 3))
-    total_noise = bias_squared = wide_squared = wide_variance = 0.0
-    for index, ((first, second), of_pixel) in enumerate(zip(_bands(sums, shape), reversed(weight), strict=True)):
-        kept, signal, noise = _kept(first, second)
-        known = _with_band(known, kept, first, second)
+    total_noise = bias_squared = bias_variance = wide_squared = wide_variance = 0.0
+    for index, (band, of_pixel) in enumerate(zip(_bands(sums, variance, shape), reversed(weight), strict=True)):
+        kept, signal = _kept(*band)
+        noise = band.variance[..., 0]
+        known = _with_band(known, kept, band)
         total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())
+        lacking = (1.0 - kept) ** 2 * of_pixel[..., 0]
+        # Products of two halves that are noise alone: each half has twice the variance of their mean.
+        of_noise = 2.0 * noise * of_pixel[..., 0]
         # A band whose true difference is 0 seems to have a negative square as often as a positive one.
-        bias_squared += max(float(((1.0 - kept) ** 2 * signal * of_pixel[..., 0]).mean()), 0.0)
+        bias_squared += max(float((lacking * signal).mean()), 0.0)
+        bias_variance += float(((1.0 - kept) ** 4 * of_noise * of_noise).mean()) / signal.size
         if index < len(weight) - _FINE_BANDS:
             wide_squared += float((signal * of_pixel[..., 0]).mean())
-            # Products of two halves that are noise alone: each half has twice the variance of their mean.
-            wide_variance += float((2.0 * noise * of_pixel[..., 0]).mean()) ** 2 / signal.size
+            wide_variance += float((of_noise * of_noise).mean()) / signal.size
     return ResidualError(
-        known.reshape(-1, 3).astype(np.float32), total_noise, bias_squared, wide_squared, math.sqrt(wide_variance)
+        known.reshape(-1, 3).astype(np.float32), total_noise, bias_squared, math.sqrt(bias_variance), wide_squared,
+        math.sqrt(wide_variance),
     )

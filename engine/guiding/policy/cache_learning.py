@@ -36,7 +36,12 @@ _AGAIN = 1.5
 _TOO_BAD, _BAD = 3.0, 1.5
 #: It is given up at once, too, where what it lacks in the large is surely more than this share of what it says, as
 #: squares, and more than the noise of an image without it: of details of such a lie too little is known in time.
-_WRONG, _SURE = 0.2, 3.0
+#: Single bright paths make standard errors that are too small by twice themselves or more; gross lies stand out by ten.
+_WRONG, _SURE = 0.1, 8.0
+#: More paths measure as soon as so many times what is surely lacking in the large is more than the image's noise.
+_AHEAD = 4.0
+#: Standard errors by which what is lacking still must be more than none, before it speaks against the cache.
+_DOUBT = 2.0
 #: Share of the pixels whose squares are cut to the next smaller one: single bright paths would decide.
 _CUT_PERCENT = 0.1
 #: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
@@ -141,17 +146,21 @@ class CacheLearner:
         weights = pixel_weights(mean.reshape(*size, -1))
         of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
         cached = image_variance(mean, sums.square / weight, weights) * of_mean
-        error = residual_error(sums.residual / weight, size, weights)
-        is_too_few = error.noise + error.bias_squared > cached
+        error = residual_error(sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, size, weights)
+        # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
+        # cached image has less noise than its samples tell where they are well spread.
+        seen = error.wide_squared if error.wide_squared > _SURE * error.wide_noise else 0.0
+        is_too_few = error.noise + max(error.bias_squared, _AHEAD * seen) > cached
         self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
         self.report.cache_bias = math.sqrt(error.bias_squared)
         if next_sample < EARLY_SAMPLES:
             return
         gain = _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, weights)
         whole = cached + gain * of_mean
-        ratio = (cached + error.noise + error.bias_squared) / max(whole, 1e-20)
+        lacking = max(error.bias_squared - _DOUBT * error.bias_noise, 0.0)
+        ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
         said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())
-        is_wrong = error.wide_squared > max(_SURE * error.wide_noise, _WRONG * said, whole)
+        is_wrong = seen > max(_WRONG * said, whole)
         self.is_given_up = is_wrong or ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
         self._was_bad = ratio > _BAD
         if self.is_given_up:

@@ -31,7 +31,7 @@ def plain():
     return means("OFF", 100)
 
 
-def with_measured(cached, sums, shape):
+def with_measured(cached, sums, variance, shape):
     """The cached image with all that measuring paths have found, noise and all: it is unbiased."""
     return cached + sums[:, :3] + sums[:, 3:]
 
@@ -91,6 +91,14 @@ def test_a_wrong_cache_shows_without_measuring_and_is_mended_with_it(plain, monk
     mended = means("OFF", radiance_cache="CONVERGING").mean()
     assert wrong > 1.05 * plain.mean()
     assert abs(mended - plain.mean()) < 0.2 * abs(wrong - plain.mean())
+
+
+def test_a_gross_lie_is_given_up_where_paths_have_little_noise(monkeypatch):
+    """Twice the truth on a sunlit wall, where hardly anything else than the lie makes the image wrong."""
+    distort(monkeypatch, lambda sums: 2.0 * sums)
+    settings = ENDLESS | {"scene": corner_scene}
+    report = render("OFF", 1, **settings, radiance_cache="CONVERGING").report
+    assert 0 < report.guiding.cache_stopped_at <= 47
 
 
 @pytest.mark.parametrize("albedo", [0.5, 0.9, 0.99])
