@@ -177,11 +177,8 @@ class _Training:
         self._session = Session(self._settings)
         how = design.training
         assert isinstance(how, MixtureSettings)
-        # Records of all frames must fit side by side: what is forgotten first would else be whole frames.
-        how = replace(
-            how, window_samples=how.window_samples * frame_count,
-            submission_rows=max(min(how.submission_rows, how.buffer_rows // frame_count), 1),
-        )
+        # Records of all frames must fit side by side.
+        how = replace(how, submission_rows=max(min(how.submission_rows, how.buffer_rows // frame_count), 1))
         self._trainer = NetworkTrainer(
             self.shape, seed=settings.seed, deterministic=settings.deterministic, on_command=True,
             thread_count=self._session.thread_count, settings=how,
@@ -236,7 +233,7 @@ class _Training:
         while trainer.status.state is TrainerState.STARTING:
             self._poll()
             time.sleep(_POLL_SECONDS)
-        trainer.submit(rows, len(rows), samples)
+        trainer.submit(rows, len(rows))
         goal = self._step_limit + _STEPS_PER_SAMPLE * samples
         while self._step_limit < goal:
             self._step_limit = min(self._step_limit + _STEPS_AT_ONCE, goal)

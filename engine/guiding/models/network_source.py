@@ -78,7 +78,7 @@ class NetworkSource(SourceModel):
             records = compensate(records, row_count, self._guiding_probability)
         rows = training_rows(records, row_count, wavelengths=self._wavelengths)
         if len(rows):
-            trainer.submit(rows, len(rows), samples)
+            trainer.submit(rows, len(rows))
         if self._is_deterministic:
             self._step_limit += self._training_steps
             snapshot = trainer.train_until(self._step_limit)

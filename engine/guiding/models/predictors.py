@@ -164,7 +164,7 @@ class NetworkPredictor(Predictor):
             return
         if row_count:
             light = as_records_by_quarter(records, row_count) if self._shape.by_quarter else as_records(records)
-            trainer.submit(light, row_count, samples)
+            trainer.submit(light, row_count)
         if self._settings.deterministic:
             snapshot = trainer.train_until(iteration * self._settings.training_steps)
         else:

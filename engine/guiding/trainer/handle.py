@@ -319,7 +319,7 @@ class NetworkTrainer:
         with self._changed:
             return self._status
 
-    def submit(self, records: Records | Float32Array, row_count: int, samples: float = 1.0) -> int:
+    def submit(self, records: Records | Float32Array, row_count: int) -> int:
         """Hand over the records of an iteration; the worker's part of them, if there are more than it takes.
 
         Parameters
@@ -328,8 +328,6 @@ class NetworkTrainer:
             Rows for networks that guide (`training_rows.py`).
         row_count : int
             Rows in use. With `deterministic`, their order decides the result.
-        samples : float
-            Samples a pixel that they stem from.
 
         Returns
         -------
@@ -355,7 +353,7 @@ class NetworkTrainer:
                 submitted_rows=self._status.submitted_rows + count,
                 rejected_rows=self._status.rejected_rows + taken - count,
             )
-            self._send(kind="rows", slot=slot, count=count, samples=samples)
+            self._send(kind="rows", slot=slot, count=count)
         return count
 
     def poll(self) -> Snapshot | None:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Training the radiance network: relative squared error, Adam.
+"""Training the radiance network: divergence of the mean radiance from what it predicts, Adam.
 
 On the CPU the encodings of grid and planes, their gradients and optimiser are the engine's kernels and torch does the
 perceptron; on a GPU torch does everything. Both act on one parameter vector with the layout of `NetworkShape`.
 
 References
 ----------
-Rath et al. 2025, section 5. Lehtinen et al. 2018, "Noise2Noise", section 4 (relative squared error by the prediction,
-its gradient stopped: the minimum stays the mean of noisy targets).
+Rath et al. 2025, section 5 (network and encodings; its relative squared error, cut so that bright records cannot throw the
+exponential off, loses light that fewer than one record in eleven has: docs/decisions/radiance-network.md).
 """
 
 from __future__ import annotations
@@ -34,14 +34,20 @@ from engine.guiding.networks.radiance import (
     TrainingSettings,
     initial_parameters,
 )
+from engine.guiding.worker.row_weights import limit_shares
 from engine.guiding.worker.tables import ADAM_EPSILON, BETAS, LearnedTable
 from engine.guiding.worker.torch_encoding import encode_positions_torch, encode_u_torch
 from engine.guiding.worker.training import Training, split_tensor
 
-#: Radiance that exceeds the prediction by more than so many times the loss's unit is cut in training. The exponential
-#: answers a gradient from above far more strongly than one from below: uncut, single bright records throw the field off
-#: (docs/decisions/radiance-network.md). What is cut makes the prediction too low, never zero, where light is that rare.
-_RESIDUAL_LIMIT = 10.0
+#: Share of a batch that is drawn evenly; the others are drawn as often as they have light.
+_EVEN_SHARE = 0.5
+#: No row is believed to have more of all light held than this share, where there are twice as many lit rows at least.
+_MOST_SHARE = 1.0 / 32.0
+#: Times that a record with light is looked at on average, by how much light there is in how few records: more often the
+#: network learns by heart where they are, and is dark between them.
+_BRIGHT_LOOKS = 64.0
+#: Length that the perceptron's gradient is cut to.
+_GRADIENT_LIMIT = 1.0
 
 
 class _Features(NamedTuple):
@@ -50,6 +56,12 @@ class _Features(NamedTuple):
     position: torch.Tensor
     direction: torch.Tensor
     u: torch.Tensor | None
+
+
+def _believed(brightness: np.ndarray) -> np.ndarray:
+    """Brightness of rows without what single ones have beyond belief: float64 (N,)."""
+    lit_count = np.count_nonzero(brightness)
+    return limit_shares(brightness, _MOST_SHARE) if lit_count * _MOST_SHARE >= 2.0 else brightness
 
 
 class RadianceTraining(Training):
@@ -95,10 +107,9 @@ class RadianceTraining(Training):
         self._optimizer = torch.optim.Adam(groups, betas=BETAS, eps=ADAM_EPSILON)
 
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
+        self._share: np.ndarray | None = None
         if self.scale == 0.0:
-            mean = np.nanmean(self._radiance(rows), axis=1, dtype=np.float64)
-            # Without the brightest thousandth, unless nothing else is bright.
-            self.scale = float(np.minimum(mean, np.quantile(mean, 0.999)).mean()) or float(mean.mean())
+            self.scale = float(_believed(self._brightness(rows)).mean())
         # On the CPU these are views of the parameters in training.
         self._encoding = make_encoding(self.shape, bounds, self._parameters.detach().cpu().numpy())
         if self._device.type != "cpu":
@@ -111,6 +122,10 @@ class RadianceTraining(Training):
     def _radiance(self, rows: Float32Array) -> Float32Array:
         """Radiance of rows: float32 (N, channels), a view."""
         return rows[:, 6 : 6 + self.shape.channel_count]
+
+    def _brightness(self, rows: Float32Array) -> np.ndarray:
+        """Mean of a row's radiance over the channels that are known: float64 (N,)."""
+        return np.nanmean(self._radiance(rows), axis=1, dtype=np.float64)
 
     def _encode(self, rows: Float32Array) -> _Features:
         """Features of rows."""
@@ -170,30 +185,60 @@ class RadianceTraining(Training):
         with torch.no_grad():
             return (self._perceptron(self._encode(rows)) * self.scale).cpu().numpy()
 
-    def _targets(self, rows: Float32Array, prediction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Radiance to learn, in units of `scale`, and the unit of its error: sqrt(prediction^2 + epsilon), (N, 1).
+    # Rows
 
-        Radiance that is not known is NaN.
+    def _weigh(self) -> None:
+        """Find how often each row held is drawn, and how much of its light is believed."""
+        brightness = self._brightness(self.window.take(np.arange(self.window.count)))
+        believed = _believed(brightness)
+        total = believed.sum()
+        self._bright_rows = total * total / np.square(believed).sum() if total > 0.0 else 0.0
+        even = 1.0 / len(brightness)
+        self._share = _EVEN_SHARE * even + (1.0 - _EVEN_SHARE) * believed / max(total, 1e-300)
+        self._cumulative = np.cumsum(self._share)
+        self._kept = np.divide(believed, brightness, out=np.ones_like(believed), where=brightness > 0.0)
+
+    @property
+    def looks_worth(self) -> float:
+        """Looks at rows that training is worth: few where few rows have all the light."""
+        if not self.can_train:
+            return 0.0
+        if self._share is None:
+            self._weigh()
+        seen = self.rows_received / max(self.window.count, 1)
+        bright = _BRIGHT_LOOKS * self._bright_rows * seen / (1.0 - _EVEN_SHARE)
+        return min(super().looks_worth, bright)
+
+    def draw(self) -> Float32Array:
+        """A batch of rows: half of it evenly, half as often as rows have light. Sets what each of them counts."""
+        if self._share is None:
+            self._weigh()
+        assert self._share is not None
+        count, batch_size = self.window.count, self.settings.batch_size
+        # One from each of as many equal parts: no batch is without its share of the rare and bright.
+        places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
+        picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
+        self._counts = (1.0 / (count * self._share[picks])).astype(np.float32)[:, None]
+        rows = self.window.take(picks)
+        self._radiance(rows)[:] *= self._kept[picks, None]
+        return rows
+
+    # Loss
+
+    def _divergence(self, prediction: torch.Tensor, rows: Float32Array, counts: torch.Tensor) -> torch.Tensor:
+        """Generalised Kullback-Leibler divergence of radiance and prediction, of what is known, but for a constant: ().
+
+        Where it is least the prediction is the mean of the radiance, however rare light is: its gradient by the
+        exponential's argument is the difference of the two.
         """
-        unit = (prediction.mean(dim=1, keepdim=True).square() + self.settings.epsilon).sqrt()
         targets = torch.from_numpy(self._radiance(rows) * np.float32(1.0 / self.scale)).to(self._device)
+        divergence = prediction - targets * prediction.log()
         if not self.shape.by_quarter:
-            return torch.minimum(targets, prediction + _RESIDUAL_LIMIT * unit), unit
-        # Behind smooth refraction one wavelength has the light of all four: cut alone it would lose more than they do.
+            return (counts * divergence).mean()
         is_known = ~torch.isnan(targets)
-        known = is_known.sum(dim=1, keepdim=True)
-        predicted = torch.where(is_known, prediction, 0.0).sum(dim=1, keepdim=True) / known
-        mean = torch.nanmean(targets, dim=1, keepdim=True).clamp(min=1e-20)
-        return targets * ((predicted + _RESIDUAL_LIMIT * unit) / mean).clamp(max=1.0), unit
-
-    def _error(self, prediction: torch.Tensor, targets: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
-        """Mean relative squared error of what is known: ()."""
-        if not self.shape.by_quarter:
-            return ((prediction - targets) / unit).square().mean()
-        is_known = ~torch.isnan(targets)
-        # Before the square, whose gradient at NaN is NaN even where it is not asked for.
-        residual = torch.where(is_known, prediction - targets, 0.0) / unit
-        return residual.square().sum() / is_known.sum()
+        # What is not known has no gradient, not one times zero.
+        divergence = torch.where(is_known, prediction - torch.nan_to_num(targets) * prediction.log(), 0.0)
+        return (counts * divergence).sum() / is_known.sum()
 
     def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         features = self._encode(rows)
@@ -203,21 +248,26 @@ class RadianceTraining(Training):
             for tensor, _ in zip((features.position, features.u), self._tables, strict=False)
             if tensor is not None
         ]
-        prediction = self._perceptron(features)
-        return self._error(prediction, *self._targets(rows, prediction.detach())), learned
+        counts = torch.from_numpy(self._counts).to(self._device)
+        return self._divergence(self._perceptron(features), rows, counts), learned
+
+    def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
+        """The perceptron's gradient is cut to a length; a batch without a finite one changes nothing."""
+        norm = torch.nn.utils.clip_grad_norm_(list(self._arrays.values()), _GRADIENT_LIMIT)
+        return bool(torch.isfinite(norm))
 
     def _answer(self, rows: Float32Array) -> torch.Tensor:
         return self._perceptron(self._encode(rows))
 
     def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
-        """Relative squared error, and how far it fell, as a fraction of the previous one.
-
-        Both are weighted by the previous prediction, so the noise of the targets cancels in the difference.
-        """
-        targets, unit = self._targets(rows, previous)
-        error = self._error(answer, targets, unit).item()
-        earlier = self._error(previous, targets, unit).item()
-        return error, (earlier - error) / max(earlier, 1e-12)
+        """Divergence of held-out rows from the answer, and how far it fell."""
+        brightness = self._brightness(rows)
+        kept = np.divide(_believed(brightness), brightness, out=np.ones_like(brightness), where=brightness > 0.0)
+        rows = rows.copy()
+        self._radiance(rows)[:] *= kept[:, None]
+        even = torch.ones((1, 1), device=self._device)
+        error = self._divergence(answer, rows, even).item()
+        return error, self._divergence(previous, rows, even).item() - error
 
     def _snapshot_parameters(self) -> Float32Array:
         return self._parameters.detach().cpu().numpy()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The worker's loop: takes records, trains within its share of time, publishes snapshots, answers.
 
-Messages in (one JSON object a line): `rows` (slot, count, samples), `train` (until: a step; on command only).
+Messages in (one JSON object a line): `rows` (slot, count), `train` (until: a step; on command only).
 Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot` (slot, version), `trained` (step),
 `failed` (reason). When the input ends, the process does.
 """
@@ -67,7 +67,7 @@ def _rehearse(training: Any, row_width: int) -> None:
     rows = np.random.default_rng(0).uniform(0.1, 1.0, (256, row_width)).astype(np.float32)
     for first in range(3, 12 if row_width == ROW_WIDTH else 6, 3):
         rows[:, first : first + 3] /= np.linalg.norm(rows[:, first : first + 3], axis=1, keepdims=True)
-    training.add(rows, 1.0)
+    training.add(rows)
     training.step()
     training.improvement()
     training.snapshot()
@@ -91,7 +91,7 @@ class Service:
         self.channel = Channel.attach(self.shape, config["channel"])
         self._answers = answers
         self._answer_lock = threading.Lock()
-        self._pending: deque[tuple[np.ndarray, float]] = deque()
+        self._pending: deque[np.ndarray] = deque()
         self._commands: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
 
     def answer(self, kind: str, **fields: Any) -> None:
@@ -110,9 +110,9 @@ class Service:
             if message["kind"] == "rows":
                 rows = self.channel.rows(message["slot"])[: message["count"]].copy()
                 self.answer("free", slot=message["slot"])
-                self._pending.append((rows, message["samples"]))
+                self._pending.append(rows)
                 # Records that training did not come to are no reason to fill the memory.
-                while sum(rows.shape[0] for rows, _ in list(self._pending)) > self.settings.buffer_rows:
+                while sum(rows.shape[0] for rows in list(self._pending)) > self.settings.buffer_rows:
                     self._pending.popleft()
             self._commands.put(message)
         os._exit(0)
@@ -141,7 +141,7 @@ class Service:
         """Hand arrived records to training."""
         arrived = False
         while self._pending:
-            self.training.add(*self._pending.popleft())
+            self.training.add(self._pending.popleft())
             arrived = True
         return arrived
 
@@ -165,7 +165,7 @@ class Service:
         """Whether there are records that training has not looked at often enough: more would learn their noise."""
         training = self.training
         looks = training.step_count * self.settings.batch_size
-        return training.can_train and looks < self.settings.epochs * training.rows_received
+        return training.can_train and looks < training.looks_worth
 
     def train_on_command(self) -> None:
         """Train exactly as far as told, or as records are worth, on exactly those that came before."""

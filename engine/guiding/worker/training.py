@@ -16,7 +16,7 @@ from engine.guiding.networks.encoding import Encoding
 from engine.guiding.networks.mixture.features import MixtureEncoding
 from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings, robust_bounds
 from engine.guiding.records.training_rows import ROW_POSITION
-from engine.guiding.worker.samples import SampleWindow
+from engine.guiding.worker.reservoir import RowReservoir
 from engine.guiding.worker.tables import LearnedTable
 
 #: Every so manyth row is kept for validation.
@@ -47,7 +47,7 @@ class Training(ABC):
 
     Attributes
     ----------
-    window, validation : SampleWindow
+    window, validation : RowReservoir
         The rows that training draws from, and those held out.
     """
 
@@ -73,8 +73,8 @@ class Training(ABC):
         self._random = np.random.Generator(np.random.Philox(seed))
         self._pool = ThreadPoolExecutor(thread_count) if thread_count > 1 else None
         self._thread_count = thread_count
-        self.window = SampleWindow(settings.buffer_rows, shape.row_width, settings.window_samples)
-        self.validation = SampleWindow(_VALIDATION_ROWS, shape.row_width, settings.window_samples)
+        self.window = RowReservoir(settings.buffer_rows, shape.row_width, self._random)
+        self.validation = RowReservoir(_VALIDATION_ROWS, shape.row_width, self._random)
         self._reference: torch.Tensor | None = None
         self._tables: list[LearnedTable] = []
 
@@ -91,6 +91,11 @@ class Training(ABC):
     @abstractmethod
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         """Make the encoding, and find the scale, now that there are bounds and these rows."""
+
+    @property
+    def looks_worth(self) -> float:
+        """Looks at rows that training is worth so far: more would learn their noise."""
+        return self.settings.epochs * self.rows_received
 
     def draw(self) -> Float32Array:
         """A random batch of rows."""
@@ -128,8 +133,8 @@ class Training(ABC):
         """Rows that training draws from."""
         return self.window.count
 
-    def add(self, rows: Float32Array, samples: float) -> None:
-        """Take rows of `samples` samples a pixel.
+    def add(self, rows: Float32Array) -> None:
+        """Take rows to learn from.
 
         Rows not fit to learn from are left out, and so are those without a gradient. The latter count among
         `rows_received`: how often the others are looked at goes by how much of the scene has been seen.
@@ -137,7 +142,6 @@ class Training(ABC):
         Parameters
         ----------
         rows : float32 (N, row_width)
-        samples : float
         """
         rows = rows[self._is_fit(rows)]
         if rows.shape[0] == 0:
@@ -152,8 +156,8 @@ class Training(ABC):
         is_validation = (first + np.arange(lit.shape[0])) % _VALIDATION_STRIDE == 0
         # A first row that only validates would be nothing to train on.
         is_validation &= lit.shape[0] > 1
-        self.validation.add(lit[is_validation], samples)
-        self.window.add(lit[~is_validation], samples)
+        self.validation.add(lit[is_validation])
+        self.window.add(lit[~is_validation])
         self._reference = None
         self._prepare(lit, self.bounds)
 

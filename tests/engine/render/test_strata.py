@@ -274,7 +274,7 @@ def test_rows_of_other_strata_are_forgotten():
     for low, high in ((0.0, 1.0), (0.0, 1.0), (0.25, 0.375), (0.25, 0.375), (0.625, 0.75)):
         rows = rows_of(2000, 3)
         rows[:, ROW_U] = np.random.default_rng(4).uniform(low, high, 2000)
-        training.add(rows, 1.0)
+        training.add(rows)
         for window in (training.window, training.validation):
             held = window.take(np.arange(window.count))[:, ROW_U]
             # The strata beside it are kept.
@@ -293,7 +293,7 @@ def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
     for low, high in ((0.0, 1.0), (0.5, 0.625)):
         rows = rows_of(2000, 3)
         rows[:, ROW_U] = (rng.integers(0, 4, 2000) + rng.uniform(low, high, 2000)) / 4.0
-        training.add(rows, 1.0)
+        training.add(rows)
     held = 4.0 * training.window.take(np.arange(training.row_count))[:, ROW_U]
     assert set(held.astype(int)) == {0, 1, 2, 3}
     within = held % 1.0

@@ -169,7 +169,7 @@ def train(rows, steps, shape=SMALL, seed=1, **settings):
     training = FlowTraining(
         shape, FlowSettings(**{"batch_size": 1024, "learning_rate": 3e-3, **settings}), seed, bounds=BOUNDS
     )
-    training.add(rows, 1.0)
+    training.add(rows)
     for _ in range(steps):
         training.step()
     return training
@@ -516,7 +516,7 @@ def test_bounds_are_found_among_broken_positions():
     rows[::3, ROW_POSITION : ROW_POSITION + 3] = 3e38
     rows[1::3, ROW_POSITION] = -3e38
     training = FlowTraining(SMALL, FlowSettings(batch_size=256), 1)
-    training.add(rows, 1.0)
+    training.add(rows)
     training.step()
     training.snapshot().validate(SMALL)
     assert np.isfinite(training.density(rows)).all()
@@ -540,12 +540,12 @@ def test_training_waits_for_light():
     rows = make_rows(np.random.default_rng(30), 1000)
     dark = rows.copy()
     dark[:, ROW_RADIANCE] = 0.0
-    training.add(dark, 1.0)
-    training.add(rows[:0], 1.0)
+    training.add(dark)
+    training.add(rows[:0])
     assert not training.can_train and math.isinf(training.improvement())
     with pytest.raises(ValueError):
         training.snapshot()
-    training.add(rows, 1.0)
+    training.add(rows)
     assert training.can_train and training.row_count > 400
     assert math.isinf(training.improvement())
     training.step()
@@ -556,7 +556,7 @@ def test_training_is_deterministic():
     results = []
     for _ in range(2):
         training = train(make_rows(np.random.default_rng(31), 3000), 3, seed=9)
-        training.add(make_rows(np.random.default_rng(32), 3000), 1.0)
+        training.add(make_rows(np.random.default_rng(32), 3000))
         training.step()
         results.append(training.snapshot().parameters.copy())
     assert np.array_equal(*results)

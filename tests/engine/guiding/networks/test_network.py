@@ -214,7 +214,7 @@ def trained():
     from engine.guiding.worker.radiance_training import RadianceTraining
 
     training = RadianceTraining(SHAPE, FAST, seed=1, bounds=BOUNDS)
-    training.add(synthetic_rows(400_000, 1), 1.0)
+    training.add(synthetic_rows(400_000, 1))
     first = training.improvement()
     for _ in range(400):
         training.step()
@@ -248,7 +248,7 @@ def test_one_firefly_does_not_bend_the_field(trained):
     for brightest in (rows[123, 6:].copy(), 1e6):
         rows[123, 6:] = brightest
         training = RadianceTraining(SHAPE, FAST, seed=1, bounds=BOUNDS)
-        training.add(rows, 1.0)
+        training.add(rows)
         training.scale = 1.0
         for _ in range(60):
             training.step()
@@ -266,7 +266,7 @@ def test_training_is_deterministic():
     for _ in range(2):
         training = RadianceTraining(SHAPE, FAST, seed=9, bounds=BOUNDS)
         for part in range(3):
-            training.add(synthetic_rows(3000, part), 1.0)
+            training.add(synthetic_rows(3000, part))
             for _ in range(3):
                 training.step()
         results.append(training.snapshot().parameters.copy())
@@ -281,9 +281,9 @@ def test_training_waits_for_light():
     rows = synthetic_rows(1000, 1)
     dark = rows.copy()
     dark[:, 6:] = 0.0
-    training.add(dark, 1.0)
+    training.add(dark)
     assert not training.can_train
-    training.add(rows, 1.0)
+    training.add(rows)
     assert training.can_train
     training.step()
     training.snapshot().validate(SHAPE)

@@ -234,7 +234,7 @@ def trained(shape, steps=150):
     from engine.guiding.worker.radiance_training import RadianceTraining
 
     training = RadianceTraining(shape, FAST, seed=1, bounds=BOUNDS)
-    training.add(blinking_rows(shape, 100_000, 1), 1.0)
+    training.add(blinking_rows(shape, 100_000, 1))
     for _ in range(steps):
         training.step()
     return training

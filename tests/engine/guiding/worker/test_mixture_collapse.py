@@ -131,7 +131,7 @@ def run(**changes):
             position, wi, upwards(ROWS), upwards(ROWS), roughness=1.0, bsdf_pdf=bsdf, guide_pdf=density, pdf=pdf,
             radiance=noise * value / np.maximum(bsdf, 1e-6), reflectance=bsdf,
         )
-        training.add(rows, SAMPLES)
+        training.add(rows)
         for _ in range(STEPS):
             training.step()
         network = make_mixture_network(SHAPE, training.snapshot(), selection_blend((iteration + 1) * SAMPLES))
@@ -233,7 +233,7 @@ def test_draws_follow_weights():
     )
     settings = dataclasses.replace(NASG_SETTINGS, batch_size=4096, epsilon=0.0)
     training = MixtureTraining(SHAPE, settings, 1, BOUNDS)
-    training.add(rows, 1.0)
+    training.add(rows)
     drawn = training.draw()
     held = training.window.rows[: training.row_count, ROW_RADIANCE]
     assert (training.batch_weights(drawn) == 1.0).all()

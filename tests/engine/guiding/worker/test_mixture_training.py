@@ -126,7 +126,7 @@ def divergence(shape, snapshot, target, seed=99, point_count=64, direction_count
 
 def train(shape, rows, steps, seed=1, **changes):
     training = MixtureTraining(shape, settings_of(shape, **changes), seed, BOUNDS)
-    training.add(rows, 1.0)
+    training.add(rows)
     for _ in range(steps):
         training.step()
     return training
@@ -262,7 +262,7 @@ def test_training_repeats_itself(name):
     for _ in range(2):
         training = MixtureTraining(SHAPES[name], settings_of(SHAPES[name]), 9, BOUNDS)
         for part in range(3):
-            training.add(rows_of_two_lights()[part * 3000 : (part + 1) * 3000], 1.0)
+            training.add(rows_of_two_lights()[part * 3000 : (part + 1) * 3000])
             for _ in range(4):
                 training.step()
         results.append(training.snapshot().parameters.copy())
@@ -393,11 +393,11 @@ def test_training_waits_for_light():
     rows = rows_of(1000, 4)
     dark = rows.copy()
     dark[:, ROW_RADIANCE] = 0.0
-    training.add(dark, 1.0)
+    training.add(dark)
     assert not training.can_train
     with pytest.raises(ValueError, match="no snapshot"):
         training.snapshot()
-    training.add(rows[:1], 1.0)
+    training.add(rows[:1])
     assert training.can_train and training.row_count == 1
     training.step()
     assert math.isinf(training.improvement())
@@ -418,12 +418,12 @@ def test_worker_does_what_this_process_does(name, threads):
     parts = [rows_of_two_lights()[part * 4000 : (part + 1) * 4000] for part in range(2)]
     with NetworkTrainer(shape, BOUNDS, seed=3, settings=settings, deterministic=True, thread_count=threads) as trainer:
         for index, rows in enumerate(parts):
-            assert trainer.submit(rows, 4000, 1.0) == 4000
+            assert trainer.submit(rows, 4000) == 4000
             found = trainer.train_until(10 * (index + 1))
         assert found is not None, trainer.status.message
     training = MixtureTraining(shape, settings, 3, BOUNDS)
     for rows in parts:
-        training.add(rows, 1.0)
+        training.add(rows)
         for _ in range(10):
             training.step()
         training.improvement()
