@@ -40,7 +40,8 @@ from engine.guiding.networks.mixture.shape import TABLES, MixtureShape
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 
-_HASH_U = np.int64(3674653429)
+#: Prime that the fourth coordinate of a grid is hashed with.
+HASH_U = np.int64(3674653429)
 
 # Entries of MixtureEncoding.options
 OPTION_IS_SMOOTH = 0
@@ -174,7 +175,7 @@ def _hash_entry(encoding, index, x, y, z, w):
     mask = encoding.hash_level[index, LEVEL_HASH_MASK]
     if mask != 0:
         # Only the low bits of the products count, so that 64-bit ones hash as 32-bit ones do.
-        entry = (x ^ (y * HASH_Y) ^ (z * HASH_Z) ^ (w * _HASH_U)) & mask
+        entry = (x ^ (y * HASH_Y) ^ (z * HASH_Z) ^ (w * HASH_U)) & mask
     else:
         row = encoding.hash_level[index, LEVEL_RESOLUTION] + 1
         entry = ((w * row + z) * row + y) * row + x
