@@ -2,8 +2,8 @@
 """How networks see positions, directions and u, as parts of an ONNX graph.
 
 Each function stands beside a kernel and gives what it gives, within float32's error: those of `networks.encoding`,
-`networks.grids` and `networks.mixture.features`. Coordinates come first, `(axes, N)`, and corners of cells before them:
-what is picked and weighed then lies in long rows.
+`networks.grids` and `networks.mixture.features`. Axes come first, and points last: `(axes, levels, N)`, and `(corners,
+levels, N)`. What is picked and what numbers of a level are applied to then lies in long rows.
 """
 
 from __future__ import annotations
@@ -69,15 +69,16 @@ def blobs(graph: GraphBuilder, coordinates: str, axis_count: int, bin_count: int
 
     The kernel's three shares are a quadratic B-spline round each bin, here the difference of two parabolas.
     """
-    x = graph.add("Mul", coordinates, graph.floats(0.5))
-    x = graph.add("Mul", graph.add("Add", x, graph.floats(0.5)), graph.floats(bin_count - 2))
-    middles = graph.floats(np.arange(bin_count) - 0.5)
-    away = graph.add("Abs", graph.add("Sub", graph.add("Unsqueeze", x, graph.integers([2])), middles))
+    # How far each coordinate is from the middle of each of its bins, in bins.
+    half = 0.5 * (bin_count - 2)
+    steps = np.kron(np.eye(axis_count), np.full((1, bin_count), half))
+    middles = np.tile(np.arange(bin_count) - 0.5, axis_count)
+    away = graph.add("Abs", graph.add("Gemm", coordinates, graph.floats(steps), graph.floats(half - middles)))
     wide = graph.add("Relu", graph.add("Sub", graph.floats(1.5), away))
     narrow = graph.add("Relu", graph.add("Sub", graph.floats(0.5), away))
     wide = graph.add("Mul", graph.add("Mul", wide, wide), graph.floats(0.5))
     narrow = graph.add("Mul", graph.add("Mul", narrow, narrow), graph.floats(1.5))
-    return graph.reshape(graph.add("Sub", wide, narrow), (0, axis_count * bin_count))
+    return graph.add("Sub", wide, narrow)
 
 
 def frequencies(graph: GraphBuilder, u: str, count: int) -> str:
@@ -89,11 +90,11 @@ def frequencies(graph: GraphBuilder, u: str, count: int) -> str:
 
 
 def _cells(graph: GraphBuilder, coordinates: str, resolutions: Int64Array, *, is_smooth: bool) -> tuple[str, str]:
-    """Cells along each axis, of coordinates (axes, N, 1) in [0, 1] for levels of such resolutions: whole numbers and
-    fractions, float32 (axes, N, levels) both: `grids.smooth_cell`.
+    """Cells along each axis, of coordinates (axes, 1 or levels, N) in [0, 1] for levels of such resolutions: whole
+    numbers and fractions, float32 (axes, levels, N) both: `grids.smooth_cell`.
     """
-    x = graph.add("Mul", coordinates, graph.floats(resolutions))
-    cell = graph.add("Min", graph.add("Floor", x), graph.floats(resolutions - 1))
+    x = graph.add("Mul", coordinates, graph.floats(resolutions[:, None]))
+    cell = graph.add("Min", graph.add("Floor", x), graph.floats(resolutions[:, None] - 1))
     fraction = graph.add("Sub", x, cell)
     if is_smooth:
         square = graph.add("Mul", fraction, fraction)
@@ -107,12 +108,12 @@ def _corner_products(graph: GraphBuilder, op_type: str, lower: str, upper: str, 
 
     Parameters
     ----------
-    lower, upper : (axes, N, levels), values at each axis' lower and upper end
+    lower, upper : (axes, levels, N), values at each axis' lower and upper end
 
     Returns
     -------
     str
-        (corners, N, levels)
+        (corners, levels, N)
     """
     ends = graph.add("Concat", lower, upper, axis=0)
     result = ""
@@ -124,30 +125,31 @@ def _corner_products(graph: GraphBuilder, op_type: str, lower: str, upper: str, 
 
 
 def _weighed(graph: GraphBuilder, table: str, entries: str, fraction: str, axis_count: int) -> str:
-    """Features between corners: (N, levels, features), of entries (corners, N, levels) in the table."""
+    """Features between corners: (N, levels, features), of entries (corners, levels, N) in the table."""
     rest = graph.add("Sub", graph.floats(1.0), fraction)
     shares = _corner_products(graph, "Mul", rest, fraction, axis_count)
     features = graph.add("Gather", table, entries, axis=0)
     features = graph.add("Mul", features, graph.add("Unsqueeze", shares, graph.integers([3])))
-    return graph.add("ReduceSum", features, graph.integers([0]), keepdims=0)
+    features = graph.add("ReduceSum", features, graph.integers([0]), keepdims=0)
+    return graph.add("Transpose", features, perm=(1, 0, 2))
 
 
 def _dense_entries(graph: GraphBuilder, cell: str, strides: np.ndarray, first: np.ndarray) -> str:
-    """Entries (corners, N, levels) of grids whose points have one each; strides int64 (axes, levels)."""
+    """Entries (corners, levels, N) of grids whose points have one each; strides int64 (axes, levels)."""
     axis_count, level_count = strides.shape
-    base = graph.add("Mul", graph.add("Cast", cell, to=7), graph.integers(strides[:, None, :]))
+    base = graph.add("Mul", graph.add("Cast", cell, to=7), graph.integers(strides[:, :, None]))
     base = graph.add("ReduceSum", base, graph.integers([0]), keepdims=1)
     corners = np.array([[corner >> axis & 1 for axis in range(axis_count)] for corner in range(1 << axis_count)])
-    return graph.add("Add", base, graph.integers((corners @ strides + first)[:, None, :]))
+    return graph.add("Add", base, graph.integers((corners @ strides + first)[:, :, None]))
 
 
 def _hashed_entries(graph: GraphBuilder, cell: str, axis_count: int, first: np.ndarray, mask: np.ndarray) -> str:
-    """Entries (corners, N, levels) of grids whose points share entries: `encoding.corner_entry`."""
+    """Entries (corners, levels, N) of grids whose points share entries: `encoding.corner_entry`."""
     primes = np.array(_PRIMES[:axis_count], np.int64)[:, None, None]
     lower = graph.add("Mul", graph.add("Cast", cell, to=7), graph.integers(primes))
     upper = graph.add("Add", lower, graph.integers(primes))
     mixed = _corner_products(graph, "BitwiseXor", lower, upper, axis_count)
-    return graph.add("Add", graph.add("BitwiseAnd", mixed, graph.integers(mask)), graph.integers(first))
+    return graph.add("Add", graph.add("BitwiseAnd", mixed, graph.integers(mask[:, None])), graph.integers(first[:, None]))
 
 
 def grids(
@@ -162,7 +164,7 @@ def grids(
     level : int64 (levels, LEVEL_FIELDS), `grids.grid_levels`
     """
     axes = coordinates[0] if len(coordinates) == 1 else graph.add("Concat", *coordinates, axis=0)
-    axes = graph.add("Unsqueeze", axes, graph.integers([2]))
+    axes = graph.add("Unsqueeze", axes, graph.integers([1]))
     axis_count = 3 if len(coordinates) == 1 else 4
     parts = []
     is_hashed = level[:, LEVEL_HASH_MASK] != 0
@@ -196,8 +198,8 @@ def planes(
     resolutions = np.repeat(level[:, LEVEL_RESOLUTION], PLANES)
     plane = np.tile(np.arange(PLANES), len(level))
     first = np.repeat(level[:, LEVEL_FIRST], PLANES) + plane * (resolutions + 1) ** 2
-    along = graph.add("Gather", graph.add("Transpose", position, perm=(1, 0)), graph.integers(plane), axis=1)
-    across = graph.add("Expand", graph.add("Transpose", u, perm=(1, 0)), graph.add("Shape", along))
+    along = graph.add("Gather", position, graph.integers(plane), axis=0)
+    across = graph.add("Expand", u, graph.add("Shape", along))
     both = [graph.add("Unsqueeze", value, graph.integers([0])) for value in (along, across)]
     cell, fraction = _cells(graph, graph.add("Concat", *both, axis=0), resolutions, is_smooth=is_smooth)
     entries = _dense_entries(graph, cell, (resolutions + 1) ** np.arange(2)[:, None], first)
