@@ -327,6 +327,14 @@ class RenderSettings:
             Choice("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
         ),
     )
+    network_backend: str = _declare(
+        "KERNEL", "Asked By", "What computes the radiance network while rendering", "Candidates",
+        choices=(
+            Choice("KERNEL", "Kernel", "The renderer's own code, within its main loop"),
+            Choice("ONNXRUNTIME", "onnxruntime", "onnxruntime, on a GPU where it has one to use"),
+            Choice("AUTO", "Automatic", "Whichever is faster on this machine, as measured once"),
+        ),
+    )
     mixture_preset: str = _declare(
         "COMPACT", "Preset", "Sizes and training of neural mixtures", "Neural Mixtures",
         choices=(

@@ -5,7 +5,8 @@ There is one for each range of Blenders (tools/blender_ranges.py) and platform.
 
 Blender's rules for extensions forbid entries on `sys.path` and top-level modules. The packages `addon` and `engine` are
 therefore copied with their imports of each other made relative, and live inside the extension's own package. numba,
-llvmlite and embreex travel as wheels at the versions of the lock file for that Blender's Python; Blender brings numpy.
+llvmlite, embreex and onnxruntime travel as wheels at the versions of the lock file for that Blender's Python; Blender
+brings numpy, and what else onnxruntime names as its needs it does without when it runs a network.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ else:
 
 PACKAGES = ("addon", "engine")
 FILES = ("__init__.py", "LICENSE", "README.md", "CHANGELOG.md")
-WHEELS = ("numba", "llvmlite", "embreex")
+WHEELS = ("numba", "llvmlite", "embreex", "onnxruntime")
 
 #: Blender's name of a platform: tags of wheels that run there, best first.
 PLATFORMS = {

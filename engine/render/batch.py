@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.accel import RayScratch
+from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.records.of_unit import UnitRecords
@@ -62,11 +63,13 @@ class Arm(NamedTuple):
     guidance : Guidance or None
     learned : dict, fields of `GuidanceView` but for the thread's own
     radiance : RadianceView
+    session : RadianceSession or None, what asks the radiance network if not the kernel
     """
 
     guidance: Guidance | None
     learned: dict[str, Any]
     radiance: RadianceView
+    session: RadianceSession | None = None
 
 
 @dataclass

@@ -14,6 +14,7 @@ from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.table import no_table
 from engine.guiding.fields.vmm.field import no_field
+from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
@@ -35,6 +36,7 @@ from engine.state.shaders import (
 )
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
+    ROWS,
     SCENE_HANDLE,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
@@ -59,11 +61,12 @@ from engine.wavefront.columns import (
     UNIT_STRATUM,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
+    VERTICES,
 )
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.stages import STAGES, stage_arguments
 from engine.wavefront.trace_rounds import trace_rounds
-from engine.wavefront.work import LaneQueue, RadianceView, SceneView, UnitView, Work
+from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneView, UnitView, Work
 
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
@@ -209,7 +212,7 @@ class Tracer:
             "options": options, "field": guidance.field, "allocation": guidance.allocation,
             "probability": guidance.probability, "light_share": guidance.light_share, "benefit": guidance.benefit,
         }
-        return Arm(guidance, learned, self._radiance_of(guidance))
+        return Arm(guidance, learned, self._radiance_of(guidance), guidance.network_session)
 
     def _radiance_of(self, guidance: Guidance | None) -> RadianceView:
         """What predicts radiance, and where paths end."""
@@ -301,10 +304,12 @@ class Tracer:
         """
         batch.begin()
         started = time.perf_counter()
-        if self.ray_observer is None and self._compiled_loop is not None:
+        session = self._arms[unit.arm].session
+        asks_session = session is not None and session.provider
+        if self.ray_observer is None and not asks_session and self._compiled_loop is not None:
             is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
         else:
-            is_finished = self._python_loop(*self._arguments(self._python_stages(), batch, unit, stop))
+            is_finished = self._python_loop(*self._arguments(self._python_stages(session), batch, unit, stop))
         batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
         return bool(is_finished)
 
@@ -334,8 +339,8 @@ class Tracer:
             stages, self.view, view, batch.follow(arm), arm.radiance, batch.work, stop
         )  # fmt: skip
 
-    def _python_stages(self) -> SimpleNamespace:
-        """The stages for a loop in Python, with an observer of rays if there is one."""
+    def _python_stages(self, session: RadianceSession | None) -> SimpleNamespace:
+        """The stages for a loop in Python, with an observer of rays if there is one, and what asks the network."""
         stages = self.stages.as_dict()
         observer = self.ray_observer
         if observer is not None:
@@ -350,4 +355,17 @@ class Tracer:
                 shadow(scene, unit, work, queue)
 
             stages |= {"intersect_closest": intersect_closest, "intersect_shadow": intersect_shadow}
+        if session is not None:
+            ask_kernel = stages["predict_radiance"]
+
+            def predict_radiance(radiance: RadianceView, guidance: GuidanceView, work: Work) -> None:
+                candidates, counts = work.candidates, work.counts
+                is_done = session.predict(
+                    candidates.position, candidates.time, candidates.hero, candidates.vertex, candidates.direction,
+                    int(counts[VERTICES]), int(counts[ROWS]), candidates.radiance,
+                )
+                if not is_done:
+                    ask_kernel(radiance, guidance, work)
+
+            stages["predict_radiance"] = predict_radiance
         return SimpleNamespace(**stages)

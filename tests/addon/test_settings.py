@@ -139,6 +139,7 @@ SAVED_CHOICES = {
     "candidate_allocation": "ORCA FIXED",
     "ris_target": "COLOR SCALAR",
     "network_size": "COMPACT PAPER",
+    "network_backend": "KERNEL ONNXRUNTIME AUTO",
     "radiance_cache": "OFF FAST CONVERGING",
     "mixture_preset": "PAPER OFFICIAL COMPACT",
     "mixture_target": "RADIANCE COSINE PRODUCT",

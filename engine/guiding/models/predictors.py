@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 from engine.guiding.fields.table import TableField, TableModel
 from engine.guiding.fields.vmm.model import VmmModel
+from engine.guiding.models.network_backend import NetworkBackend
 from engine.guiding.models.report import GuidingReport
+from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import NetworkField, make_network_field
 from engine.guiding.records.vertices import VertexRecords, as_records, as_records_by_quarter
@@ -29,10 +31,12 @@ class Predictions:
     """What weighs the candidates of an iteration; without both the guide's own lobes do.
 
     table : TableField or None; network : NetworkField or None
+    session : RadianceSession or None, what asks the same network if not the kernel
     """
 
     table: TableField | None = None
     network: NetworkField | None = None
+    session: RadianceSession | None = None
 
 
 class Predictor:
@@ -132,6 +136,7 @@ class NetworkPredictor(Predictor):
 
     _trainer: NetworkTrainer | None = None
     _field: NetworkField | None = None
+    _session: RadianceSession | None = None
     #: When training was last asked for its time, and that time.
     _asked = 0.0, 0.0
 
@@ -145,12 +150,13 @@ class NetworkPredictor(Predictor):
 
     @property
     def predictions(self) -> Predictions:
-        return Predictions(network=self._field)
+        return Predictions(network=self._field, session=self._session)
 
     def begin(self, region_count: int) -> None:
         self._report.has_trained = True
         settings = self._settings
         self._shape = network_shape(settings)
+        self._backend = NetworkBackend(settings, self._shape)
         self._trainer = NetworkTrainer(
             self._shape, seed=settings.seed, training_share=settings.training_share,
             deterministic=settings.deterministic,
@@ -171,6 +177,7 @@ class NetworkPredictor(Predictor):
             snapshot = trainer.poll()
         if snapshot is not None:
             self._field = make_network_field(self._shape, snapshot)
+            self._session = self._backend.take(snapshot, self._field)
             self._report.snapshot_count += 1
             self._report.network_loss = snapshot.loss
             self._report.network_step = snapshot.step
@@ -190,6 +197,9 @@ class NetworkPredictor(Predictor):
         status = self._trainer.status
         self._report.training_seconds = status.seconds
         self._report.worker = f"{status.state.value} {status.message}".strip()
+        if self._field is not None:
+            self._report.network_backend = self._backend.words
+        self._notices.extend(self._backend.take_notices())
         return status
 
     def training_share(self, thread_count: int) -> float:
@@ -202,7 +212,7 @@ class NetworkPredictor(Predictor):
 
     def drop(self) -> None:
         self.close()
-        self._field = None
+        self._field = self._session = None
 
     def close(self) -> None:
         if self._trainer is not None:

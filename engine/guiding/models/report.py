@@ -30,6 +30,8 @@ class GuidingReport:
     network_stopped_at: int = 0
     candidates_per_vertex: float = 0.0
     worker: str = ""
+    #: By what the radiance network was asked at the end, and what that was chosen by.
+    network_backend: str = ""
     #: What directions are drawn from, if not the mixture field.
     source: str = ""
     source_seconds: float = 0.0
@@ -99,6 +101,8 @@ class GuidingReport:
                 f"radiance network: {self.snapshot_count} snapshots, {self.network_step} steps, "
                 f"loss {self.network_loss:.3g}, worker {self.worker}"
             )
+        if self.network_backend:
+            self.lines.append(f"radiance network: asked by {self.network_backend}")
         if self.waits_for_worth and not self.has_trained:
             self.lines.append(
                 "radiance network: not trained, hardly a vertex was worth several candidates"

@@ -10,6 +10,7 @@ import numpy as np
 from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
+from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance_query import NetworkField
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
@@ -34,6 +35,7 @@ class Guidance:
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
+    network_session : RadianceSession or None, what asks the same network if not the kernel
     """
 
     settings: RenderSettings
@@ -47,6 +49,7 @@ class Guidance:
     pixel_weight: np.ndarray | None = None
     table: TableField | None = None
     network: NetworkField | None = None
+    network_session: RadianceSession | None = None
     probes_only: bool = False
     source: Bundle | None = None
     challenger: Guidance | None = None

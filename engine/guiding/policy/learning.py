@@ -162,7 +162,7 @@ class Learner:
         ones = np.ones(1, np.float32)
         return Guidance(
             self.settings, 0, regions.field, ones, ones, ones, 1, allocation,
-            np.ones(self._paths_per_sample, np.float32), predictions.table, predictions.network,
+            np.ones(self._paths_per_sample, np.float32), predictions.table, predictions.network, predictions.session,
         )
 
     def learn(
@@ -256,7 +256,7 @@ class Learner:
             return Guidance(
                 self.settings, self._budget.threshold(samples), field, probability, regions.light_share.share,
                 regions.selection.benefit, self._fixed_count(rung), allocation, weights, predictions.table,
-                predictions.network, self._probes_only(rung),
+                predictions.network, predictions.session, self._probes_only(rung),
                 self._source.field if self._source is not None else None, challenger,
             )
 

@@ -149,7 +149,8 @@ def _hashed_entries(graph: GraphBuilder, cell: str, axis_count: int, first: np.n
     lower = graph.add("Mul", graph.add("Cast", cell, to=7), graph.integers(primes))
     upper = graph.add("Add", lower, graph.integers(primes))
     mixed = _corner_products(graph, "BitwiseXor", lower, upper, axis_count)
-    return graph.add("Add", graph.add("BitwiseAnd", mixed, graph.integers(mask[:, None])), graph.integers(first[:, None]))
+    shared = graph.add("BitwiseAnd", mixed, graph.integers(mask[:, None]))
+    return graph.add("Add", shared, graph.integers(first[:, None]))
 
 
 def grids(
