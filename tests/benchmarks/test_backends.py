@@ -22,7 +22,7 @@ def test_costs_stand_side_by_side():
 
 @pytest.mark.parametrize("network", ["compact grids, 32 wide", "NASG, 128 wide"])
 def test_both_are_timed(network, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(backends, "least_seconds", lambda calls, _: [float(call()) * 1e-6 for call in calls])
+    monkeypatch.setattr(backends, "least_seconds", lambda calls, *_: [float(call()) * 1e-6 for call in calls])
     assert main(["--networks", network, "--batches", "8", "--output", str(tmp_path / "costs.png")]) == 0
     assert (tmp_path / "costs.png").stat().st_size > 1000
     assert json.loads((tmp_path / "costs.json").read_text()) == [

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import re
 import threading
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,14 +47,19 @@ class Failure(NamedTuple):
 class RuntimeProviders:
     """What onnxruntime offers on this machine, as far as it has not failed in this render.
 
+    Parameters
+    ----------
+    wanted : of PROVIDERS, in the order they are tried; those that are not installed are left out
+
     Attributes
     ----------
     failures : list of Failure
         What has failed since the list was last emptied.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, wanted: Sequence[str] = tuple(PROVIDERS)) -> None:
         self.failures: list[Failure] = []
+        self._wanted = wanted
         self.lock = threading.Lock()
         self._remaining: list[str] | None = None
         self._runtime: Any = None
@@ -80,7 +86,7 @@ class RuntimeProviders:
                 Failure(f"onnxruntime {self._runtime.__version__} is too old", f"{oldest} or later reads the network")
             )
             return []
-        return [name for name in PROVIDERS if name in available]
+        return [name for name in self._wanted if name in available]
 
     def fail(self, provider: str, error: Exception) -> None:
         """Do without a provider from now on."""
