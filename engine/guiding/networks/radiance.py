@@ -212,7 +212,7 @@ class NetworkShape(PlaneSizes, ParameterVector):
     @property
     def training_settings(self) -> TrainingSettings:
         """How it is trained if nothing else is said."""
-        return TrainingSettings()
+        return U_TRAINING_SETTINGS if self.u_width else TrainingSettings()
 
     @property
     def layout(self) -> dict[str, tuple[int, ...]]:
@@ -253,12 +253,12 @@ def network_shape(settings: RenderSettings) -> NetworkShape:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How the network is trained; weight decay is the paper's, the learning rate is three times its 1e-3.
+    """How the network is trained; weight decay is the paper's, the learning rate is ten times its 1e-3.
 
     batch_size : records a step
     learning_rate, table_learning_rate : of Adam, for the perceptron and for the hash grid. On a
-        processor training sees few records: at 1e-3 the perceptron has learned little by the end, at 1e-2 it often ends
-        as a constant (docs/decisions/radiance-network.md)
+        processor training sees few records: at 1e-3 the perceptron has learned little by the end
+        (docs/decisions/radiance-network.md)
     weight_decay : of the perceptron (the grid has none: entries without records keep what they have)
     buffer_rows : records kept at most, of all iterations alike
     submission_rows : records taken from one `submit`; more are thinned at random
@@ -267,13 +267,17 @@ class TrainingSettings:
     """
 
     batch_size: int = 4096
-    learning_rate: float = 3e-3
+    learning_rate: float = 1e-2
     table_learning_rate: float = 1e-3
     weight_decay: float = 1e-5
     buffer_rows: int = 1 << 20
     submission_rows: int = 1 << 18
     epochs: float = 4.0
     snapshot_seconds: float = 1.0
+
+
+#: Where u is seen there is more to learn from as many records, and light that comes and goes.
+U_TRAINING_SETTINGS = TrainingSettings(learning_rate=3e-3)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ perceptron; on a GPU torch does everything. Both act on one parameter vector wit
 
 References
 ----------
-Rath et al. 2025, section 5 (network and encodings; its relative squared error, cut so that bright records cannot throw the
-exponential off, loses light that fewer than one record in eleven has: docs/decisions/radiance-network.md).
+Rath et al. 2025, section 5: network and encodings. Its relative squared error, cut so that bright records cannot throw
+the exponential off, loses light that fewer than one record in eleven has (docs/decisions/radiance-network.md).
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from engine.guiding.networks.radiance import (
     TrainingSettings,
     initial_parameters,
 )
+from engine.guiding.worker.overfitting import BestParameters
 from engine.guiding.worker.row_weights import limit_shares
 from engine.guiding.worker.tables import ADAM_EPSILON, BETAS, LearnedTable
 from engine.guiding.worker.torch_encoding import encode_positions_torch, encode_u_torch
@@ -42,10 +43,13 @@ from engine.guiding.worker.training import Training, split_tensor
 #: Share of a batch that is drawn evenly; the others are drawn as often as they have light.
 _EVEN_SHARE = 0.5
 #: No row is believed to have more of all light held than this share, where there are twice as many lit rows at least.
-_MOST_SHARE = 1.0 / 32.0
+_MOST_SHARE = 1.0 / 128.0
 #: Times that a record with light is looked at on average, by how much light there is in how few records: more often the
 #: network learns by heart where they are, and is dark between them.
 _BRIGHT_LOOKS = 64.0
+#: A network learns rows by heart within a few dozen steps if it does so at all. So the rows held out are looked at
+#: after these steps, and then whenever there were so many times as many.
+_FIRST_LOOK, _LOOK_GROWTH = 4, 1.25
 #: Length that the perceptron's gradient is cut to.
 _GRADIENT_LIMIT = 1.0
 
@@ -105,9 +109,15 @@ class RadianceTraining(Training):
                 {"params": [t.requires_grad_() for t in tables.values()], "lr": settings.table_learning_rate}
             )
         self._optimizer = torch.optim.Adam(groups, betas=BETAS, eps=ADAM_EPSILON)
+        self._best = BestParameters()
+        #: Whether rows held out had become worse, and none have come since.
+        self._is_worn = False
+        self._next_look = _FIRST_LOOK
 
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         self._share: np.ndarray | None = None
+        self._best.forget()
+        self._is_worn = False
         if self.scale == 0.0:
             self.scale = float(_believed(self._brightness(rows)).mean())
         # On the CPU these are views of the parameters in training.
@@ -200,8 +210,8 @@ class RadianceTraining(Training):
 
     @property
     def looks_worth(self) -> float:
-        """Looks at rows that training is worth: few where few rows have all the light."""
-        if not self.can_train:
+        """Looks at rows that training is worth: few where few rows have all the light, none where training is worn."""
+        if not self.can_train or self._is_worn:
             return 0.0
         if self._share is None:
             self._weigh()
@@ -218,27 +228,34 @@ class RadianceTraining(Training):
         # One from each of as many equal parts: no batch is without its share of the rare and bright.
         places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
         picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
-        self._counts = (1.0 / (count * self._share[picks])).astype(np.float32)[:, None]
+        self._counts = (1.0 / (count * self._share[picks])).astype(np.float32)
         rows = self.window.take(picks)
         self._radiance(rows)[:] *= self._kept[picks, None]
         return rows
 
+    def _believable(self, rows: Float32Array) -> Float32Array:
+        """Rows with as much light as is believed: a copy."""
+        brightness = self._brightness(rows)
+        kept = np.divide(_believed(brightness), brightness, out=np.ones_like(brightness), where=brightness > 0.0)
+        rows = rows.copy()
+        self._radiance(rows)[:] *= kept[:, None]
+        return rows
+
     # Loss
 
-    def _divergence(self, prediction: torch.Tensor, rows: Float32Array, counts: torch.Tensor) -> torch.Tensor:
-        """Generalised Kullback-Leibler divergence of radiance and prediction, of what is known, but for a constant: ().
+    def _divergences(self, prediction: torch.Tensor, rows: Float32Array) -> torch.Tensor:
+        """Generalised Kullback-Leibler divergence of each row's radiance and prediction, but for a constant: (N,).
 
-        Where it is least the prediction is the mean of the radiance, however rare light is: its gradient by the
-        exponential's argument is the difference of the two.
+        It is the mean over the channels that are known. Where it is least on average the prediction is the mean of the
+        radiance, however rare light is: its gradient by the exponential's argument is the difference of the two.
         """
         targets = torch.from_numpy(self._radiance(rows) * np.float32(1.0 / self.scale)).to(self._device)
-        divergence = prediction - targets * prediction.log()
         if not self.shape.by_quarter:
-            return (counts * divergence).mean()
+            return (prediction - targets * prediction.log()).mean(1)
         is_known = ~torch.isnan(targets)
         # What is not known has no gradient, not one times zero.
-        divergence = torch.where(is_known, prediction - torch.nan_to_num(targets) * prediction.log(), 0.0)
-        return (counts * divergence).sum() / is_known.sum()
+        divergences = torch.where(is_known, prediction - torch.nan_to_num(targets) * prediction.log(), 0.0)
+        return divergences.sum(1) / is_known.sum(1)
 
     def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         features = self._encode(rows)
@@ -249,7 +266,7 @@ class RadianceTraining(Training):
             if tensor is not None
         ]
         counts = torch.from_numpy(self._counts).to(self._device)
-        return self._divergence(self._perceptron(features), rows, counts), learned
+        return (counts * self._divergences(self._perceptron(features), rows)).mean(), learned
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
         """The perceptron's gradient is cut to a length; a batch without a finite one changes nothing."""
@@ -261,13 +278,29 @@ class RadianceTraining(Training):
 
     def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
         """Divergence of held-out rows from the answer, and how far it fell."""
-        brightness = self._brightness(rows)
-        kept = np.divide(_believed(brightness), brightness, out=np.ones_like(brightness), where=brightness > 0.0)
-        rows = rows.copy()
-        self._radiance(rows)[:] *= kept[:, None]
-        even = torch.ones((1, 1), device=self._device)
-        error = self._divergence(answer, rows, even).item()
-        return error, self._divergence(previous, rows, even).item() - error
+        rows = self._believable(rows)
+        error = self._divergences(answer, rows).mean().item()
+        return error, self._divergences(previous, rows).mean().item() - error
+
+    # Overfitting
+
+    def step(self) -> None:
+        """One step of training on a random batch; now and then a look at held-out rows, and back if they are worse."""
+        if not self._best.is_known:
+            self._look_at_held_out()
+        super().step()
+        if self.step_count >= self._next_look:
+            self._look_at_held_out()
+            self._next_look = max(self.step_count + _FIRST_LOOK, int(self.step_count * _LOOK_GROWTH))
+
+    def _look_at_held_out(self) -> None:
+        """Keep the parameters, or go back to better ones and rest."""
+        if not self.validation.count:
+            return
+        rows = self._believable(self.validation.take(np.arange(self.validation.count)))
+        with torch.no_grad():
+            losses = self._divergences(self._answer(rows), rows)
+        self._is_worn = self._best.see(losses, self._parameters)
 
     def _snapshot_parameters(self) -> Float32Array:
         return self._parameters.detach().cpu().numpy()

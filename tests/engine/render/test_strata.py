@@ -11,8 +11,7 @@ import pytest
 
 from benchmarks.bias import find_bias
 from engine.guiding.policy import learning, trial
-from engine.guiding.records.training_rows import ROW_U, ROW_WIDTH
-from engine.guiding.worker.samples import SampleWindow
+from engine.guiding.records.training_rows import ROW_U
 from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
 from engine.render import session
 from engine.render.session import Session
@@ -298,23 +297,3 @@ def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
     assert set(held.astype(int)) == {0, 1, 2, 3}
     within = held % 1.0
     assert within.min() >= 0.37 and within.max() <= 0.76 and len(within) > 2000
-
-
-def test_a_window_keeps_what_it_is_told():
-    window = SampleWindow(100, ROW_WIDTH, 3.0)
-    for k in range(4):
-        window.add(np.full((30, ROW_WIDTH), k, np.float32), 1.0)
-    held = window.take(np.arange(window.count))[:, 0]
-    window.keep(held != 2.0)
-    assert np.array_equal(window.take(np.arange(window.count))[:, 0], held[held != 2.0])
-    window.add(np.full((30, ROW_WIDTH), 9, np.float32), 2.0)
-    assert sorted(set(window.take(np.arange(window.count))[:, 0])) == [3.0, 9.0]
-    window.keep(np.zeros(window.count, bool))
-    assert window.count == 0
-    window.keep(np.zeros(0, bool))
-    window.add(np.full((5, ROW_WIDTH), 7, np.float32), 1.0)
-    assert window.count == 5
-    for k in range(4):
-        window.add(np.full((60, ROW_WIDTH), k, np.float32), 0.1)
-    window.keep(window.take(np.arange(window.count))[:, 0] == 3.0)
-    assert window.count == 60

@@ -228,7 +228,7 @@ def test_training_learns(trained):
     # The best that knows nothing of position and direction, found by trying.
     constant = min(relative_error(np.full_like(truth, c), truth) for c in np.linspace(0.05, 1, 40) * truth.mean())
     assert relative_error(training.predict(held_out), truth) < 0.5 * constant
-    assert math.isinf(first) and 0.0 < improvement < 1.0 and training.loss > 0.0
+    assert math.isinf(first) and 0.0 < improvement < 1.0 and math.isfinite(training.loss)
 
 
 def test_training_and_inference_agree(trained):
@@ -287,33 +287,6 @@ def test_training_waits_for_light():
     assert training.can_train
     training.step()
     training.snapshot().validate(SHAPE)
-
-
-def test_window_keeps_the_newest():
-    from engine.guiding.worker.samples import SampleWindow
-
-    window = SampleWindow(10, 1, 4.0)
-    for part in range(8):
-        window.add(np.full((3, 1), part, np.float32), 1.0)
-    assert window.count == 10
-    assert window.take(np.arange(10)).ravel().tolist() == [4, 5, 5, 5, 6, 6, 6, 7, 7, 7]
-    window.add(np.full((2, 1), 8, np.float32), 3.5)
-    assert window.take(np.arange(window.count)).ravel().tolist() == [8, 8]
-    window.add(np.arange(25, dtype=np.float32)[:, None], 1.0)
-    assert window.take(np.arange(10)).ravel().tolist() == list(range(15, 25))
-
-
-def test_rows_pushed_out_are_not_dropped_again():
-    """Of a full window only what has become too old goes, however much of it had gone before for want of room."""
-    from engine.guiding.worker.samples import SampleWindow
-
-    window = SampleWindow(10, 1, 3.0)
-    for part in range(3):
-        window.add(np.full((6, 1), part, np.float32), 1.0)
-    assert window.take(np.arange(window.count)).ravel().tolist() == [1] * 4 + [2] * 6
-    # Part 0 is out of time, but none of it was left: the row of part 3 finds no room, and takes that of one of part 1.
-    window.add(np.full((1, 1), 3, np.float32), 1.0)
-    assert window.take(np.arange(window.count)).ravel().tolist() == [1] * 3 + [2] * 6 + [3]
 
 
 def test_records_that_are_not_finite_are_left_out():
