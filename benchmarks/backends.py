@@ -2,7 +2,7 @@
 """`python -m benchmarks.backends`: what asking a network costs, by the kernel and by onnxruntime, by width and batch.
 
 Both are asked the same rows in turns on one thread, and the least time that the thread was at it counts: a busy machine
-only adds to it. A provider that works beside the thread, a GPU's, cannot be timed so; onnxruntime's own is.
+only adds to it. onnxruntime is asked on the processor: a GPU works beside the thread, and cannot be timed so.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def network_from_onnx(data: bytes | memoryview) -> StoredNetwork:
         raise
     except KeyError as error:
         raise NetworkFileError(f"it is damaged (it does not say its {error.args[0]}): save it anew") from None
-    except (ProtobufError, ValueError, TypeError) as error:
+    except (ProtobufError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise NetworkFileError(f"it is damaged ({error}): save it anew") from None
 
 

@@ -65,7 +65,16 @@ class GraphBuilder:
         return self.add("Where", self.add("IsNaN", value), self.floats(if_nan), cut)
 
     def graph(self, name: str, doc: str) -> Graph:
-        """What has been made."""
+        """What has been made.
+
+        Raises
+        ------
+        ValueError
+            If nothing reads an initialiser: what a network has must count in its graph.
+        """
+        read = {value for node in self._nodes for value in node.inputs}
+        if unread := self._initialisers.keys() - read:
+            raise ValueError(f"nothing in the graph {name!r} reads {', '.join(sorted(unread))}")
         return Graph(
             name, tuple(self._nodes), dict(self._initialisers), tuple(self._inputs), tuple(self._outputs), doc
         )

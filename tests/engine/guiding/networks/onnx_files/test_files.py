@@ -122,6 +122,33 @@ def test_metadata_are_checked(changes, why):
         network_from_onnx(with_metadata(network_to_onnx(stored(SMALL)), **changes))
 
 
+@pytest.mark.parametrize("bounds", ["[" * 100_000, "[[1e999, 0, 0], [1, 1, 1]]", f"[[1{'0' * 400}, 0, 0], [1, 1, 1]]"])
+def test_numbers_out_of_range_are_damage(bounds):
+    with pytest.raises(NetworkFileError, match="damaged"):
+        network_from_onnx(with_metadata(network_to_onnx(stored(SMALL)), bounds=bounds))
+
+
+def test_damage_anywhere_is_found_or_does_not_matter():
+    """A byte changed at random: the snapshot that was saved, or an error that says so; never another one."""
+    whole = network_to_onnx(stored(SMALL))
+    expected = stored(SMALL).snapshot.parameters.tobytes()
+    rng = np.random.default_rng(1)
+    refused = 0
+    # Half of the changes hit the first part, the graph's nodes, the others anything.
+    for at in np.concatenate((rng.integers(0, 6000, 300), rng.integers(0, len(whole), 300))):
+        data = bytearray(whole)
+        data[at] ^= 1 << rng.integers(8)
+        try:
+            back = network_from_onnx(bytes(data))
+        except NetworkFileError:
+            refused += 1
+        else:
+            assert back.shape == SMALL and back.snapshot.parameters.tobytes() == expected
+            assert back.snapshot.scale == stored(SMALL).snapshot.scale and back.span == (0.0, 1.0)
+            assert np.array_equal(back.snapshot.bounds, BOUNDS) and back.snapshot.step == 1200
+    assert refused > 300
+
+
 def test_huge_files_are_not_read(tmp_path):
     path = tmp_path / "huge.onnx"
     with path.open("wb") as file:

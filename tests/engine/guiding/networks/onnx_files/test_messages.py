@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.networks.onnx_files import messages
+from engine.guiding.networks.onnx_files.graph import GraphBuilder
 from engine.guiding.networks.onnx_files.messages import (
     FLOAT,
     INT64,
@@ -106,6 +107,15 @@ def test_tensors_of_other_sizes_than_they_say_are_refused():
     outside = bytes_field(5, varint_field(2, FLOAT), bytes_field(8, "t"), bytes_field(13, b""))
     with pytest.raises(ProtobufError, match="raw data"):
         read_model(bytes_field(7, outside))
+
+
+def test_a_graph_reads_all_that_it_has():
+    graph = GraphBuilder()
+    graph.output("y", graph.add("Mul", graph.input("x", ("N",)), graph.floats(2.0)), ("N",))
+    assert [node.op_type for node in graph.graph("twice", "").nodes] == ["Mul", "Identity"]
+    graph.initialiser("bias", np.zeros(3, np.float32))
+    with pytest.raises(ValueError, match="nothing in the graph 'twice' reads bias"):
+        graph.graph("twice", "")
 
 
 def test_package_onnx_reads_them_alike():
