@@ -64,6 +64,18 @@ facts["kernel_cache"] = os.environ["NEURALGUIDE_KERNEL_CACHE"]
 facts["kernels"] = sum(name.endswith(".nbc") for _, _, files in os.walk(facts["kernel_cache"]) for name in files)
 facts["stamps"] = len([name for name in os.listdir(facts["kernel_cache"]) if name.endswith(".complete")])
 facts["numba"] = sys.modules["numba"].__file__
+
+from importlib import import_module
+networks = "bl_ext.user_default.neuralguide.engine.guiding.networks."
+radiance, sessions = import_module(networks + "radiance"), import_module(networks + "onnx_session")
+bounds, shape = np.array([[-1.0] * 3, [1.0] * 3], np.float32), radiance.COMPACT_SHAPE
+snapshot = radiance.Snapshot(1, 1, 0.0, 1.0, bounds, radiance.initial_parameters(shape, 0))
+providers = sessions.RuntimeProviders()
+session = sessions.RadianceSession(providers, shape, snapshot)
+point, out, zero = bounds[1:], np.zeros((1, 3), np.float32), np.zeros(1, np.float32)
+is_done = session.predict(point, zero, zero, np.zeros(1, np.int64), point, 1, 1, out)
+facts["asked"] = [is_done, bool((out > 0.0).all()), [failure.why for failure in providers.failures]]
+facts["onnxruntime"] = getattr(sys.modules.get("onnxruntime"), "__file__", "")
 import addon_utils
 facts["policy"] = {key: value for key, value in addon_utils._extensions_warnings_get().items() if value}
 
@@ -164,7 +176,7 @@ def test_the_zip_holds_what_it_should(extension_zips: dict[BlenderRange, Path], 
     assert needed <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.startswith(("tests", "benchmarks", "docs"))]
     wheels = sorted(Path(name).name for name in names if name.endswith(".whl"))
-    assert [name.partition("-")[0] for name in wheels] == ["embreex", "llvmlite", "numba"]
+    assert [name.partition("-")[0] for name in wheels] == ["embreex", "llvmlite", "numba", "onnxruntime"]
     tag = "cp" + blenders.python.replace(".", "")
     assert all(f"-{tag}-{tag}-manylinux" in name for name in wheels), wheels
     assert sorted(manifest["wheels"]) == [f"./wheels/{name}" for name in wheels]
@@ -217,6 +229,8 @@ def test_a_user_can_install_render_and_remove(
     assert facts["centre"] > 0.01, "the cube is black"
     assert facts["corner"] > 0.01, "the world is black"
     assert facts["numba"].startswith(str(profile)), "numba did not come from the extension's wheel"
+    assert facts["asked"] == [True, True, []], "onnxruntime could not be asked"
+    assert facts["onnxruntime"].startswith(str(profile)), "onnxruntime did not come from the extension's wheel"
     assert facts["kernel_cache"].startswith(str(profile)) and facts["kernels"] > 0
     assert facts["stamps"] == 2, "no helper process compiled kernels"
     assert facts["policy"] == {}, "Blender lists violations of its rules for extensions"
