@@ -27,7 +27,7 @@ from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.ladder import Ladder
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import Gate, ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -37,7 +37,7 @@ from engine.ris.orca import image_variance, make_allocation, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
-from engine.state.unit import CHALLENGER, Unit, UnitCosts
+from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
@@ -90,6 +90,7 @@ class Learner:
         self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice, paths_per_sample, self._uses_clock)
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
+        self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._iteration = 0
         self._is_over = False
@@ -222,7 +223,7 @@ class Learner:
             self.sink.take(records, row_count)
 
         ray_count = costs.ray_count / max(costs.path_count, 1)
-        variance = image_variance(mean, sums.square / weight, weights)
+        variance = image_variance(self._newest.look(), weights)
         if row_count:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, knows_pixels=self._iteration > 1
@@ -278,9 +279,11 @@ class Learner:
         self.sink.take(*join_records([unit.vertices for unit in units]))
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
-        """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
+        """Take a finished unit's sums and costs; no two threads at once."""
         if self._is_over:
             return
+        if unit.arm != PLAIN and self._regions is not None:
+            self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
         rung = self._choice.challenger if unit.arm == CHALLENGER else self._choice.rung
         self._choice.compare(unit, film, self._costs.unit(costs, unit.arm, rung))
 
