@@ -151,7 +151,7 @@ class Learner:
             column[:] = 1.0
         regions = RegionModels(records, count, 0.5)
         regions.fit(records, count)
-        regions.learn_shares(records, count, variance=1.0, ray_count=1.0, knows_pixels=True)
+        regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
             self._source.rehearse(records, count, self._executor)
         if self._cache is not None:
@@ -201,6 +201,7 @@ class Learner:
             if self._cache is None:
                 return Guidance(settings, 0)
             return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+        was_guided = self._regions is not None
         records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
         if row_count:
@@ -226,7 +227,7 @@ class Learner:
         variance = image_variance(self._newest.look(), weights)
         if row_count:
             regions.learn_shares(
-                records, row_count, variance=variance, ray_count=ray_count, knows_pixels=self._iteration > 1
+                records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
