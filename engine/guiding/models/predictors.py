@@ -11,7 +11,7 @@ from engine.guiding.fields.table import TableField, TableModel
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.networks.radiance import network_shape
-from engine.guiding.networks.radiance_query import NetworkField, make_network_field
+from engine.guiding.networks.radiance_query import NetworkField, make_network_field, no_network
 from engine.guiding.records.vertices import VertexRecords, as_records, as_records_by_quarter
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState, TrainerStatus
 from engine.ris.orca import CandidateCosts
@@ -191,6 +191,9 @@ class NetworkPredictor(Predictor):
         self._report.training_seconds = status.seconds
         self._report.worker = f"{status.state.value} {status.message}".strip()
         return status
+
+    def rehearsal(self, mixture: VmmModel) -> Predictions:
+        return Predictions(network=no_network(network_shape(self._settings)))
 
     def training_share(self, thread_count: int) -> float:
         if self._trainer is None:

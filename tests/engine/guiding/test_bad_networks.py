@@ -1,21 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole renders by networks that know nothing: the same mean, and little more variance than without them."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.report import GuidingReport
-from engine.guiding.policy import worth
-from engine.guiding.policy.costs import IterationCosts
+from engine.guiding.policy import gate, horizon
 from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.worth import Gate
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
-from tests.helpers.untrained_networks import BadNetwork, ask
+from tests.helpers.untrained_networks import BadNetwork, ask, guess
 
 SEEDS = 6
 #: Most variance over that of source sampling, which `VMM` is; medians over seeds, since a single bright sample doubles
@@ -63,35 +58,6 @@ class Counting(Predictor):
         self.is_ready = False
 
 
-def test_a_network_is_trained_while_it_is_worth_it():
-    report = GuidingReport()
-    predictor = Counting(RenderSettings(), report, [])
-    gate = Gate(predictor, report)
-
-    def weigh(*shares):
-        for share in shares:
-            gate.weigh(
-                IterationCosts(Counter(), 1000, 100, 1000, round(1000 * share), round(4000 * share)), 0.4, 7, 1
-            )
-
-    # Recorded are two paths in five, one in four of their vertices may; an eighth of those keep the estimates coming.
-    weigh(0.01, 0.03, 0.02, 0.03)
-    assert not predictor.has_begun
-    weigh(0.03)
-    assert predictor.has_begun
-    # There is nothing to judge before the first snapshot.
-    weigh(0.0, 0.0)
-    assert report.network_stopped_at == 0
-    predictor.is_ready = True
-    weigh(0.1, 0.4, 0.1)
-    assert report.network_stopped_at == 0
-    weigh(0.1)
-    assert report.network_stopped_at == 7 and not predictor.is_ready
-    # It does not begin anew.
-    weigh(0.5, 0.5)
-    assert Counting.begun_count == 1
-
-
 @pytest.mark.parametrize("asked", [{"candidate_allocation": "FIXED"}, {}])
 def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
@@ -100,11 +66,30 @@ def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     assert Counting.begun_count == (1 if asked else 0)
 
 
-def test_a_network_that_nothing_asks_for_is_not_trained(monkeypatch):
-    monkeypatch.setattr(worth, "LEAST_RESAMPLED", 1.1)
+def test_a_short_render_trains_no_network(monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
     monkeypatch.setitem(PREDICTORS, "NETWORK", Counting)
-    report = render("NEURAL_RIS", 1, scene=pit_scene, samples=31, guiding_trial=False).report.guiding
+    settings = {"samples": 31, "guiding_trial": False, "deterministic": True}
+    report = render("NEURAL_RIS", 1, scene=pit_scene, **settings).report.guiding
     assert Counting.begun_count == 0 and "not trained" in report.lines[-1]
     # The mixture weighs candidates of recorded paths meanwhile.
     assert report.candidates_per_vertex > 1.0
+
+
+def test_bad_networks_are_given_up(monkeypatch):
+    """Held-out records promise nothing of them, so that other paths than recorded ones never ask them."""
+    monkeypatch.setattr(horizon, "LEAST_PATHS_LEFT", 1.0)
+    guess(monkeypatch)
+    made = PREDICTORS["NETWORK"]
+
+    def begin_later(*arguments):
+        predictor = made(*arguments)
+        predictor.is_asynchronous, predictor.has_begun = True, False
+        predictor.begin = lambda region_count: setattr(predictor, "has_begun", True)
+        return predictor
+
+    monkeypatch.setitem(PREDICTORS, "NETWORK", begin_later)
+    settings = {"samples": 127, "guiding_trial": False, "deterministic": True}
+    report = render("NEURAL_RIS", 1, scene=pit_scene, **settings).report.guiding
+    assert report.network_stopped_at and report.network_promise < gate.KEPT
+    assert "given up" in report.lines[-1]
