@@ -12,6 +12,10 @@ from engine.state.lanes import value_width
 
 #: Rows of a thread's batch: a neural query of this many stays in cache.
 CANDIDATE_ROWS = 4096
+#: Part of the mixture in what is predicted where something finer is learned too. Where that says too little, samples
+#: are rare and heavy; two fields seldom err alike, and the mixture's density is part of the candidates' own
+#: (docs/decisions/candidates.md).
+MIXTURE_SHARE = np.float32(0.5)
 
 
 class Candidates(Bundle):

@@ -175,16 +175,35 @@ def pixel_weights(mean: np.ndarray) -> np.ndarray:
     return (1.0 / (smooth**2 + RELATIVE_EPSILON) / scale**2).astype(np.float32).ravel()
 
 
-def image_variance(mean: np.ndarray, square: np.ndarray, weights: np.ndarray) -> float:
-    """Weighted variance of one sample of a pixel, averaged over the image with its worst 0.1% cut off.
+def sample_variance(mean: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Variance of one sample by its moments, mean over channels.
 
     Parameters
     ----------
     mean, square : float32 (P, C), first and second moment of a sample
-    weights : float32 (P,), of `pixel_weights`
+
+    Returns
+    -------
+    float64 (P,)
     """
-    variance = np.maximum(square.astype(np.float64) - mean.astype(np.float64) ** 2, 0.0).mean(axis=1) * weights
-    return float(np.minimum(variance, np.quantile(variance, 0.999)).mean())
+    return np.maximum(square.astype(np.float64) - mean.astype(np.float64) ** 2, 0.0).mean(axis=1)
+
+
+def image_variance(variance: np.ndarray, weights: np.ndarray) -> float:
+    """Weighted variance of one sample of a pixel, averaged over the image with its worst 0.1% cut off.
+
+    Parameters
+    ----------
+    variance : float64 (P,), of one sample, NaN where it is not known
+    weights : float32 (P,), of `pixel_weights`
+
+    Returns
+    -------
+    float
+        0 where it is known nowhere.
+    """
+    weighted = (variance * weights)[np.isfinite(variance)]
+    return float(np.minimum(weighted, np.quantile(weighted, 0.999)).mean()) if weighted.size else 0.0
 
 
 def make_allocation(

@@ -8,13 +8,9 @@ from engine.guiding.networks.radiance_query import predict_network
 from engine.guiding.sampling.guide import predict_guide
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
+from engine.ris.candidates import MIXTURE_SHARE
 from engine.runtime.jit import kernel
 from engine.wavefront.columns import ROWS
-
-#: Part of the mixture in what is predicted where something finer is learned too. Where that says too little, samples
-#: are rare and heavy; two fields seldom err alike, and the mixture's density is part of the candidates' own
-#: (docs/decisions/candidates.md).
-_MIXTURE_SHARE = np.float32(0.5)
 
 
 @kernel
@@ -56,4 +52,4 @@ def blend_with_mixture(guidance, work):
             # Written so that NaN fails.
             if not (learned > 0.0 and learned < FLOAT_MAX):
                 learned = np.float32(0.0)
-            candidates.radiance[row, c] = learned + _MIXTURE_SHARE * (mixture - learned)
+            candidates.radiance[row, c] = learned + MIXTURE_SHARE * (mixture - learned)

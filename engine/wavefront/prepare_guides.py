@@ -4,6 +4,7 @@
 import numpy as np
 
 from engine.guiding.fields.vmm.query import find_region, locate_leaf
+from engine.guiding.records.vertices import log_arrival
 from engine.guiding.sampling.guide import query_guides, ready_guide
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
@@ -24,6 +25,8 @@ _PROBED_BITS = np.uint32(PROBED_SHARE * 2**32)
 def prepare_guides(scene, unit, guidance, work, queue):
     """Fill `guided`, `guide` and `samples.weight`; lanes outside the learned field keep BSDF and light sampling.
 
+    Recorded paths note how much they have gathered so far.
+
     Lanes where the region's guiding probability is 0 are left to the BSDF, but for a few of recorded paths, by which it
     can be learned anew.
     """
@@ -43,6 +46,9 @@ def prepare_guides(scene, unit, guidance, work, queue):
         samples.weight[lane] = 1.0
         if paths.alive[lane] == 0:
             continue
+        is_recorded = log.is_recording[lane] != 0
+        if is_recorded:
+            log_arrival(log, paths, lane)
         p = real_3(points, lane, POINT_P)
         leaf = locate_leaf(field, p)
         if leaf < 0:
@@ -53,7 +59,6 @@ def prepare_guides(scene, unit, guidance, work, queue):
         if light_share[leaf] < 1.0:
             taken = unit_float(hash_combine(bits, np.uint32(3))) < light_share[leaf]
             samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
-        is_recorded = log.is_recording[lane] != 0
         is_tried = is_recorded and bits < _TRIAL_BITS
         if probability[leaf] == 0.0 and not is_tried:
             continue

@@ -13,7 +13,7 @@ from engine.guiding.models.network_backend import NetworkBackend
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
-from engine.guiding.networks.radiance_query import NetworkField, make_network_field
+from engine.guiding.networks.radiance_query import NetworkField, make_network_field, no_network
 from engine.guiding.records.vertices import VertexRecords, as_records, as_records_by_quarter
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState, TrainerStatus
 from engine.ris.orca import CandidateCosts
@@ -201,6 +201,9 @@ class NetworkPredictor(Predictor):
             self._report.network_backend = self._backend.words
         self._notices.extend(self._backend.take_notices())
         return status
+
+    def rehearsal(self, mixture: VmmModel) -> Predictions:
+        return Predictions(network=no_network(network_shape(self._settings)))
 
     def training_share(self, thread_count: int) -> float:
         if self._trainer is None:

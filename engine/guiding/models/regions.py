@@ -56,7 +56,7 @@ class RegionModels:
         self._deltas.add(records.position[:row_count], records.benefit[:row_count])
 
     def learn_shares(
-        self, records: VertexRecords, row_count: int, *, variance: float, ray_count: float, knows_pixels: bool
+        self, records: VertexRecords, row_count: int, *, variance: float, ray_count: float, was_guided: bool
     ) -> None:
         """Learn guiding probability and light share from the records that `fit` took.
 
@@ -66,12 +66,12 @@ class RegionModels:
             Of a sample of a pixel, mean over the image, weighted as the records' contributions are.
         ray_count : float
             Cost of a path in rays.
-        knows_pixels : bool
-            Whether pixels had weights: else what lights brought was multiplied by zero.
+        was_guided : bool
+            Whether the paths were guided: else it is not known what light sampling brought (`log_arrival`).
         """
         leaf = self._leaves(records.position[:row_count])
         self.selection.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
-        if not knows_pixels:
+        if not was_guided:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
 

@@ -24,8 +24,10 @@ class GuidingReport:
     network_step: int = 0
     snapshot_count: int = 0
     has_trained: bool = False
-    #: The network is trained only if enough vertices are worth several candidates.
-    waits_for_worth: bool = False
+    #: The network is trained only where the render is long enough, and kept where held-out records say that it pays.
+    is_network_gated: bool = False
+    #: Efficiency that they last promised with the network, over that without.
+    network_promise: float = float("nan")
     #: The sample from which on the network was given up, 0: never.
     network_stopped_at: int = 0
     candidates_per_vertex: float = 0.0
@@ -103,14 +105,17 @@ class GuidingReport:
             )
         if self.network_backend:
             self.lines.append(f"radiance network: asked by {self.network_backend}")
-        if self.waits_for_worth and not self.has_trained:
-            self.lines.append(
-                "radiance network: not trained, hardly a vertex was worth several candidates"
-            )
+        if self.is_network_gated and not self.stopped_at and not METHODS[self.method].rungs and not self.has_trained:
+            self.lines.append("radiance network: not trained, too little of the render was left to pay for that")
         if self.network_stopped_at:
+            promise = "" if math.isnan(self.network_promise) else f" ({self.network_promise:.2f} of what it is without)"
             self.lines.append(
-                "radiance network: hardly a vertex was worth asking it; from sample "
-                f"{self.network_stopped_at + 1} on directions come from the mixture alone"
+                f"radiance network: held-out records did not promise enough efficiency{promise}; it was given up at "
+                f"sample {self.network_stopped_at + 1}"
+            )
+        elif not math.isnan(self.network_promise):
+            self.lines.append(
+                f"radiance network: held-out records promised {self.network_promise:.2f} of the efficiency without it"
             )
 
     def _choice(self) -> str:

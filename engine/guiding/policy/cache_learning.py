@@ -21,7 +21,7 @@ from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import allocate_taught_records, join_taught
-from engine.ris.orca import image_variance, pixel_weights
+from engine.ris.orca import image_variance, pixel_weights, sample_variance
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
@@ -145,7 +145,7 @@ class CacheLearner:
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
         of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
-        cached = image_variance(mean, sums.square / weight, weights) * of_mean
+        cached = image_variance(sample_variance(mean, sums.square / weight), weights) * of_mean
         error = residual_error(sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, size, weights)
         # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
         # cached image has less noise than its samples tell where they are well spread.

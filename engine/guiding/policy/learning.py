@@ -24,11 +24,14 @@ from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.costs import IterationCosts, MethodCosts
+from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.ladder import Ladder
-from engine.guiding.policy.trial import Part
-from engine.guiding.policy.worth import Gate, ResamplingWorth
+from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
+from engine.guiding.policy.trial import NewestVariance, Part
+from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
 from engine.guiding.sources import make_source_model
@@ -37,7 +40,7 @@ from engine.ris.orca import image_variance, make_allocation, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
-from engine.state.unit import CHALLENGER, Unit, UnitCosts
+from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
@@ -87,23 +90,30 @@ class Learner:
         )
         self._choice = Choice(paths_per_sample, self._rungs[0], tries_plain=settings.guiding_trial)
         self.report.trials = self._choice.trials
-        self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice, paths_per_sample, self._uses_clock)
+        self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice)
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
+        self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._iteration = 0
         self._is_over = False
         self._learning_seconds = 0.0
-        self._gate: Gate | None = None
-        predictor = self._predictor(self._rungs[0])
+        self._gate = self._make_gate()
         # Who asks for a number of candidates gets what predicts at once.
-        if not self._ladder.is_auto and predictor.is_asynchronous and self._ladder.counts_worth:
-            self._gate = Gate(predictor, self.report)
-        elif not self._ladder.is_auto:
-            predictor.begin(1)
+        if self._gate is None and not self._ladder.is_auto:
+            self._predictor(self._rungs[0]).begin(1)
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
+
+    def _make_gate(self) -> Gate | None:
+        """What decides about the network, if there may be one and allocation judges resampling."""
+        networks = [predictor for predictor in self._predictors.values() if predictor.is_asynchronous]
+        if not networks or not self._ladder.counts_worth:
+            return None
+        horizon = Horizon(self.settings, self._paths_per_sample, uses_clock=self._uses_clock)
+        # AUTO compares what is kept by rendered samples.
+        return Gate(networks[0], self.report, horizon, judges_on=not self._ladder.is_auto)
 
     def _predictor(self, rung: str) -> Predictor:
         return self._predictors[METHODS[rung].predictor]
@@ -112,7 +122,7 @@ class Learner:
         """Whether allocation is only tried: of the coarsest method, or for want of a predictor that it would be for."""
         if self._ladder.is_auto:
             return rung == self._rungs[0]
-        return self._gate is not None and not self._predictor(rung).is_ready
+        return self._gate is not None and not self._gate.is_open
 
     @property
     def parts(self) -> list[Part]:
@@ -150,11 +160,15 @@ class Learner:
             column[:] = 1.0
         regions = RegionModels(records, count, 0.5)
         regions.fit(records, count)
-        regions.learn_shares(records, count, variance=1.0, ray_count=1.0, knows_pixels=True)
+        regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
             self._source.rehearse(records, count, self._executor)
         if self._cache is not None:
             self._cache.rehearse()
+        if self._gate is not None:
+            held = hold_out(records, count, regions.field, regions.selection.probability, 1.0)
+            for predictor in self._predictors.values():
+                predict(predictor.rehearsal(regions.mixture), held.field, held.records, held.leaf)
         predictions = self._predictor(self._rungs[0]).rehearsal(regions.mixture)
         allocation = make_allocation(
             np.zeros(1, np.float32), ray_count=1.0, variance=1.0, costs=self._costs.candidates("")
@@ -200,8 +214,14 @@ class Learner:
             if self._cache is None:
                 return Guidance(settings, 0)
             return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+        was_guided = self._regions is not None
+        ray_count = costs.ray_count / max(costs.path_count, 1)
+        variance = image_variance(self._newest.look(), weights)
         records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
+        self._judge_network(
+            records, row_count, recorded_share * guided_share * costs.path_count, variance, ray_count, next_range[0]
+        )
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
@@ -214,24 +234,25 @@ class Learner:
             return self._with_cache(Guidance(settings, self._budget.threshold(next_range[1])))
         if row_count:
             regions.add_deltas(records, row_count)
-        self._weigh_resampling(costs, recorded_share, next_range[0])
+        if costs.guided_vertices and self._ladder.is_probing:
+            self._worth.count(costs, recorded_share)
+        if self._gate is not None and choice.is_settled:
+            self._gate.begin(next_range[0], regions.mixture.region_count)
         for predictor in self._predictors.values():
             predictor.learn(records, row_count, samples, self._iteration)
         self._learn_source(records, row_count, samples, recorded_share)
         if self.sink is not None:
             self.sink.take(records, row_count)
 
-        ray_count = costs.ray_count / max(costs.path_count, 1)
-        variance = image_variance(mean, sums.square / weight, weights)
         if row_count:
             regions.learn_shares(
-                records, row_count, variance=variance, ray_count=ray_count, knows_pixels=self._iteration > 1
+                records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
             self._costs.measure(choice.rung, costs)
-        offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions)
+        offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
         choice.plan(*next_range, offers, is_whole=is_whole)
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
@@ -278,9 +299,11 @@ class Learner:
         self.sink.take(*join_records([unit.vertices for unit in units]))
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
-        """Take a finished unit's sums and costs, if methods are compared; no two threads at once."""
+        """Take a finished unit's sums and costs; no two threads at once."""
         if self._is_over:
             return
+        if unit.arm != PLAIN and self._regions is not None:
+            self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
         rung = self._choice.challenger if unit.arm == CHALLENGER else self._choice.rung
         self._choice.compare(unit, film, self._costs.unit(costs, unit.arm, rung))
 
@@ -344,15 +367,39 @@ class Learner:
         self.notices.extend(source.notices)
         source.notices.clear()
 
-    def _weigh_resampling(self, costs: IterationCosts, recorded_share: float, next_sample: int) -> None:
-        """Count whether vertices were worth several candidates, for AUTO or for a predictor that waits for it."""
-        if not costs.guided_vertices:
+    def _judge_network(
+        self, records: VertexRecords, row_count: int, path_count: float, variance: float, ray_count: float,
+        next_sample: int,
+    ) -> None:
+        """Tell the gate what the network promises over what is in use, by records that neither has learned from."""
+        gate, regions = self._gate, self._regions
+        if gate is None or regions is None:
             return
-        if self._gate is not None:
-            assert self._regions is not None
-            self._gate.weigh(costs, recorded_share, next_sample, self._regions.mixture.region_count)
-        elif self._ladder.is_probing:
-            self._worth.count(costs, recorded_share, is_probing=True)
+        promised = None
+        if row_count and gate.wants_figure:
+            probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
+            held = hold_out(records, row_count, regions.field, probability, path_count)
+
+            def promise(rung: str, predictor: Predictor) -> float:
+                return self._promise(rung, predictor, held, variance, ray_count)
+
+            rung = next(name for name in self._rungs if self._predictor(name) is gate.predictor)
+            promised = promise(rung, gate.predictor)
+            if METHODS[self._choice.rung].resamples and self._choice.rung != rung:
+                promised /= promise(self._choice.rung, self._predictor(self._choice.rung))
+            if self._uses_clock:
+                promised /= 1.0 + gate.predictor.training_share(self._thread_count)
+        gate.judge(next_sample, promised)
+
+    def _promise(
+        self, rung: str, predictor: Predictor, held: HeldOut, variance: float, ray_count: float
+    ) -> float:
+        """Efficiency over one candidate everywhere that held-out records promise of a method."""
+        predicted = predict(predictor.predictions, held.field, held.records, held.leaf)
+        found = moments(held, predicted, self.settings.defensive_alpha)
+        return promised_efficiency(
+            found, held.path_count, variance=variance, ray_count=ray_count, costs=self._costs.candidates(rung)
+        )
 
     def close(self) -> None:
         """End the worker."""

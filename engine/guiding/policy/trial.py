@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.ris.orca import sample_variance
 from engine.state.unit import CURRENT, PLAIN
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
@@ -31,6 +32,11 @@ LAST_DOUBT = 5
 CLEAR_EFFICIENCY = {3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
+#: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
+#: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
+_DECAY = 0.4
+#: Of a variance about a mean of the same samples, the share that is not in that mean: a half with two, none with one.
+_LEAST_LEFT = 0.4
 #: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
 #: most, unguided rendering hides its variance in few bright samples (docs/decisions/trial-and-choice.md).
 _OUTLIER_SHARE = 0.05
@@ -107,6 +113,53 @@ class SampleMoments:
         """
         count = np.where(self._count > 1, self._count, np.nan)
         return self._spread / (count - 1.0)
+
+
+class NewestVariance:
+    """Variance of a guided sample by pixel, told by the newest of them: what guides gets better all the time.
+
+    Moments of all samples, unguided ones and those of a guide that knew little among them, say too much where guiding
+    helps most. Allocation and shares of light samples then take what a vertex adds for less than it is.
+
+    Parameters
+    ----------
+    pixel_count : int
+    """
+
+    def __init__(self, pixel_count: int) -> None:
+        #: Sums of the samples' weights and of their squares.
+        self._weight = np.zeros(pixel_count, np.float32)
+        self._weight_squared = np.zeros(pixel_count, np.float32)
+        self._moments: np.ndarray | None = None
+
+    def add(self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int) -> None:
+        """Take a unit's sums, as `SampleMoments.add`."""
+        if self._moments is None:
+            self._moments = np.zeros((2, len(self._weight), radiance.shape[1]), np.float32)
+        self._moments[0, pixels] += radiance[: len(pixels)]
+        self._moments[1, pixels] += square[: len(pixels)]
+        self._weight[pixels] += sample_count
+        self._weight_squared[pixels] += sample_count
+
+    def look(self) -> np.ndarray:
+        """Variance of a sample, mean over channels; called once an iteration, whose samples weigh less afterwards.
+
+        Returns
+        -------
+        float64 (P,)
+            NaN where fewer than two samples are known.
+        """
+        if self._moments is None:
+            return np.full(len(self._weight), np.nan)
+        weight = self._weight.astype(np.float64)
+        known = np.where(weight > 0.0, weight, np.nan)[:, None]
+        # The mean is taken from the same samples; about as many independent ones there are as weight^2 / squares.
+        left = 1.0 - self._weight_squared / known[:, 0] ** 2
+        variance = sample_variance(*(self._moments / known)) / np.where(left > _LEAST_LEFT, left, np.nan)
+        self._moments *= np.float32(_DECAY)
+        self._weight *= np.float32(_DECAY)
+        self._weight_squared *= np.float32(_DECAY**2)
+        return variance
 
 
 class GuidingTrial:

@@ -50,6 +50,7 @@ VERTEX_RADIANCE = 24  # the path's sum at the scattering
 VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
 VERTEX_WO = 29
 VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
+VERTEX_ARRIVAL = 33  # the path's sum before the vertex sampled a light, 4 channels
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -73,8 +74,8 @@ class VertexRecords(Bundle):
     bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
     contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
         channels, times the pixel's weight
-    light_squared : float32 (R,), the same of the light that the vertex found itself, by light sampling or by emitting,
-        as if it had sampled a light for sure
+    light_squared : float32 (R,), the same of the light that the vertex found by light sampling, as if it had sampled a
+        light for sure; of guided renders only (`log_arrival`)
     wo : float32 (R, 3), unit, from the vertex to where the path came from
     surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
     reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
@@ -145,6 +146,20 @@ class Scattering(NamedTuple):
     benefit: float
     bsdf_pdf: float
     guide_pdf: float
+
+
+@kernel
+def log_arrival(log, paths, lane):
+    """Note what the path has gathered on arriving at a vertex: what comes on top is what its light sample brings.
+
+    Call it before the vertex samples a light. Light that scattering found on the way, such as a lamp's that the path
+    has passed, is not a gain of light sampling.
+    """
+    vertex = log.count[lane]
+    if vertex >= MAX_VERTICES:
+        return
+    for c in range(len(paths.channels)):
+        log.real[lane * MAX_VERTICES + vertex, VERTEX_ARRIVAL + c] = paths.radiance[lane, c]
 
 
 @kernel
@@ -244,10 +259,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     throughput = real[row, VERTEX_THROUGHPUT + c]
                     before = real[row, VERTEX_BEFORE + c]
                     contribution += gain * gain
-                    # `vertex` is the one before by now.
-                    earlier = real[row - 1, VERTEX_RADIANCE + c] if vertex >= 0 else np.float32(0.0)
-                    found = real[row, VERTEX_RADIANCE + c] - earlier
-                    light += found * found
+                    sampled = real[row, VERTEX_RADIANCE + c] - real[row, VERTEX_ARRIVAL + c]
+                    light += sampled * sampled
                     value = -1.0
                     if before > 0.0:
                         reflectance += throughput / before

@@ -36,7 +36,8 @@ def make_model(settings: RenderSettings) -> NetworkSource:
 
 def allocate(settings: RenderSettings, lane_count: int) -> NetworkGuide:
     """Lanes for a flow that has learned nothing."""
-    return allocate_network_guide(allocate_flow_guide(no_flow_field(FlowShape()), lane_count), lane_count)
+    lanes = allocate_flow_guide(no_flow_field(FlowShape()), lane_count)
+    return allocate_network_guide(lanes, lane_count, target(settings, is_diffuse=False))
 
 
 def target(settings: RenderSettings, *, is_diffuse: bool) -> str:

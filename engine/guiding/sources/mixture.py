@@ -133,7 +133,7 @@ def allocate(settings: RenderSettings, lane_count: int) -> NetworkGuide:
     shape = mixture_shape(settings)
     sees_wavelength = settings.u_dimension == "WAVELENGTH" and shape.sees_u
     lanes = allocate_mixture_guide(shape, lane_count, WAVELENGTHS if sees_wavelength else 1)
-    return allocate_network_guide(lanes, lane_count)
+    return allocate_network_guide(lanes, lane_count, target(settings, is_diffuse=False))
 
 
 def target(settings: RenderSettings, *, is_diffuse: bool) -> str:

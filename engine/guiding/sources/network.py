@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Directions from a network; the mixture field stands in for it until its first snapshot, which takes seconds."""
+"""Directions from a network; the mixture field stands in for it until its first snapshot, which takes seconds.
+
+What is drawn in proportion to a product with the BSDF says nothing of the radiance alone: BSDFs that are dark where the
+light comes from hide it. There the mixture field, which is fitted besides, predicts.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 
 from engine.array_types import Uint8Array
 from engine.guiding.fields.vmm.field import GuideLobes, allocate_guide
-from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, sample_vmm
+from engine.guiding.fields.vmm.query import clear_vmm, eval_vmm, predict_vmm, sample_vmm
 from engine.guiding.sources import face_of
 from engine.guiding.sources.face import GuideFace, is_same_at_all, query_nothing
 from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm
@@ -21,18 +25,27 @@ class NetworkGuide(Bundle):
     """A network's lanes, and those of the mixture field for as long as there is no network.
 
     lanes : lanes of the network's kind, with a field `network`
-    early : GuideLobes
+    mixture : GuideLobes
     has_network : uint8 (1,)
+    learns_product : uint8 (1,), 1 = the network's density is that of a product: the mixture field predicts
     """
 
     lanes: Bundle
-    early: GuideLobes
+    mixture: GuideLobes
     has_network: Uint8Array
+    learns_product: Uint8Array
 
 
-def allocate_network_guide(lanes: Bundle, lane_count: int) -> NetworkGuide:
-    """Lanes for a network that has learned nothing."""
-    return NetworkGuide(lanes, allocate_guide(lane_count), np.zeros(1, np.uint8))
+def allocate_network_guide(lanes: Bundle, lane_count: int, target: str) -> NetworkGuide:
+    """Lanes for a network that has learned nothing.
+
+    Parameters
+    ----------
+    target : str
+        What its directions come closest to, 'RADIANCE' or 'PRODUCT'.
+    """
+    learns_product = np.full(1, target == "PRODUCT", np.uint8)
+    return NetworkGuide(lanes, allocate_guide(lane_count), np.zeros(1, np.uint8), learns_product)
 
 
 def with_network(lanes: Bundle, field: Any) -> Bundle:
@@ -58,9 +71,16 @@ _predict_lanes = by_bundle(lambda lanes: face_of(lanes).predict, like=predict_vm
 
 @kernel
 def _ready_network(guide, lane, field, region, points, closures, is_diffuse, bits):
-    """What the network will be asked with, or the region's mixture."""
-    if guide.has_network[0] == 0:
-        return ready_vmm(guide.early, lane, field, region, points, closures, is_diffuse, bits)
+    """What the network will be asked with, or the region's mixture, or both."""
+    is_early = guide.has_network[0] == 0
+    if is_early or guide.learns_product[0] != 0:
+        # What only predicts needs no cosine, which would be divided out again.
+        has_cosine = is_diffuse and is_early
+        is_known = ready_vmm(guide.mixture, lane, field, region, points, closures, has_cosine, bits)
+        if is_early:
+            return is_known
+        if not is_known:
+            clear_vmm(guide.mixture, lane)
     return _ready_lanes(guide.lanes, lane, field, region, points, closures, is_diffuse, bits)
 
 
@@ -75,7 +95,7 @@ def _query_network(guide, guided, paths, points, lanes, lane_count):
 def _ask_for_network(guide, lane):
     """Have a lane's distribution brought to the cache."""
     if guide.has_network[0] == 0:
-        ask_for_lobes(guide.early, lane)
+        ask_for_lobes(guide.mixture, lane)
     else:
         _ask_for_lanes(guide.lanes, lane)
 
@@ -84,7 +104,7 @@ def _ask_for_network(guide, lane):
 def _eval_network(guide, lane, wi):
     """Density of `_sample_network`."""
     if guide.has_network[0] == 0:
-        return eval_vmm(guide.early, lane, wi)
+        return eval_vmm(guide.mixture, lane, wi)
     return _eval_lanes(guide.lanes, lane, wi)
 
 
@@ -100,7 +120,7 @@ def _eval_network_wavelengths(guide, lane, wi, out, row, column):
 def _sample_network(guide, lane, u0, u1, u2):
     """Draw a direction from the network's distribution or the field's."""
     if guide.has_network[0] == 0:
-        return sample_vmm(guide.early, lane, u0, u1, u2)
+        return sample_vmm(guide.mixture, lane, u0, u1, u2)
     return _sample_lanes(guide.lanes, lane, u0, u1, u2)
 
 
@@ -108,7 +128,9 @@ def _sample_network(guide, lane, u0, u1, u2):
 def _predict_network(guide, lane, wi, guide_pdf):
     """Radiance to expect by the network's distribution or the field's."""
     if guide.has_network[0] == 0:
-        return predict_vmm(guide.early, lane, wi, guide_pdf)
+        return predict_vmm(guide.mixture, lane, wi, guide_pdf)
+    if guide.learns_product[0] != 0:
+        return predict_vmm(guide.mixture, lane, wi, eval_vmm(guide.mixture, lane, wi))
     return _predict_lanes(guide.lanes, lane, wi, guide_pdf)
 
 

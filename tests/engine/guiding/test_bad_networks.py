@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole renders by networks that know nothing: the same mean, and little more variance than without them."""
 
-from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.report import GuidingReport
-from engine.guiding.policy import worth
-from engine.guiding.policy.costs import IterationCosts
+from engine.guiding.policy import choice, gate, horizon
 from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.worth import Gate
+from engine.methods import METHODS
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
-from tests.helpers.untrained_networks import BadNetwork, ask
+from tests.helpers.untrained_networks import BadNetwork, ask, guess
 
 SEEDS = 6
 #: Most variance over that of source sampling, which `VMM` is; medians over seeds, since a single bright sample doubles
@@ -63,35 +61,6 @@ class Counting(Predictor):
         self.is_ready = False
 
 
-def test_a_network_is_trained_while_it_is_worth_it():
-    report = GuidingReport()
-    predictor = Counting(RenderSettings(), report, [])
-    gate = Gate(predictor, report)
-
-    def weigh(*shares):
-        for share in shares:
-            gate.weigh(
-                IterationCosts(Counter(), 1000, 100, 1000, round(1000 * share), round(4000 * share)), 0.4, 7, 1
-            )
-
-    # Recorded are two paths in five, one in four of their vertices may; an eighth of those keep the estimates coming.
-    weigh(0.01, 0.03, 0.02, 0.03)
-    assert not predictor.has_begun
-    weigh(0.03)
-    assert predictor.has_begun
-    # There is nothing to judge before the first snapshot.
-    weigh(0.0, 0.0)
-    assert report.network_stopped_at == 0
-    predictor.is_ready = True
-    weigh(0.1, 0.4, 0.1)
-    assert report.network_stopped_at == 0
-    weigh(0.1)
-    assert report.network_stopped_at == 7 and not predictor.is_ready
-    # It does not begin anew.
-    weigh(0.5, 0.5)
-    assert Counting.begun_count == 1
-
-
 @pytest.mark.parametrize("asked", [{"candidate_allocation": "FIXED"}, {}])
 def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
@@ -100,11 +69,49 @@ def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     assert Counting.begun_count == (1 if asked else 0)
 
 
-def test_a_network_that_nothing_asks_for_is_not_trained(monkeypatch):
-    monkeypatch.setattr(worth, "LEAST_RESAMPLED", 1.1)
+def test_a_short_render_trains_no_network(monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
     monkeypatch.setitem(PREDICTORS, "NETWORK", Counting)
-    report = render("NEURAL_RIS", 1, scene=pit_scene, samples=31, guiding_trial=False).report.guiding
+    settings = {"samples": 31, "guiding_trial": False, "deterministic": True}
+    report = render("NEURAL_RIS", 1, scene=pit_scene, **settings).report.guiding
     assert Counting.begun_count == 0 and "not trained" in report.lines[-1]
     # The mixture weighs candidates of recorded paths meanwhile.
     assert report.candidates_per_vertex > 1.0
+
+
+@pytest.fixture
+def later(monkeypatch):
+    """Networks that know nothing, and say so from the moment on in which they are begun, however short the render."""
+    monkeypatch.setattr(horizon, "LEAST_PATHS_LEFT", 1.0)
+    guess(monkeypatch)
+    made = PREDICTORS["NETWORK"]
+
+    def begin_later(*arguments):
+        predictor = made(*arguments)
+        predictor.is_asynchronous, predictor.has_begun = True, False
+        predictor.begin = lambda region_count: setattr(predictor, "has_begun", True)
+        return predictor
+
+    monkeypatch.setitem(PREDICTORS, "NETWORK", begin_later)
+
+
+def test_bad_networks_are_given_up(later):
+    """Held-out records promise nothing of them, so that other paths than recorded ones never ask them."""
+    settings = {"samples": 127, "guiding_trial": False, "deterministic": True}
+    report = render("NEURAL_RIS", 1, scene=pit_scene, **settings).report.guiding
+    assert report.network_stopped_at and report.network_promise < gate.KEPT
+    assert "given up" in report.lines[-1]
+
+
+def test_auto_by_a_network_that_is_kept_leaves_the_mean_unchanged(later, monkeypatch):
+    """Whatever it promises is taken to be enough, and whatever it does in rendered samples to win."""
+    monkeypatch.setattr(gate, "KEPT", 0.0)
+    monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
+    monkeypatch.setitem(METHODS, "AUTO", replace(METHODS["AUTO"], rungs=("VMM", "NEURAL_RIS")))
+    settings = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
+    found = [render("AUTO", seed, guiding_trial=False, **settings) for seed in range(SEEDS)]
+    assert {result.report.guiding.chosen for result in found} == {"NEURAL_RIS"}
+    means = np.array([result.passes["Combined"][..., :3].mean() for result in found])
+    plain = [render("OFF", seed, **settings).passes["Combined"][..., :3].mean() for seed in range(SEEDS)]
+    assert z_score(means, np.array(plain)) < Z_LIMIT
+    assert z_score(1.02 * means, np.array(plain)) > Z_LIMIT, "a bias of 2% would be seen"

@@ -213,6 +213,15 @@ def prepare_vmm(field, region, p, n, cosine_lobe, guide, row):
 
 
 @kernel
+def clear_vmm(guide, row):
+    """Leave lane `row` of `guide` without lobes: no light is predicted, and there is nothing to sample."""
+    guide.count[row] = 0
+    guide.cosine[row, COSINE_KAPPA] = 0.0
+    guide.cosine[row, COSINE_FLUENCE] = 0.0
+    guide.cosine[row, COSINE_RADIANCE] = 0.0
+
+
+@kernel
 def eval_vmm(guide, row, wi):
     """Density of `sample_vmm` at unit direction wi: float32 [sr^-1]."""
     pdf = np.float32(0.0)

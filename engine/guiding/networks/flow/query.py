@@ -318,7 +318,9 @@ def sample_flow(guide, lane, u0, u1, u2):
 
 @kernel
 def predict_flow(guide, lane, wi, guide_pdf):
-    """What the flow is the density of along unit direction wi (mean over channels), given `guide_pdf` = `eval_flow`.
+    """Incident radiance along unit direction wi (mean over channels), given `guide_pdf` = `eval_flow`.
+
+    For flows that are proportional to it, not to a product.
 
     Fluence times density, part of it held even, for the reason given at `predict_vmm`. It takes `wi` as the other
     predictors do; the density knows all.

@@ -176,10 +176,7 @@ def sample_mixture(guide, lane, u0, u1, u2):
 
 @kernel
 def predict_mixture(guide, lane, wi, guide_pdf):
-    """Incident radiance (mean over channels) along wi, as if the mixture were proportional to it.
-
-    Mixtures of a product are not, and are brighter where the BSDF is.
-    """
+    """Incident radiance (mean over channels) along wi; for mixtures that are proportional to it, not to a product."""
     return _predict(guide.lobes, lane * len(guide.slots), wi, guide_pdf)
 
 

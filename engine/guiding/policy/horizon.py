@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How much of a render is left, and whether that pays for training."""
+
+from __future__ import annotations
+
+import time
+
+from engine.settings import RenderSettings
+
+#: What a render must still take for training beside it to begin at all: seconds or, without a clock, paths.
+LEAST_TIME_LEFT = 20.0
+LEAST_PATHS_LEFT = 6e6
+
+
+class Horizon:
+    """What is left of a render.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+    paths_per_sample : int
+    uses_clock : bool
+        Whether the image may depend on the clock.
+    """
+
+    def __init__(self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool) -> None:
+        self._settings = settings
+        self._paths_per_sample = paths_per_sample
+        self._uses_clock = uses_clock
+        self._started = time.perf_counter()
+
+    def samples_left(self, next_sample: int) -> float:
+        """Samples a pixel that are still to come, as far as it is known."""
+        left = float(self._settings.samples - next_sample)
+        if self._uses_clock and self._settings.time_limit > 0.0:
+            left = min(left, next_sample * (self._settings.time_limit / max(self._elapsed, 1e-9) - 1.0))
+        return max(left, 0.0)
+
+    def is_long(self, next_sample: int) -> bool:
+        """Whether what is left is worth training for."""
+        left = self.samples_left(next_sample)
+        if not self._uses_clock:
+            return left * self._paths_per_sample >= LEAST_PATHS_LEFT
+        return self._elapsed * left / max(next_sample, 1) >= LEAST_TIME_LEFT
+
+    @property
+    def _elapsed(self) -> float:
+        return time.perf_counter() - self._started

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A network is trained for a short while where that can pay, and held-out records decide whether it is kept."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from engine.guiding.models.predictors import Predictor, TablePredictor
+from engine.guiding.models.regions import RegionModels
+from engine.guiding.models.report import GuidingReport
+from engine.guiding.policy.choice import Choice
+from engine.guiding.policy.gate import FIRST_SAMPLE, GIVEN_UP, KEPT, LOOKS, Gate
+from engine.guiding.policy.horizon import LEAST_PATHS_LEFT, Horizon
+from engine.guiding.policy.ladder import Ladder
+from engine.guiding.records.vertices import allocate_vertex_records
+from engine.methods import RUNGS
+from engine.settings import RenderSettings
+
+SAMPLES = 1000
+
+
+class Counting(Predictor):
+    """Counts how often it is begun; ready when it is told to."""
+
+    is_asynchronous = True
+    has_begun = is_ready = False
+
+    def __init__(self, report: GuidingReport) -> None:
+        super().__init__(RenderSettings(), report, [])
+        self.begun_count = self.dropped_count = 0
+
+    def begin(self, region_count: int) -> None:
+        self.begun_count += 1
+        self.has_begun = True
+
+    def drop(self) -> None:
+        self.is_ready = False
+        self.dropped_count += 1
+
+
+def gate_of(pixels: float = LEAST_PATHS_LEFT, *, judges_on: bool = True) -> tuple[Gate, Counting, GuidingReport]:
+    report = GuidingReport()
+    predictor = Counting(report)
+    horizon = Horizon(RenderSettings(samples=SAMPLES), int(pixels), uses_clock=False)
+    return Gate(predictor, report, horizon, judges_on=judges_on), predictor, report
+
+
+def test_whatever_the_mixture_promises_a_long_render_trains_a_network() -> None:
+    gate, predictor, _ = gate_of()
+    gate.begin(FIRST_SAMPLE - 1, 1)
+    assert predictor.begun_count == 0
+    gate.begin(FIRST_SAMPLE, 1)
+    assert predictor.begun_count == 1 and not gate.is_open and not gate.wants_figure
+    predictor.is_ready = True
+    assert gate.wants_figure
+    for k in range(LOOKS):
+        assert not gate.is_open
+        gate.judge(31 + 16 * k, 1.5)
+    assert gate.is_open
+    gate.begin(95, 1)
+    assert predictor.begun_count == 1
+
+
+def test_a_short_render_trains_none() -> None:
+    gate, predictor, report = gate_of(LEAST_PATHS_LEFT / SAMPLES / 2)
+    gate.begin(15, 1)
+    gate.judge(31, None)
+    assert predictor.begun_count == 0 and report.network_stopped_at == 0
+
+
+@pytest.mark.parametrize("promise", [0.5, 1.0, 0.99 * KEPT, None])
+def test_what_promises_too_little_is_trained_for_a_tenth_of_what_is_left(promise: float | None) -> None:
+    gate, predictor, report = gate_of()
+    gate.begin(100, 1)
+    predictor.is_ready = promise is not None
+    for sample in range(116, SAMPLES, 16):
+        gate.judge(sample, promise)
+        assert not gate.is_open
+    assert 190 <= report.network_stopped_at < 190 + 16 and predictor.dropped_count == 1
+    # It does not begin anew.
+    gate.begin(300, 1)
+    assert predictor.begun_count == 1 and not gate.wants_figure
+
+
+@pytest.mark.parametrize("judges_on", [True, False])
+def test_what_is_kept_is_judged_on_where_nobody_else_does(judges_on: bool) -> None:
+    gate, predictor, report = gate_of(judges_on=judges_on)
+    gate.begin(15, 1)
+    predictor.is_ready = True
+    for sample in (31, 47, 63):
+        gate.judge(sample, 1.2)
+    assert gate.is_open and gate.wants_figure == judges_on
+    # A bad figure is made up for by the others; and what it is worth to go on is less than what it is to begin.
+    assert GIVEN_UP < KEPT
+    gate.judge(79, (0.5 * (GIVEN_UP + KEPT)) ** 3 / 1.2**2)
+    assert gate.is_open
+    # Nothing is given up while it is on trial.
+    gate.judge(95, 0.5)
+    assert gate.is_open
+    for sample in (111, 127):
+        gate.judge(sample, 0.9)
+    assert gate.is_open != judges_on and (report.network_stopped_at > 0) == judges_on
+    assert math.isfinite(report.network_promise)
+
+
+def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
+    settings = RenderSettings(samples=SAMPLES, time_limit=1e-6)
+    assert Horizon(settings, 10**9, uses_clock=True).samples_left(10) == 0.0
+    assert not Horizon(settings, 10**9, uses_clock=True).is_long(10)
+    assert Horizon(settings, 10**9, uses_clock=False).samples_left(10) == SAMPLES - 10
+
+
+def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise() -> None:
+    settings = RenderSettings(samples=SAMPLES)
+    gate, network, report = gate_of(judges_on=False)
+    table = TablePredictor(settings, report, [])
+    predictors = {"": Predictor(settings, report, []), "TABLE": table, "NETWORK": network}
+    choice = Choice(1, RUNGS[0], tries_plain=False)
+    ladder = Ladder(settings, RUNGS, predictors, choice)
+    regions = RegionModels(allocate_vertex_records(4), 4, 0.5)
+    gate.begin(15, 1)
+    network.is_ready = True
+    assert ladder.offers(31, False, regions, gate) == []
+    for sample in (31, 47, 63):
+        gate.judge(sample, 1.5)
+    assert ladder.offers(47, False, regions, gate) == ["NEURAL_RIS", "VMM"]
+    # Coarser methods come first where they promise to pay.
+    assert ladder.offers(47, True, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]
+    # What is being tried stays among them.
+    choice.plan(47, 16, ["NEURAL_RIS", "VMM"])
+    assert choice.challenger == "NEURAL_RIS"
+    assert ladder.offers(63, False, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]
