@@ -17,6 +17,7 @@ import numpy as np
 
 from engine.guiding.policy import trial
 from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
+from engine.guiding.saved.learned import LOST, OPEN, WON
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
 
@@ -32,6 +33,12 @@ _AGAIN = 4
 _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
+#: Where a render that starts from a learned field begins: a trial takes four samples, the third iteration's, and is by
+#: then where one is that has seen a first iteration, or one that has lost already; what won is left alone for so many
+#: samples.
+_KNOWN = trial.BEFORE_FIRST - 1
+_KNOWN_TO_LOSE = trial.LAST_DOUBT - 2
+_LOOK_AGAIN_FROM = 31
 
 
 class Choice:
@@ -105,6 +112,26 @@ class Choice:
         self._has_won = False
         self._trial = None
         self._overheads = []
+
+    @property
+    def verdict(self) -> str:
+        """What comparing guiding with unguided rendering has said so far, one of `engine.guiding.saved.VERDICTS`."""
+        if self.has_lost:
+            return LOST
+        return WON if self._tries_plain and self.is_settled else OPEN
+
+    def resume(self, verdict: str, efficiency: float) -> None:
+        """Begin with something to guide by, and with what another render has found out about it.
+
+        It is never trusted blindly, for another view may be another matter: what won is looked at again later on, what
+        lost is compared at once and gets no benefit of the doubt.
+        """
+        if not self._tries_plain:
+            return
+        if verdict == WON:
+            self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, _LOOK_AGAIN_FROM
+        else:
+            self._iteration = _KNOWN_TO_LOSE if verdict == LOST else _KNOWN
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
