@@ -11,8 +11,10 @@ import argparse
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from benchmarks import metrics
 from benchmarks.scene_files import expand, hide_lamps, open_scene
 from benchmarks.tables import table
 from engine.guiding.saved.file import SUFFIX, load_field, save_field
+from engine.render.report import RenderResult
 from engine.render.session import Session
 
 #: Seeds of renders that are compared lie as far from those of previews.
@@ -36,12 +39,43 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--samples", type=int, nargs="+", default=[16, 32], help="to compare at (default: 16 32)")
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--pixels", type=int, default=36_864)
+    parser.add_argument("--no-nee", action="store_true", help="without light sampling")
     parser.add_argument("--threads", type=int, default=0, help="0 = all cores")
     return parser
 
 
-def _measure(text: str, chosen: argparse.Namespace) -> list[list[float | int | str | None]]:
-    """Rows of the table, one for each number of samples."""
+class Comparison(NamedTuple):
+    """Renders of a scene that started anew, and from what a preview had learned, at equal samples.
+
+    anew, started : variance over seeds (`benchmarks.metrics.seed_variance`)
+    regions, mebibytes, load_seconds : of the field, of its file, of reading that
+    """
+
+    scene: str
+    samples: int
+    anew: metrics.Error
+    started: metrics.Error
+    regions: int
+    mebibytes: float
+    load_seconds: float
+
+
+def compare(
+    text: str, method: str, *, preview: int, samples: Sequence[int], seeds: int, pixels: int, threads: int = 0,
+    use_nee: bool = True,
+) -> list[Comparison]:
+    """Measure a scene, for each number of samples.
+
+    Parameters
+    ----------
+    text : str
+        A .blend file or builtin:NAME; light paths and filter are the scene's.
+    method : str
+    preview : int
+        Samples a pixel that fields are learned from.
+    use_nee : bool
+        Whether lights are sampled: what is learned has to find them if not.
+    """
     import bpy
 
     import addon
@@ -49,49 +83,67 @@ def _measure(text: str, chosen: argparse.Namespace) -> list[list[float | int | s
     from addon.properties import render_settings
 
     addon.register()
-    scene = open_scene(expand([text])[0], chosen.pixels)
+    source = expand([text])[0]
+    scene = open_scene(source, pixels)
     hide_lamps(scene)
-    # Light paths and filter are the scene's.
-    settings = replace(render_settings(scene), guiding_method=chosen.method, time_limit=0.0, threads=chosen.threads)
+    settings = replace(
+        render_settings(scene), guiding_method=method, time_limit=0.0, threads=threads, use_nee=use_nee
+    )
     session = Session(settings)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     session.load(export_scene(depsgraph, view_layer=depsgraph.view_layer_eval, cache=ExportCache()))
 
-    def image_of(samples: int, seed: int, **options: object) -> tuple[np.ndarray, object]:
-        session.settings = replace(settings, samples=samples, seed=seed)
-        result = session.render(**options)  # type: ignore[arg-type]
-        return result.passes["Combined"][..., :3], result
+    def rendered(count: int, seed: int, **options: Any) -> RenderResult:
+        session.settings = replace(settings, samples=count, seed=seed)
+        return session.render(**options)
 
-    fields, previews, load_seconds, megabytes = [], [], [], []
+    def image(result: RenderResult) -> np.ndarray:
+        return result.passes["Combined"][..., :3]
+
+    fields, previews, load_seconds, sizes = [], [], [], []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"field{SUFFIX}"
-        for seed in range(chosen.seeds):
-            image, result = image_of(chosen.preview, seed, keep=True)
-            previews.append(image)
-            save_field(path, result.learned)  # type: ignore[attr-defined]
+        for seed in range(seeds):
+            result = rendered(preview, seed, keep=True)
+            if result.learned is None:
+                raise ValueError(f"{source.name}: {method} has learned nothing that could be kept")
+            previews.append(image(result))
+            save_field(path, result.learned)
             began = time.perf_counter()
             fields.append(load_field(path))
             load_seconds.append(time.perf_counter() - began)
-            megabytes.append(path.stat().st_size / 2**20)
-    rows: list[list[float | int | str | None]] = []
-    for samples in chosen.samples:
-        anew = [image_of(samples, _APART + seed)[0] for seed in range(chosen.seeds)]
-        started = [image_of(samples, _APART + seed, start=fields[seed])[0] for seed in range(chosen.seeds)]
+            sizes.append(path.stat().st_size / 2**20)
+    found = []
+    for count in samples:
+        anew = [image(rendered(count, _APART + seed)) for seed in range(seeds)]
+        started = [image(rendered(count, _APART + seed, start=fields[seed])) for seed in range(seeds)]
         mean = np.mean([*previews, *anew, *started], axis=0)
         first, second = (metrics.seed_variance(images, mean, 2) for images in (anew, started))
-        rows.append([
-            expand([text])[0].name, samples, first.trimmed, second.trimmed, second.trimmed / first.trimmed,
-            second.whole / first.whole, fields[0].region_count, float(np.mean(megabytes)),
-            float(np.median(load_seconds)),
-        ])  # fmt: skip
+        regions = round(float(np.mean([field.region_count for field in fields])))
+        size, seconds = float(np.mean(sizes)), float(np.median(load_seconds))
+        found.append(Comparison(source.name, count, first, second, regions, size, seconds))
     session.close()
-    return rows
+    return found
+
+
+def _row(item: Comparison) -> list[float | int | str | None]:
+    return [
+        item.scene, item.samples, item.anew.trimmed, item.started.trimmed, item.started.trimmed / item.anew.trimmed,
+        item.started.whole / item.anew.whole, item.regions, item.mebibytes, item.load_seconds,
+    ]  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, and print a table; returns the exit status."""
     chosen = _parser().parse_args(arguments)
-    rows = [row for text in chosen.scenes for row in _measure(text, chosen)]
+    rows = [
+        _row(item)
+        for text in chosen.scenes
+        for item in compare(
+            text, chosen.method, preview=chosen.preview, samples=chosen.samples, seeds=chosen.seeds,
+            pixels=chosen.pixels, threads=chosen.threads, use_nee=not chosen.no_nee,
+        )
+    ]  # fmt: skip
     header = [
         "scene", "samples", "anew", "from a field", "ratio", "ratio, whole", "regions", "file [MiB]", "loading [s]",
     ]

@@ -33,10 +33,8 @@ _AGAIN = 4
 _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
-#: Where a render that starts from a learned field begins: a trial takes four samples, the third iteration's, and is by
-#: then where one is that has seen a first iteration, or one that has lost already; what won is left alone for so many
-#: samples.
-_KNOWN = trial.BEFORE_FIRST - 1
+#: Where a trial begins of a field that has lost in another render: with its third iteration, the first that is long
+#: enough to compare. One that has won is left alone for so many samples.
 _KNOWN_TO_LOSE = trial.LAST_DOUBT - 2
 _LOOK_AGAIN_FROM = 31
 
@@ -124,14 +122,14 @@ class Choice:
         """Begin with something to guide by, and with what another render has found out about it.
 
         It is never trusted blindly, for another view may be another matter: what won is looked at again later on, what
-        lost is compared at once and gets no benefit of the doubt.
+        lost is compared as soon as may be and gets no benefit of the doubt.
         """
         if not self._tries_plain:
             return
         if verdict == WON:
             self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, _LOOK_AGAIN_FROM
-        else:
-            self._iteration = _KNOWN_TO_LOSE if verdict == LOST else _KNOWN
+        elif verdict == LOST:
+            self._iteration = _KNOWN_TO_LOSE
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""

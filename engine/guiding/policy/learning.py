@@ -137,8 +137,13 @@ class Learner:
 
     @property
     def known_samples(self) -> float:
-        """Samples a pixel that the render knew about before its first."""
-        return 0.0 if self._start is None else self._start.samples
+        """Samples a pixel that the render knew about before its first, and goes by from the first on."""
+        return self._start.samples if self._start is not None and self._is_trusted else 0.0
+
+    @property
+    def _is_trusted(self) -> bool:
+        """Whether what the render starts from guides at once: where guiding has lost before, it has to win first."""
+        return self._start is None or self._start.verdict != LOST or not self.settings.guiding_trial
 
     def learned(self, light_digest: str) -> LearnedField | None:
         """All that was learned so far of the scene of this digest, for other renders; None while there is nothing."""
@@ -176,7 +181,7 @@ class Learner:
         """Guidance of the first iteration: what the render starts from, else none, but record."""
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
-        if regions is None or lacks_source:
+        if regions is None or lacks_source or not self._is_trusted:
             return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))

@@ -235,6 +235,10 @@ def test_what_lost_is_compared_at_once_and_what_won_later(verdict: str, compared
     report = session.render(start=replace(learned, verdict=verdict, efficiency=1.5)).report.guiding
     assert (len(report.trials) > 0) == (compared > 0)
     assert len(report.trials) <= compared
+    # Where guiding has lost before, the first sample is not guided.
+    session.settings = replace(session.settings, samples=1)
+    share = session.render(start=replace(learned, verdict=verdict)).report.guiding.guided_share
+    assert np.isnan(share) == (verdict == LOST)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
