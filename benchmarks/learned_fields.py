@@ -11,6 +11,7 @@ import argparse
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +50,7 @@ class Comparison(NamedTuple):
 
     anew, started : variance over seeds (`benchmarks.metrics.seed_variance`)
     regions, mebibytes, load_seconds : of the field, of its file, of reading that
+    verdicts : what previews said of guiding (`engine.guiding.saved.learned.VERDICTS`), with how many said so
     """
 
     scene: str
@@ -58,6 +60,7 @@ class Comparison(NamedTuple):
     regions: int
     mebibytes: float
     load_seconds: float
+    verdicts: str
 
 
 def compare(
@@ -113,6 +116,7 @@ def compare(
             fields.append(load_field(path))
             load_seconds.append(time.perf_counter() - began)
             sizes.append(path.stat().st_size / 2**20)
+    verdicts = ", ".join(f"{count} {name}" for name, count in Counter(field.verdict for field in fields).items())
     found = []
     for count in samples:
         anew = [image(rendered(count, _APART + seed)) for seed in range(seeds)]
@@ -121,7 +125,7 @@ def compare(
         first, second = (metrics.seed_variance(images, mean, 2) for images in (anew, started))
         regions = round(float(np.mean([field.region_count for field in fields])))
         size, seconds = float(np.mean(sizes)), float(np.median(load_seconds))
-        found.append(Comparison(source.name, count, first, second, regions, size, seconds))
+        found.append(Comparison(source.name, count, first, second, regions, size, seconds, verdicts))
     session.close()
     return found
 
@@ -129,7 +133,7 @@ def compare(
 def _row(item: Comparison) -> list[float | int | str | None]:
     return [
         item.scene, item.samples, item.anew.trimmed, item.started.trimmed, item.started.trimmed / item.anew.trimmed,
-        item.started.whole / item.anew.whole, item.regions, item.mebibytes, item.load_seconds,
+        item.started.whole / item.anew.whole, item.regions, item.mebibytes, item.load_seconds, item.verdicts,
     ]  # fmt: skip
 
 
@@ -146,6 +150,7 @@ def main(arguments: list[str] | None = None) -> int:
     ]  # fmt: skip
     header = [
         "scene", "samples", "anew", "from a field", "ratio", "ratio, whole", "regions", "file [MiB]", "loading [s]",
+        "guiding",
     ]
     print(table(header, rows), flush=True)
     return 0

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.learned_fields import compare
+from benchmarks.rivals import Budget, find_rival
 
 
 def test_a_render_from_a_field_has_less_error_at_equal_samples(blender: Any) -> None:
@@ -15,3 +16,11 @@ def test_a_render_from_a_field_has_less_error_at_equal_samples(blender: Any) -> 
     )
     assert found.started.trimmed < 0.6 * found.anew.trimmed
     assert found.started.whole < 0.6 * found.anew.whole
+
+
+def test_rivals_learn_each_for_itself(blender: Any) -> None:
+    """Renders of a benchmark follow each other in one process, and may be of a file that names a field."""
+    scene = blender.context.scene
+    scene.neuralguide.keep_learned, scene.neuralguide.field_path = True, "//room.ngfield"
+    find_rival("VMM").configure(scene, Budget(4), 1, 1)
+    assert (scene.neuralguide.keep_learned, scene.neuralguide.field_path) == (False, "")

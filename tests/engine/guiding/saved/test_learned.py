@@ -24,6 +24,7 @@ from engine.guiding.fields.vmm.field import (
 )
 from engine.guiding.models.record_sink import RowSink
 from engine.guiding.models.regions import RegionModels
+from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.records.training_rows import ROW_PDF, ROW_RADIANCE, ROW_WI
 from engine.guiding.saved.learned import LOST, OPEN, WON, LearnedField
 from engine.render.session import Session
@@ -142,6 +143,12 @@ def test_the_first_sample_is_guided(session: Session) -> None:
     session.settings = replace(session.settings, samples=1)
     assert np.isnan(session.render().report.guiding.guided_share)
     assert session.render(start=learned).report.guiding.guided_share > 0.0
+
+
+def test_samples_of_a_render_that_knows_enough_count_alike() -> None:
+    settings = RenderSettings(guiding_method="VMM")
+    assert [iteration_weight(first, settings, 8.0) for first in (0, 1, 3, 7)] == [1.0] * 4
+    assert iteration_weight(1, settings, 2.0) == iteration_weight(3, settings)
 
 
 def test_the_image_does_not_depend_on_threads(session: Session) -> None:
