@@ -84,7 +84,8 @@ SD-trees are learned anew. A render that starts from it is guided from its first
 ([figures](results/learned-fields.md)).
 
 - It fits any view, size, number of samples and method, as long as lights, materials, geometry and the world are the
-  same. Where they are not, the render learns anew; of a file it says so.
+  same. Where they are not, or guiding did not pay in the render that it is of, the render learns anew; of a file that
+  does not fit it says so.
 - The image is unbiased whatever a file holds, and has noise of its own: the random numbers depend on what was learned.
 - With `keep_learned` each view layer goes on from its last render, frame by frame and from one F12 to the next, until
   another file is opened. With `deterministic` a render does not use what is in memory; it uses a file.

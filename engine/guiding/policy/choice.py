@@ -33,9 +33,7 @@ _AGAIN = 4
 _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
-#: Where a trial begins of a field that has lost in another render: with its third iteration, the first that is long
-#: enough to compare. One that has won is left alone for so many samples.
-_KNOWN_TO_LOSE = trial.LAST_DOUBT - 2
+#: Where guiding has won in the render that this one starts from, it is not compared before so many samples.
 _LOOK_AGAIN_FROM = 31
 
 
@@ -121,15 +119,10 @@ class Choice:
     def resume(self, verdict: str, efficiency: float) -> None:
         """Begin with something to guide by, and with what another render has found out about it.
 
-        It is never trusted blindly, for another view may be another matter: what won is looked at again later on, what
-        lost is compared as soon as may be and gets no benefit of the doubt.
+        It is never trusted blindly, for another view may be another matter: what won is looked at again later on.
         """
-        if not self._tries_plain:
-            return
-        if verdict == WON:
+        if self._tries_plain and verdict == WON:
             self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, _LOOK_AGAIN_FROM
-        elif verdict == LOST:
-            self._iteration = _KNOWN_TO_LOSE
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""

@@ -65,7 +65,8 @@ class Learner:
     sink : RowSink, optional
         Gets all records, those of the last iteration too, which nothing in this render can learn from.
     start : LearnedField, optional
-        What to guide by from the first sample on, and to learn more onto.
+        What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
+        is of, this one learns anew, unless there is no trial.
     keeps : bool
         Whether what is learned outlives the render, so that the last iteration is worth learning from.
     """
@@ -114,6 +115,10 @@ class Learner:
         self._start = start
         self._keeps = keeps
         self._samples = self._ray_count = self._variance = self._brightness = 0.0
+        if start is not None and start.verdict == LOST and settings.guiding_trial:
+            # What guided badly would do so again until a trial ends it.
+            self.report.lost_before = str(start)
+            start = self._start = None
         if start is not None:
             self._resume(start)
         self._cache = None
@@ -137,13 +142,8 @@ class Learner:
 
     @property
     def known_samples(self) -> float:
-        """Samples a pixel that the render knew about before its first, and goes by from the first on."""
-        return self._start.samples if self._start is not None and self._is_trusted else 0.0
-
-    @property
-    def _is_trusted(self) -> bool:
-        """Whether what the render starts from guides at once: where guiding has lost before, it has to win first."""
-        return self._start is None or self._start.verdict != LOST or not self.settings.guiding_trial
+        """Samples a pixel that the render knew about before its first."""
+        return 0.0 if self._start is None else self._start.samples
 
     def learned(self, light_digest: str) -> LearnedField | None:
         """All that was learned so far of the scene of this digest, for other renders; None while there is nothing."""
@@ -181,7 +181,7 @@ class Learner:
         """Guidance of the first iteration: what the render starts from, else none, but record."""
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
-        if regions is None or lacks_source or not self._is_trusted:
+        if regions is None or lacks_source:
             return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))

@@ -234,18 +234,25 @@ def test_every_method_starts_from_what_the_others_know(method: str, session: Ses
     assert np.isfinite(image(second)).all()
 
 
-@pytest.mark.parametrize(("verdict", "compared"), [(WON, 0), (LOST, 2), (OPEN, 3)])
-def test_what_lost_is_compared_at_once_and_what_won_later(verdict: str, compared: int, session: Session) -> None:
+@pytest.mark.parametrize(("verdict", "compared"), [(WON, 0), (LOST, 3), (OPEN, 3)])
+def test_what_won_is_compared_later_and_what_lost_is_learned_anew(
+    verdict: str, compared: int, session: Session
+) -> None:
+    """But from other random numbers, since that it lost depends on those that it had."""
     learned = session.render(keep=True).learned
     assert learned is not None
     session.settings = replace(session.settings, guiding_trial=True, samples=31)
     report = session.render(start=replace(learned, verdict=verdict, efficiency=1.5)).report.guiding
     assert (len(report.trials) > 0) == (compared > 0)
     assert len(report.trials) <= compared
-    # Where guiding has lost before, the first sample is not guided.
+    assert bool(report.lost_before) == (verdict == LOST) == (not report.started_from)
     session.settings = replace(session.settings, samples=1)
-    share = session.render(start=replace(learned, verdict=verdict)).report.guiding.guided_share
-    assert np.isnan(share) == (verdict == LOST)
+    result = session.render(start=replace(learned, verdict=verdict))
+    assert np.isnan(result.report.guiding.guided_share) == (verdict == LOST)
+    assert np.any(image(result) != image(session.render()))
+    # Who wants no trial gets what was learned.
+    session.settings = replace(session.settings, guiding_trial=False)
+    assert session.render(start=replace(learned, verdict=verdict)).report.guiding.guided_share > 0.0
 
 
 # ---------------------------------------------------------------------------------------------------------------------
