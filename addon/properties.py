@@ -25,6 +25,9 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "film_exposure": {"soft_max": 10.0},
     "field_path": {"subtype": "FILE_PATH"},
 }
+# From Blender 5.0 on, paths say whether "//" is the .blend's folder; before that all did.
+if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties:
+    _LOOKS["field_path"]["options"] = {"PATH_SUPPORTS_BLEND_RELATIVE"}
 
 
 def _property(setting: Setting) -> Any:

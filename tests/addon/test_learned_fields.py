@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,16 @@ def test_a_bad_file_is_named_and_left_alone(
     else:
         assert path.read_bytes() == content
         assert any("so it is not overwritten: choose another file, or remove it" in line for line in told())
+
+
+def test_a_path_may_be_relative_to_the_file(scene: Any, tmp_path: Path, blender: Any) -> None:
+    """Blender would warn, and the folder be another, if the property did not say that it may."""
+    blender.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        blender.context.scene.neuralguide.field_path = "//room.ngfield"
+    render(save_field=True)
+    assert load_field(tmp_path / "room.ngfield").samples == 7.0
 
 
 def test_what_cannot_be_saved_stays_in_memory(
