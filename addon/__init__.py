@@ -17,9 +17,20 @@ def _use_extension_folder() -> None:
 
 
 def _modules() -> list:  # type: ignore[type-arg]
-    from . import engine, log, operators, preferences, properties, saved_settings, sequence, ui, warm_up
+    from . import (
+        engine,
+        learned_fields,
+        log,
+        operators,
+        preferences,
+        properties,
+        saved_settings,
+        sequence,
+        ui,
+        warm_up,
+    )
 
-    return [log, properties, saved_settings, engine, sequence, operators, ui, preferences, warm_up]
+    return [log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, preferences, warm_up]
 
 
 _registered: list = []  # type: ignore[type-arg]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import bpy
 
-from . import engine, register, sequence
+from . import engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .declared_settings import parse_setting, setting_owner
 from .log import log_failure
@@ -132,6 +132,22 @@ class CommandLineRenderer:
     def _do_set(self, text: str) -> None:
         name, value = parse_setting(text)
         setattr(setting_owner(self._scene, name), name, value)
+
+    def _do_field(self, text: str) -> None:
+        from engine.guiding.saved.file import FieldFileError
+
+        path = Path(text).resolve()
+        ours = self._scene.neuralguide
+        if not path.exists() and not ours.save_field:
+            raise CommandLineError(
+                f"--field {text}: there is no such file; put --set save_field=on before --field to have it made"
+            )
+        if path.exists():
+            try:
+                learned_fields.read(path)
+            except FieldFileError as error:
+                raise CommandLineError(f"--field: {error}") from None
+        ours.field_path = str(path)
 
     # -- rendering --------------------------------------------------------------------------------------------------
 

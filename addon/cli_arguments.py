@@ -33,6 +33,8 @@ makes no sense.
   -j, --frame-jump <frames>    Frames to step forward after each one
   -t, --threads <threads>      Threads to render with, 0 = all
   --set <name>=<value>         A setting of NeuralGuide, as in docs/settings.md: guiding_method=OFF, experiment.strata=8
+  --field <file>               Start from what was learned and saved in this file; with --set save_field=on before it
+                               the file is made, and what is learned is saved to it
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
@@ -72,6 +74,7 @@ _OPTIONS = {
 }
 _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPTIONS.values())}
 _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
+_OPTIONS["--field"] = ("field", True)  # ours as well
 
 
 def parse_arguments(arguments: Sequence[str]) -> list[Action]:

@@ -12,7 +12,7 @@ from typing import Any
 from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
 
 #: Sections of a user's settings; panels in ui.py have the same names.
-SECTIONS = ("Sampling", "Guiding", "Lights", "Advanced", "Light Paths", "Film", "Performance")
+SECTIONS = ("Sampling", "Guiding", "Learned Field", "Lights", "Advanced", "Light Paths", "Film", "Performance")
 #: The property of `scene.neuralguide` that holds the settings for experiments.
 EXPERIMENT = "experiment"
 
@@ -35,6 +35,22 @@ _ADDON_SETTINGS = (
         "Paths traced for every pixel (of large pictures: of a smaller copy) to train the field, of all"
         " frames together: up to 32 spread over the sequence. They are no part of any picture",
         "Guiding", minimum=1, maximum=MAX_SAMPLES,
+    ),
+    Setting(
+        "keep_learned", True, "Keep in Memory",
+        "A render starts from what the last one has learned, as long as lights, materials and geometry stay the same."
+        " The noise then differs from render to render",
+        "Learned Field",
+    ),
+    Setting(
+        "field_path", "", "File",
+        "Renders start from what was learned and saved in this file: another view, another size, or on another machine",
+        "Learned Field",
+    ),
+    Setting(
+        "save_field", False, "Save After Render",
+        "Save what was learned to the file after every render, in place of what was there",
+        "Learned Field",
     ),
     Setting(
         "use_animated_seed", False, "Animate Seed",

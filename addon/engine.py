@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from . import passes, sequence
+from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
@@ -82,6 +83,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _settings: Any = None  # RenderSettings of the layer that `update` exported last
     _export_cache: Any = None
     _plan: Any = None  # SequencePlan of what `update` exported, None without
+    _fields: Any = None  # FieldPlan of what `update` exported
     _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
     _notices: Any = ()  # what settings and passes ask for in vain
     _layers_done = 0
@@ -125,6 +127,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         settings = render_settings(scene)
         samples = layer_samples(scene, depsgraph.view_layer_eval, settings.samples)
         self._settings = settings = dataclasses.replace(settings, samples=samples)
+        self._fields = FieldPlan(depsgraph, settings)
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
@@ -230,13 +233,18 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             with self._progress(depsgraph) as on_progress:
                 notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
                 self._show(notices)
+                start, notices = self._fields.start(self._session)
+                self._show(notices)
                 result = self._session.render(
                     on_progress=on_progress,
                     on_image=on_image,
                     should_cancel=self._should_cancel,
                     passes=set(wanted),
                     source=source,
+                    start=start,
+                    keep=self._fields.keeps,
                 )
+            self._show(self._fields.take(result.learned))
             passes.write_layer(target.layers[0], view, wanted, result.passes)
             keep = True
             self._note_image()

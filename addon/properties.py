@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from engine.settings import MAX_SEED, RenderSettings, Setting
 
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, scene_default, setting_owner
 from .shared_settings import SHARED_SETTINGS, setting_value, thread_count
 
-_KINDS = {bool: BoolProperty, int: IntProperty, float: FloatProperty, str: EnumProperty}
+_KINDS = {bool: BoolProperty, int: IntProperty, float: FloatProperty, str: StringProperty}
 _UNITS = {"s": {"unit": "TIME_ABSOLUTE"}, "pixels": {"subtype": "PIXEL"}}
 #: How far sliders go, and how numbers are shown.
 _LOOKS: dict[str, dict[str, Any]] = {
@@ -23,7 +23,11 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "sequence_samples": {"soft_max": 4096},
     "light_sampling_threshold": {"precision": 4},
     "film_exposure": {"soft_max": 10.0},
+    "field_path": {"subtype": "FILE_PATH"},
 }
+# From Blender 5.0 on, paths say whether "//" is the .blend's folder; before that all did.
+if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties:
+    _LOOKS["field_path"]["options"] = {"PATH_SUPPORTS_BLEND_RELATIVE"}
 
 
 def _property(setting: Setting) -> Any:
@@ -42,7 +46,8 @@ def _property(setting: Setting) -> Any:
         facts["min"] = lowest
     if setting.maximum is not None:
         facts["max"] = setting.maximum
-    return _KINDS[type(setting.default)](**facts)
+    kind = EnumProperty if setting.choices else _KINDS[type(setting.default)]
+    return kind(**facts)
 
 
 def _properties(settings: Iterable[Setting]) -> dict[str, Any]:

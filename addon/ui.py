@@ -10,7 +10,7 @@ import bpy
 
 from engine.settings import EXPERIMENT_SECTIONS
 
-from . import preferences, warm_up
+from . import learned_fields, preferences, warm_up
 from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
@@ -132,6 +132,25 @@ class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
         column = self._column()
         column.active = context.scene.neuralguide.guiding_method != "OFF"
         _draw_section(column, context.scene, "Guiding")
+
+
+class NEURALGUIDE_PT_learned_field(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What becomes of what a render has learned."""
+
+    bl_label = "Learned Field"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        column = self._column()
+        column.active = context.scene.neuralguide.guiding_method != "OFF"
+        _draw_section(column, context.scene, "Learned Field")
+        learned = learned_fields.kept_field(context.scene, context.view_layer)
+        column.label(text=f"In memory: {learned or 'nothing yet'}")
+        row = column.row(align=True)
+        row.operator("neuralguide.save_learned_field", text="Save")
+        row.operator("neuralguide.load_learned_field", text="Load")
 
 
 class NEURALGUIDE_PT_sampling_lights(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -398,6 +417,7 @@ _borrowed: list[type[bpy.types.Panel]] = []
 _classes = (
     NEURALGUIDE_PT_sampling,
     NEURALGUIDE_PT_guiding,
+    NEURALGUIDE_PT_learned_field,
     NEURALGUIDE_PT_sampling_lights,
     NEURALGUIDE_PT_sampling_advanced,
     NEURALGUIDE_PT_light_paths,

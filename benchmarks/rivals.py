@@ -164,6 +164,8 @@ def _configure_ours(settings: Mapping[str, Any]) -> Callable[[Any, Budget, int, 
         # its settings to the next.
         for name in {*SHARED_SETTINGS, "threads", *varied} - settings.keys():
             setting_owner(scene, name).property_unset(name)
+        # Each render for itself.
+        scene.neuralguide.keep_learned, scene.neuralguide.field_path = False, ""
         for name, value in settings.items():
             setattr(setting_owner(scene, name), name, value)
 

@@ -50,6 +50,9 @@ name the setting and say what to choose instead.
 The image is a function of scene and settings, whatever the number of threads, unless what is learned depends on
 time. It does under a time limit, with networks, and with `'AUTO'`, whose comparisons read the clock. With
 `deterministic` networks and `'AUTO'` do not depend on time.
+
+A guided render that starts from what was learned before has other noise than one that learns anew. Turn `keep_learned`
+off, or `deterministic` on, to have the same image each time.
 """
 
 #: Said under a section's table.
@@ -74,6 +77,23 @@ between those of training if much changes from one of these to the next ([figure
 - Frames that are rendered later in the same process (by `-a`, by `-f` or from the window) use what was learned. It
   is trained anew for another file, other settings, or a frame that was changed since.
 - Each view layer has a field of its own.
+""",
+    "Learned Field": """\
+What a render learns is mixtures, how often to guide and to sample lights, and the table of `'TABLE_RIS'`. Networks and
+SD-trees are learned anew. A render that starts from it is guided from its first sample, and goes on learning
+([figures](results/learned-fields.md)).
+
+- It fits any view, size, number of samples and method, as long as lights, materials, geometry and the world are the
+  same. Where they are not, or guiding did not pay in the render that it is of, the render learns anew; of a file that
+  does not fit it says so.
+- The image is unbiased whatever a file holds, and has noise of its own: the random numbers depend on what was learned.
+- With `keep_learned` each view layer goes on from its last render, frame by frame and from one F12 to the next, until
+  another file is opened. With `deterministic` a render does not use what is in memory; it uses a file.
+- `save_field` replaces the file after each render, by what the view layer that was rendered last has learned. A file
+  that cannot be read is left alone.
+- `bpy.ops.neuralguide.save_learned_field(filepath=...)` and `load_learned_field` are the panel's buttons.
+- On the command line: `python -m addon scene.blend --set save_field=on --field scene.ngfield -f 1`, then
+  `python -m addon scene.blend --field scene.ngfield -f 1`.
 """,
     "Learning": """\
 `guiding_probability` is where regions begin if `learn_guiding_probability` is on, and what all of them have if it
@@ -140,6 +160,8 @@ def _values(setting: Setting) -> str:
         return "one of those below"
     if isinstance(setting.default, bool):
         return "on, off"
+    if isinstance(setting.default, str):
+        return "a path; `//` is the .blend's folder"
     return f"{setting.limits} [{setting.unit}]" if setting.unit else setting.limits
 
 

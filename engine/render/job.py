@@ -18,6 +18,7 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
 from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.saved.learned import LearnedField
 from engine.render.batch import Batch, Statistics
 from engine.render.film import Film
 from engine.render.report import Progress
@@ -66,13 +67,16 @@ class Job:
     film : Film
     settings : RenderSettings
     thread_count : int
-    source, sink : optional
+    source, sink, start : optional
         See `Session.render`.
+    keeps : bool
+        Whether what is learned outlives the render.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
-        source: TrainedSource | None = None, sink: RowSink | None = None,
+        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
+        keeps: bool = False,
     ) -> None:
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
@@ -91,7 +95,7 @@ class Job:
         self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
-            self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink)
+            self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink, start, keeps)
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
@@ -252,7 +256,7 @@ class Job:
         """Put a finished unit on the film, and what it recorded aside."""
         weight = 1.0
         if self.learner is not None:
-            weight = iteration_weight(task.weighs_as, self.settings)
+            weight = iteration_weight(task.weighs_as, self.settings, self.learner.known_samples)
             if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
             elif self._is_learning:
@@ -273,12 +277,13 @@ class Job:
         assert learner is not None and iterations is not None and self._render_start is not None
         following = iterations.plan(time.perf_counter() - self._render_start)
         is_last = following is None or self._time_is_up()
-        if self._stop or (is_last and learner.sink is None):
+        if self._stop or (is_last and not learner.wants_last):
             return
         units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
         self._units = {}
         if is_last:
-            learner.keep(units)
+            assert isinstance(learner, Learner)
+            learner.take_last(units)
             return
         assert following is not None and self.tracer.guidance is not None
         self.tracer.guidance = learner.learn(

@@ -10,6 +10,7 @@ import numpy as np
 
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.guidance import Guidance
+from engine.guiding.saved.learned import LearnedField
 from engine.scene.description import Notice
 
 try:
@@ -62,11 +63,14 @@ class RenderResult:
 
     guidance : Guidance or None
         What the last iteration went by; None of an unguided render.
+    learned : LearnedField or None
+        What others can start from; None where that was not asked for, or nothing was learned.
     """
 
     passes: dict[str, np.ndarray]
     report: RenderReport
     guidance: Guidance | None = None
+    learned: LearnedField | None = None
 
 
 def peak_memory() -> int:

@@ -16,6 +16,8 @@ from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.guiding.models.record_sink import RowSink
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
+from engine.guiding.policy.learning import Learner
+from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.film import FEATURE_PASSES, Film
 from engine.render.job import Job
@@ -25,6 +27,7 @@ from engine.render.strata import StrataFilm, strata_count
 from engine.render.tracer import Tracer
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Frame, Notice, SceneDescription
+from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
 from engine.state.lanes import RGB
 from engine.wavefront.columns import CACHED_DEPTHS
@@ -79,6 +82,8 @@ class Session:
         self.scene: Scene | None = None
         self._cache = SceneCache()
         self._tracer: Tracer | None = None
+        #: Of the scene, '' while nobody has asked.
+        self._light_digest = ""
         self._build_seconds = 0.0
         self._compile_seconds = 0.0
 
@@ -119,6 +124,7 @@ class Session:
             Soon after `should_cancel()` was true.
         """
         self.scene = None
+        self._light_digest = ""
         if self._tracer is not None:
             self._tracer.let_go()
         samples = self.settings.samples
@@ -191,6 +197,8 @@ class Session:
         ray_observer: Callable[..., None] | None = None,
         source: TrainedSource | None = None,
         sink: RowSink | None = None,
+        start: LearnedField | None = None,
+        keep: bool = False,
     ) -> RenderResult:
         """Render the loaded scene.
 
@@ -208,6 +216,11 @@ class Session:
             (`SequenceField.source`).
         sink : RowSink, optional
             Gets what paths record, if the render is guided.
+        start : LearnedField, optional
+            What another render has learned. Paths are guided by it from the first sample on, and it is learned onto.
+            Where lights or geometry are others by now the render starts anew, and a notice says so.
+        keep : bool
+            Whether the result is to hold what was learned.
 
         Raises
         ------
@@ -222,6 +235,9 @@ class Session:
         if settings.channel_count > RGB:
             # Cells know no wavelengths.
             settings = replace(settings, radiance_cache="OFF")
+        start, dropped = self._fitting(start, settings)
+        if start is not None:
+            settings = replace(settings, seed=start.seed(settings.seed))
         names = frozenset(passes)
         frame = scene.description.frame
         use_features = bool(names & FEATURE_PASSES)
@@ -229,7 +245,7 @@ class Session:
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, use_features)
         tracer.ray_observer = ray_observer
-        job = Job(tracer, frame, film, settings, self.thread_count, source, sink)
+        job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
         def images() -> dict[str, np.ndarray]:
             with job.film_lock:
@@ -249,7 +265,38 @@ class Session:
                 job.learner.close()
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
-        return RenderResult(images(), self._report(job, scene, settings), tracer.guidance)
+        report = self._report(job, scene, settings)
+        report.notices += dropped
+        learned = None
+        if keep and isinstance(job.learner, Learner):
+            learned = job.learner.learned(self.light_digest)
+        return RenderResult(images(), report, tracer.guidance, learned)
+
+    @property
+    def light_digest(self) -> str:
+        """Digest of all that light depends on in the loaded scene; fields that were learned by another do not fit.
+
+        Raises
+        ------
+        RuntimeError
+            If no scene is loaded.
+        """
+        if self.scene is None:
+            raise RuntimeError("load a scene before asking for its digest")
+        if not self._light_digest:
+            self._light_digest = light_digest(self.scene.description)
+        return self._light_digest
+
+    def _fitting(
+        self, start: LearnedField | None, settings: RenderSettings
+    ) -> tuple[LearnedField | None, list[Notice]]:
+        """What to start from, if it is of this scene; if not, a notice."""
+        if start is None or not settings.is_guided:
+            return None, []
+        if start.light_digest != self.light_digest:
+            problem = "lights, materials or geometry are not those that it was learned with"
+            return None, [Notice("Learned field", problem, "the render learns anew")]
+        return start, []
 
     def _unused(self, settings: RenderSettings) -> list[Notice]:
         """What is asked for and not done."""

@@ -33,6 +33,8 @@ class FakeEngine:
         self.sessions: list[FakeSession] = []
         self.caches: list[Any] = []
         self.asked_passes: list[set[str]] = []
+        self.learned: Any = None
+        self.started_from: list[Any] = []
         self.exported: list[tuple[str, int]] = []
         session = ModuleType("engine.render.session")
         session.Session = self._session  # type: ignore[attr-defined]
@@ -76,6 +78,7 @@ class FakeSession:
         self.fake = fake
         self.settings = settings
         self.region = (0, 0, 0, 0)
+        self.light_digest = "light"
 
     def load(self, description: Any, *, on_progress: Any, should_cancel: Any) -> list[Any]:
         if should_cancel():
@@ -91,7 +94,11 @@ class FakeSession:
             images[name] = np.stack([x + 1000 * index] * 3, axis=-1)
         return images
 
-    def render(self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str], source: Any) -> Any:
+    def render(
+        self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str], source: Any, start: Any,
+        keep: bool,
+    ) -> Any:
+        self.fake.started_from.append(start)
         self.fake.asked_passes.append(passes)
         self.should_cancel = should_cancel
         progress = SimpleNamespace(
@@ -117,4 +124,5 @@ class FakeSession:
             cancelled=should_cancel(),
             notices=self.fake.notices,
         )
-        return SimpleNamespace(passes=self.images(passes), report=report)
+        learned = self.fake.learned if keep else None
+        return SimpleNamespace(passes=self.images(passes), report=report, learned=learned)

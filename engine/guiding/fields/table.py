@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from engine.array_types import Float32Array
+from engine.guiding.fields.state import State, require, take
 from engine.guiding.fields.update import balance, make_runner
 from engine.guiding.fields.vmm.fit import SAMPLE_DIRECTION, SAMPLE_PDF, SAMPLE_RADIANCE
 from engine.guiding.fields.vmm.model import VmmModel
@@ -222,6 +223,33 @@ class TableModel:
         self._sums = np.zeros((region_count, _CELL_COUNT, channel_count + _SUM_EXTRA), np.float32)
         self.field = TableField(np.zeros((region_count, _CELL_COUNT, channel_count), np.float32))
         self.update_count = 0
+
+    @staticmethod
+    def is_state(state: State, channel_count: int) -> bool:
+        """Whether `state` is of a table with so many channels: there may be none, or one of another kind of render."""
+        return "sums" in state and state["sums"].shape[-1] == channel_count + _SUM_EXTRA
+
+    @classmethod
+    def of_state(cls, state: State, region_count: int, channel_count: int) -> TableModel:
+        """The model that `state` was asked of, on so many regions.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a model.
+        """
+        model = cls(region_count, channel_count)
+        model._sums = take(state, "sums", np.float32, (region_count, _CELL_COUNT, channel_count + _SUM_EXTRA))
+        model.update_count = int(take(state, "update_count", np.int64, (1,))[0])
+        require((model._sums >= 0.0).all(), "a table's sums are negative")
+        values = np.empty_like(model.field.values)
+        _publish_regions(0, region_count, model._sums, np.zeros((2 * _CELL_COUNT, channel_count), np.float32), values)
+        model.field = TableField(values)
+        return model
+
+    def state(self) -> State:
+        """All that it knows, as arrays."""
+        return {"sums": self._sums.copy(), "update_count": np.array([self.update_count], np.int64)}
 
     def update(self, model: VmmModel, executor: ThreadPoolExecutor | None = None, thread_count: int = 1) -> None:
         """Learn from the batch of the model's last update and publish a new field."""

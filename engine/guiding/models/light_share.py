@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
+from engine.guiding.fields.state import State, require, take
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.records.vertices import VertexRecords
 
@@ -39,6 +40,27 @@ class LightShareModel:
         # Sum of squared contributions, number of records.
         self._sums = np.zeros((1, 2))
         self.share: Float32Array = np.ones(1, np.float32)
+
+    @classmethod
+    def of_state(cls, state: State, region_count: int) -> LightShareModel:
+        """The model that `state` was asked of, on so many regions.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a model.
+        """
+        model = cls()
+        model._sums = take(state, "sums", np.float64, (region_count, 2))
+        model.share = take(state, "share", np.float32, (region_count,))
+        require((model._sums >= 0.0).all(), "sums of squares are negative")
+        is_share = (model.share >= np.float32(LEAST_SHARE)) & (model.share <= 1.0)
+        require(is_share.all(), f"a share of light samples is not from {LEAST_SHARE} to 1")
+        return model
+
+    def state(self) -> State:
+        """All that it knows, as arrays."""
+        return {"sums": self._sums.copy(), "share": self.share.copy()}
 
     def update(
         self, model: VmmModel, records: VertexRecords, leaf: Int32Array, *, variance: float, ray_count: float

@@ -7,6 +7,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+from engine.guiding.fields.state import State
 from engine.guiding.fields.table import TableField, TableModel
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.models.network_backend import NetworkBackend
@@ -74,6 +75,20 @@ class Predictor:
     def begin(self, region_count: int) -> None:
         """Learn from now on; `region_count` regions has the mixture field."""
 
+    def resume(self, state: State, region_count: int) -> bool:
+        """Go on from what `state` gave in another render, if it fits this one; whether it does.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a predictor.
+        """
+        return False
+
+    def state(self) -> State:
+        """All that it knows, as arrays; empty if it knows nothing, or nothing that can be kept."""
+        return {}
+
     def learn_regions(self, mixture: VmmModel, executor: ThreadPoolExecutor | None, thread_count: int) -> None:
         """Learn from the batch that the mixture field was fitted to."""
 
@@ -114,6 +129,15 @@ class TablePredictor(Predictor):
 
     def begin(self, region_count: int) -> None:
         self._table = TableModel(region_count, self._settings.channel_count)
+
+    def resume(self, state: State, region_count: int) -> bool:
+        if not TableModel.is_state(state, self._settings.channel_count):
+            return False
+        self._table = TableModel.of_state(state, region_count, self._settings.channel_count)
+        return True
+
+    def state(self) -> State:
+        return {} if self._table is None else self._table.state()
 
     def learn_regions(self, mixture: VmmModel, executor: ThreadPoolExecutor | None, thread_count: int) -> None:
         if self._table is not None:

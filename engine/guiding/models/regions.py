@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
+from engine.guiding.fields.state import State, part, prefixed, take
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.model import VmmModel
@@ -16,28 +17,91 @@ from engine.guiding.models.selection import SelectionModel
 from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.ris.orca import VarianceDeltas, mean_by_region
 
+#: Estimates of what resampling saves that a state holds, at most.
+_KEPT_DELTAS = 1 << 16
+
+
+def _bounds(records: VertexRecords, row_count: int) -> np.ndarray:
+    """Lowest and highest corner of the records, float32 (2, 3)."""
+    position = records.position[:row_count]
+    return np.stack([position.min(axis=0), position.max(axis=0)])
+
+
+def _reach(bounds: np.ndarray) -> float:
+    """Distances that tell apart where light comes from: up to twice the size of the scene [m]."""
+    return 2.0 * float(np.linalg.norm(bounds[1] - bounds[0]))
+
 
 class RegionModels:
     """The mixture field, and what is learned by its regions.
 
     Parameters
     ----------
-    records : VertexRecords
-        The first there are: their bounds are the field's.
-    row_count : int
+    mixture : VmmModel
+    selection : SelectionModel
+    light_share : LightShareModel
     guiding_probability : float
         Of all regions while nothing is known.
+    max_distance : float [m]
+        Records' distances are cut to this.
     """
 
-    def __init__(self, records: VertexRecords, row_count: int, guiding_probability: float) -> None:
-        position = records.position[:row_count]
-        bounds = np.stack([position.min(axis=0), position.max(axis=0)])
-        self.mixture = VmmModel(bounds)
-        self.selection = SelectionModel(guiding_probability)
-        self.light_share = LightShareModel()
+    def __init__(
+        self, mixture: VmmModel, selection: SelectionModel, light_share: LightShareModel, guiding_probability: float,
+        max_distance: float,
+    ) -> None:
+        self.mixture, self.selection, self.light_share = mixture, selection, light_share
         self._guiding_probability = guiding_probability
-        self._max_distance = 2.0 * float(np.linalg.norm(bounds[1] - bounds[0]))
+        self._max_distance = max_distance
         self._deltas = VarianceDeltas()
+
+    @classmethod
+    def of_records(cls, records: VertexRecords, row_count: int, guiding_probability: float) -> RegionModels:
+        """Models that know nothing, in the bounds of the first records that there are."""
+        bounds = _bounds(records, row_count)
+        return cls(
+            VmmModel(bounds), SelectionModel(guiding_probability), LightShareModel(), guiding_probability,
+            _reach(bounds),
+        )
+
+    @classmethod
+    def of_state(cls, state: State, guiding_probability: float) -> RegionModels:
+        """The models that `state` was asked of.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of such models.
+        """
+        mixture = VmmModel.of_state(part(state, "mixture"))
+        count = mixture.region_count
+        models = cls(
+            mixture, SelectionModel.of_state(part(state, "selection"), guiding_probability, count),
+            LightShareModel.of_state(part(state, "light_share"), count), guiding_probability,
+            float(take(state, "max_distance", np.float64, (1,))[0]),
+        )
+        position = take(state, "deltas.position", np.float32, (None, 3))
+        models._deltas.add(position, take(state, "deltas.estimate", np.float32, (len(position),)))
+        return models
+
+    def state(self) -> State:
+        """All that is known, as arrays."""
+        position, estimate = self._deltas.gathered()
+        step = -(-len(position) // _KEPT_DELTAS) or 1
+        return {
+            **prefixed("mixture", self.mixture.state()),
+            **prefixed("selection", self.selection.state()),
+            **prefixed("light_share", self.light_share.state()),
+            "max_distance": np.array([self._max_distance]),
+            "deltas.position": np.ascontiguousarray(position[::step]),
+            "deltas.estimate": np.ascontiguousarray(estimate[::step]),
+        }
+
+    def widen(self, records: VertexRecords, row_count: int) -> None:
+        """Reach as far as these records, which another view may have made; `fit` comes next."""
+        bounds = _bounds(records, row_count)
+        self.mixture.widen(bounds)
+        self._max_distance = max(self._max_distance, _reach(bounds))
 
     @property
     def field(self) -> VmmField:

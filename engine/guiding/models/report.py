@@ -42,6 +42,10 @@ class GuidingReport:
     #: Efficiency over unguided rendering when last compared; the sample from which on guiding was given up, 0: never.
     efficiency: float = float("nan")
     stopped_at: int = 0
+    #: What the render started from, '' if from nothing.
+    started_from: str = ""
+    #: What it could have started from, but guiding did not pay there; '' if there was nothing of the kind.
+    lost_before: str = ""
     #: The method in use at the end, and why (`engine.guiding.policy.choice`).
     chosen: str = ""
     trials: list[str] = field(default_factory=list)
@@ -82,6 +86,10 @@ class GuidingReport:
             f"{training / everything:.0%} training; {self.candidates_per_vertex:.2f} candidates a vertex, "
             f"{self.region_count} regions of {self.lobe_count:.1f} lobes, {self.record_count} records"
         ]
+        if self.started_from:
+            self.lines.append(f"started from what earlier renders had learned: {self.started_from}")
+        if self.lost_before:
+            self.lines.append(f"guiding did not pay in earlier renders ({self.lost_before}): learned anew")
         if METHODS[self.method].rungs:
             self.lines.append(self._choice())
         elif self.stopped_at:

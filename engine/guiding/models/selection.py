@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
+from engine.guiding.fields.state import State, require, take
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.constants import FLOAT_MAX
@@ -23,6 +24,8 @@ from engine.runtime.jit import kernel
 
 #: Guiding probabilities to choose from; the first means: no guiding, not even a look-up.
 PROBABILITIES = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], np.float32)
+#: Of any region.
+MAX_PROBABILITY = 0.95
 #: What guiding a vertex costs, in rays: a little less than the time it takes, since roulette goes by what was learned
 #: at guided vertices only (docs/decisions/mixture-field.md).
 GUIDED_COST = 0.5
@@ -118,6 +121,29 @@ class SelectionModel:
         self.sums = np.zeros((1, len(PROBABILITIES) + 2))
         self.probability: Float32Array = np.full(1, first, np.float32)
         self.benefit: Float32Array = np.ones(1, np.float32)
+
+    @classmethod
+    def of_state(cls, state: State, first: float, region_count: int) -> SelectionModel:
+        """The model that `state` was asked of, on so many regions.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a model.
+        """
+        model = cls(first)
+        model.sums = take(state, "sums", np.float64, (region_count, len(PROBABILITIES) + 2))
+        model.probability = take(state, "probability", np.float32, (region_count,))
+        model.benefit = take(state, "benefit", np.float32, (region_count,))
+        require((model.sums >= 0.0).all(), "sums of squares are negative")
+        # Below one, so that the BSDF covers what the guide has not seen.
+        is_share = (model.probability >= 0.0) & (model.probability <= MAX_PROBABILITY)
+        require(is_share.all(), f"a guiding probability is not from 0 to {MAX_PROBABILITY}")
+        return model
+
+    def state(self) -> State:
+        """All that it knows, as arrays."""
+        return {"sums": self.sums.copy(), "probability": self.probability.copy(), "benefit": self.benefit.copy()}
 
     def update(
         self, model: VmmModel, records: VertexRecords, leaf: Int32Array, *, variance: float, ray_count: float

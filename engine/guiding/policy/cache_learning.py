@@ -80,7 +80,9 @@ class CacheLearner:
         Of the learner that this is a part of.
     """
 
-    sink = None
+    #: Nothing outlives the render.
+    wants_last = False
+    known_samples = 0.0
 
     def __init__(
         self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int, report: GuidingReport | None = None

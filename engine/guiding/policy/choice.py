@@ -17,6 +17,7 @@ import numpy as np
 
 from engine.guiding.policy import trial
 from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
+from engine.guiding.saved.learned import LOST, OPEN, WON
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
 
@@ -32,6 +33,8 @@ _AGAIN = 4
 _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
+#: Where guiding has won in the render that this one starts from, it is not compared before so many samples.
+_LOOK_AGAIN_FROM = 31
 
 
 class Choice:
@@ -105,6 +108,21 @@ class Choice:
         self._has_won = False
         self._trial = None
         self._overheads = []
+
+    @property
+    def verdict(self) -> str:
+        """What comparing guiding with unguided rendering has said so far, one of `engine.guiding.saved.VERDICTS`."""
+        if self.has_lost:
+            return LOST
+        return WON if self._tries_plain and self.is_settled else OPEN
+
+    def resume(self, verdict: str, efficiency: float) -> None:
+        """Begin with something to guide by, and with what another render has found out about it.
+
+        It is never trusted blindly, for another view may be another matter: what won is looked at again later on.
+        """
+        if self._tries_plain and verdict == WON:
+            self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, _LOOK_AGAIN_FROM
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""

@@ -31,8 +31,10 @@ def iteration_lengths(samples: int) -> list[int]:
     return lengths
 
 
-def iteration_weight(first_sample: int, settings: RenderSettings) -> float:
+def iteration_weight(first_sample: int, settings: RenderSettings, known_samples: float = 0.0) -> float:
     """Weight of each sample of the iteration that begins with `first_sample`.
+
+    What the render started from was learned from `known_samples` a pixel, which count as seen.
 
     Early iterations knew little: their samples count less, in proportion to what had been seen when they were taken.
     Where nothing but the radiance cache learns, the square root of that is enough: what the camera sees is never
@@ -40,7 +42,7 @@ def iteration_weight(first_sample: int, settings: RenderSettings) -> float:
     """
     if settings.sample_weighting == "UNIFORM":
         return 1.0
-    share = min((first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
+    share = min((known_samples + first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
     return share if settings.is_guided else math.sqrt(share)
 
 
@@ -53,20 +55,25 @@ class RecordBudget:
         Pixels of the image.
     unit_pixels : int
         Of the largest unit of work, whose records must fit (`RECORD_ROWS`): what does not is dropped.
+
+    Attributes
+    ----------
+    records_per_path : float
+        Of paths that are recorded, as far as is known.
     """
 
     def __init__(self, paths_per_sample: int, unit_pixels: int) -> None:
         self._paths_per_sample = paths_per_sample
         self._unit_pixels = unit_pixels
-        self._records_per_path = _EXPECTED_RECORDS_PER_PATH
+        self.records_per_path = _EXPECTED_RECORDS_PER_PATH
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
-        self._records_per_path = max(record_count / max(path_count, 1.0), 0.01)
+        self.records_per_path = max(record_count / max(path_count, 1.0), 0.01)
 
     def threshold(self, samples: float) -> int:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
-        expected = self._records_per_path * samples
+        expected = self.records_per_path * samples
         share = min(
             RECORDS_PER_ITERATION / max(expected * self._paths_per_sample, 1.0),
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),

@@ -9,12 +9,14 @@ is at most a few hundredths of its own standard error (docs/decisions/trial-and-
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from engine.guiding.fields.state import part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
 from engine.guiding.models.record_sink import RowSink
 from engine.guiding.models.regions import RegionModels
@@ -34,6 +36,7 @@ from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
+from engine.guiding.saved.learned import LOST, LearnedField
 from engine.guiding.sources import make_source_model
 from engine.methods import METHODS, rungs_of
 from engine.ris.orca import image_variance, make_allocation, pixel_weights
@@ -42,6 +45,8 @@ from engine.settings import RenderSettings
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
+#: Least share of all samples that the last iteration must have to be learned from once the render is over.
+_LEAST_LAST = 0.1
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -62,11 +67,17 @@ class Learner:
         What directions are drawn from, instead of what the settings would have this render learn.
     sink : RowSink, optional
         Gets all records, those of the last iteration too, which nothing in this render can learn from.
+    start : LearnedField, optional
+        What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
+        is of, this one learns anew, unless there is no trial.
+    keeps : bool
+        Whether what is learned outlives the render, so that the last iteration is worth learning from.
     """
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
-        source: TrainedSource | None = None, sink: RowSink | None = None,
+        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
+        keeps: bool = False,
     ) -> None:
         self.settings = settings
         self.notices: list[Notice] = []
@@ -102,6 +113,15 @@ class Learner:
         # Who asks for a number of candidates gets what predicts at once.
         if self._gate is None and not self._ladder.is_auto:
             self._predictor(self._rungs[0]).begin(1)
+        self._start = start
+        self._keeps = keeps
+        self._samples = self._ray_count = self._variance = self._brightness = 0.0
+        if start is not None and start.verdict == LOST and settings.guiding_trial:
+            # What guided badly would do so again until a trial ends it.
+            self.report.lost_before = str(start)
+            start = self._start = None
+        if start is not None:
+            self._resume(start)
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -114,6 +134,39 @@ class Learner:
         horizon = Horizon(self.settings, self._paths_per_sample, uses_clock=self._uses_clock)
         # AUTO compares what is kept by rendered samples.
         return Gate(networks[0], self.report, horizon, judges_on=not self._ladder.is_auto)
+
+    def _resume(self, start: LearnedField) -> None:
+        """Take over what another render has learned."""
+        regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
+        count = regions.mixture.region_count
+        table = part(start.state, "table")
+        resumed = {name for name, predictor in self._predictors.items() if predictor.resume(table, count)}
+        self._samples, self._ray_count = start.samples, start.ray_count
+        self._variance, self._brightness = start.variance, start.brightness
+        self._budget.records_per_path = start.records_per_path
+        self._choice.resume(start.verdict, start.efficiency)
+        is_known = start.rung in self._rungs and METHODS[start.rung].predictor in {"", *resumed}
+        if self._ladder.is_auto and is_known:
+            self._choice.rung = start.rung
+        self.report.started_from = str(start)
+
+    @property
+    def known_samples(self) -> float:
+        """Samples a pixel that the render knew about before its first."""
+        return 0.0 if self._start is None else self._start.samples
+
+    def learned(self, light_digest: str) -> LearnedField | None:
+        """All that was learned so far of the scene of this digest, for other renders; None while there is nothing."""
+        if self._regions is None:
+            return None
+        tables = [state for predictor in self._predictors.values() if (state := predictor.state())]
+        choice = self._choice
+        return LearnedField(
+            {**self._regions.state(), **(prefixed("table", tables[0]) if tables else {})},
+            light_digest, choice.rung, LOST if self._is_over else choice.verdict,
+            choice.efficiency if math.isfinite(choice.efficiency) else 0.0, self._samples,
+            self._budget.records_per_path, self._ray_count, self._variance, self._brightness,
+        )
 
     def _predictor(self, rung: str) -> Predictor:
         return self._predictors[METHODS[rung].predictor]
@@ -135,8 +188,17 @@ class Learner:
         return self._is_over and (self._cache is None or self._cache.is_over)
 
     def first(self) -> Guidance:
-        """Guidance of the first iteration: none, but record."""
-        return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
+        """Guidance of the first iteration: what the render starts from, else none, but record."""
+        regions, source = self._regions, self._source
+        lacks_source = source is not None and source.field is None and not source.has_stand_in
+        if regions is None or lacks_source:
+            return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
+        # Of the image nothing is known but how bright it was.
+        weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
+        return self._guidance(
+            regions, regions.variance_deltas(), self._ray_count, self._variance,
+            np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
+        )
 
     def _with_cache(self, guidance: Guidance) -> Guidance:
         return guidance if self._cache is None else self._cache.complete(guidance)
@@ -158,7 +220,7 @@ class Learner:
         records.normal[:] = (0.0, 0.0, 1.0)
         for column in (records.radiance, records.pdf, records.distance, records.roughness):
             column[:] = 1.0
-        regions = RegionModels(records, count, 0.5)
+        regions = RegionModels.of_records(records, count, 0.5)
         regions.fit(records, count)
         regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
@@ -204,6 +266,7 @@ class Learner:
         # In a trial a part of the samples only.
         guided_share = choice.guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
+        self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
@@ -217,6 +280,10 @@ class Learner:
         was_guided = self._regions is not None
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(self._newest.look(), weights)
+        if self._start is not None and self._iteration == 1:
+            # One sample a pixel has none.
+            variance = max(variance, self._variance)
+        self._ray_count, self._variance, self._brightness = ray_count, variance, float(mean.mean())
         records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
         self._judge_network(
@@ -293,10 +360,33 @@ class Learner:
         is_fixed = method.always_resamples or settings.candidate_allocation == "FIXED"
         return settings.candidate_count if is_fixed else 0
 
-    def keep(self, units: Sequence[UnitRecords]) -> None:
-        """Hand the records of the last iteration to the sink."""
-        assert self.sink is not None
-        self.sink.take(*join_records([unit.vertices for unit in units]))
+    @property
+    def wants_last(self) -> bool:
+        """Whether the last iteration's records are of use: to the sink, or to what outlives the render."""
+        return self.sink is not None or (self._keeps and not self._is_over and self._last_share >= _LEAST_LAST)
+
+    @property
+    def _last_share(self) -> float:
+        """Samples of the iteration in work as a share of all that will have been seen."""
+        samples = sum(part.sample_count for part in self.parts) * self._choice.guided_share
+        return samples / max(self._samples + samples, 1e-9)
+
+    def take_last(self, units: Sequence[UnitRecords]) -> None:
+        """Take the records of the last iteration, which nothing in this render can be guided by."""
+        records, row_count = join_records([unit.vertices for unit in units])
+        if self.sink is not None:
+            self.sink.take(records, row_count)
+        if self._keeps and not self._is_over and row_count and self._last_share >= _LEAST_LAST:
+            self._iteration += 1
+            was_guided = self._regions is not None
+            self._fit(records, row_count)
+            assert self._regions is not None
+            self._regions.add_deltas(records, row_count)
+            self._regions.learn_shares(
+                records, row_count, variance=self._variance, ray_count=max(self._ray_count, 1.0),
+                was_guided=was_guided,
+            )
+            self._samples += sum(part.sample_count for part in self.parts) * self._choice.guided_share
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs; no two threads at once."""
@@ -339,7 +429,9 @@ class Learner:
         if settings.mis_compensation:
             records = compensate(records, row_count, settings.guiding_probability)
         if self._regions is None:
-            self._regions = RegionModels(records, row_count, settings.guiding_probability)
+            self._regions = RegionModels.of_records(records, row_count, settings.guiding_probability)
+        elif self._start is not None and self._iteration == 1:
+            self._regions.widen(records, row_count)
         self._regions.fit(records, row_count, self._executor, self._thread_count)
         for predictor in self._predictors.values():
             predictor.learn_regions(self._regions.mixture, self._executor, self._thread_count)

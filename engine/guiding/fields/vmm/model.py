@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
 from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
+from engine.guiding.fields.state import State
 from engine.guiding.fields.update import (
     PIECES_PER_THREAD,
     REJECT_WIDTH,
@@ -29,6 +30,7 @@ from engine.guiding.fields.update import (
 )
 from engine.guiding.fields.vmm import fit, tree
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
+from engine.guiding.fields.vmm.state import VmmState
 from engine.guiding.records.light import Records
 
 _FIRST_CAPACITY = 64
@@ -135,6 +137,45 @@ class VmmModel:
         self._tree.node_link[0, NODE_CHILD] = 0
         self._scratches: list[fit.FitScratch] = []
         self.field = self._publish(None, 1)
+
+    @classmethod
+    def of_state(cls, state: State, settings: VmmSettings | None = None) -> VmmModel:
+        """The model that `state` was asked of; it goes on learning as that one would.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a model.
+        """
+        settings = settings or VmmSettings()
+        known = VmmState.of_arrays(state, settings.max_kappa)
+        model = cls(known.tree.bounds, settings)
+        model._tree, model._store, model._region_leaf = known.tree, known.store, known.region_leaf
+        model._node_count, model.region_count = len(known.tree.node_split), len(known.region_leaf)
+        model.batch_rows = np.zeros((model.region_count, 2), np.int64)
+        model._totals.record_count = known.record_count
+        model.field = model._publish(make_runner(None, 1), 1)
+        return model
+
+    def state(self) -> State:
+        """All that it knows, as arrays."""
+        nodes, count, tree_nodes = self._node_count, self.region_count, self._tree
+        return VmmState(
+            tree.TreeNodes(
+                tree_nodes.node_split[:nodes], tree_nodes.node_link[:nodes], tree_nodes.node_depth[:nodes],
+                tree_nodes.bounds,
+            ),
+            fit.RegionStore(*(array[:count] for array in self._store)),
+            self._region_leaf[:count],
+            self._totals.record_count,
+        ).arrays()
+
+    def widen(self, bounds: npt.ArrayLike) -> None:
+        """Reach as far as `bounds`, float (2, 3): the cells at the border grow. The next update publishes it."""
+        corners = padded_bounds(bounds)
+        old = self._tree.bounds
+        wider = np.stack([np.minimum(old[0], corners[0]), np.maximum(old[1], corners[1])]).astype(np.float32)
+        self._tree = self._tree._replace(bounds=wider)
 
     def update(
         self, records: Records, row_count: int, executor: ThreadPoolExecutor | None = None, thread_count: int = 1
