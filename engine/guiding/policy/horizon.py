@@ -21,9 +21,14 @@ class Horizon:
     paths_per_sample : int
     uses_clock : bool
         Whether the image may depend on the clock.
+    caution : float
+        How many times as long what is left must be.
     """
 
-    def __init__(self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool) -> None:
+    def __init__(
+        self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool, caution: float = 1.0
+    ) -> None:
+        self._caution = caution
         self._settings = settings
         self._paths_per_sample = paths_per_sample
         self._uses_clock = uses_clock
@@ -40,8 +45,8 @@ class Horizon:
         """Whether what is left is worth training for."""
         left = self.samples_left(next_sample)
         if not self._uses_clock:
-            return left * self._paths_per_sample >= LEAST_PATHS_LEFT
-        return self._elapsed * left / max(next_sample, 1) >= LEAST_TIME_LEFT
+            return left * self._paths_per_sample >= LEAST_PATHS_LEFT * self._caution
+        return self._elapsed * left / max(next_sample, 1) >= LEAST_TIME_LEFT * self._caution
 
     @property
     def _elapsed(self) -> float:

@@ -47,6 +47,9 @@ from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Least share of all samples that the last iteration must have to be learned from once the render is over.
 _LEAST_LAST = 0.1
+#: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
+#: equal time on a processor, and to start and train one takes about eight seconds of a thread.
+_AUTO_CAUTION = 5.0
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -131,7 +134,8 @@ class Learner:
         networks = [predictor for predictor in self._predictors.values() if predictor.is_asynchronous]
         if not networks or not self._ladder.counts_worth:
             return None
-        horizon = Horizon(self.settings, self._paths_per_sample, uses_clock=self._uses_clock)
+        caution = _AUTO_CAUTION if self._ladder.is_auto else 1.0
+        horizon = Horizon(self.settings, self._paths_per_sample, uses_clock=self._uses_clock, caution=caution)
         # AUTO compares what is kept by rendered samples.
         return Gate(networks[0], self.report, horizon, judges_on=not self._ladder.is_auto)
 

@@ -112,6 +112,12 @@ def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
     assert Horizon(settings, 10**9, uses_clock=False).samples_left(10) == SAMPLES - 10
 
 
+def test_caution_asks_for_so_many_times_as_long_a_render() -> None:
+    enough = -(-int(LEAST_PATHS_LEFT) // (SAMPLES - 10))
+    for pixels, caution, is_long in ((enough, 1.0, True), (enough, 5.0, False), (5 * enough, 5.0, True)):
+        assert Horizon(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution).is_long(10) == is_long
+
+
 def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise() -> None:
     settings = RenderSettings(samples=SAMPLES)
     gate, network, report = gate_of(judges_on=False)
