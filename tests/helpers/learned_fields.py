@@ -43,7 +43,7 @@ def learned_models(seed: int, updates: int = 2) -> tuple[RegionModels, TableMode
         regions.fit(records, count)
         table.update(regions.mixture)
         regions.add_deltas(records, count)
-        regions.learn_shares(records, count, variance=1.0, ray_count=4.0, knows_pixels=True)
+        regions.learn_shares(records, count, variance=1.0, ray_count=4.0, was_guided=True)
     assert regions is not None
     return regions, table
 

@@ -115,7 +115,8 @@ def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
 def test_caution_asks_for_so_many_times_as_long_a_render() -> None:
     enough = -(-int(LEAST_PATHS_LEFT) // (SAMPLES - 10))
     for pixels, caution, is_long in ((enough, 1.0, True), (enough, 5.0, False), (5 * enough, 5.0, True)):
-        assert Horizon(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution).is_long(10) == is_long
+        horizon = Horizon(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution)
+        assert horizon.is_long(10) == is_long
 
 
 def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise() -> None:
@@ -125,7 +126,7 @@ def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise()
     predictors = {"": Predictor(settings, report, []), "TABLE": table, "NETWORK": network}
     choice = Choice(1, RUNGS[0], tries_plain=False)
     ladder = Ladder(settings, RUNGS, predictors, choice)
-    regions = RegionModels(allocate_vertex_records(4), 4, 0.5)
+    regions = RegionModels.of_records(allocate_vertex_records(4), 4, 0.5)
     gate.begin(15, 1)
     network.is_ready = True
     assert ladder.offers(31, False, regions, gate) == []

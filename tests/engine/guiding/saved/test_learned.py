@@ -72,7 +72,7 @@ def test_a_state_comes_back_and_goes_on_learning_as_the_first_would() -> None:
             models.fit(records, len(records.pdf))
             tables.update(models.mixture)
             models.add_deltas(records, len(records.pdf))
-            models.learn_shares(records, len(records.pdf), variance=1.0, ray_count=4.0, knows_pixels=True)
+            models.learn_shares(records, len(records.pdf), variance=1.0, ray_count=4.0, was_guided=True)
 
 
 def test_a_state_is_a_copy() -> None:
