@@ -341,6 +341,7 @@ class RenderSettings:
             Choice("PAPER", "Paper", "As published"),
             Choice("OFFICIAL", "Program", "As in the authors' program"),
             Choice("COMPACT", "Compact", "Without grids, for renders of few samples"),
+            Choice("SMALL", "Small", "Compact, with fewer and narrower layers, for short renders"),
         ),
     )
     mixture_target: str = _declare(

@@ -141,7 +141,7 @@ SAVED_CHOICES = {
     "network_size": "COMPACT PAPER",
     "network_backend": "KERNEL ONNXRUNTIME AUTO",
     "radiance_cache": "OFF FAST CONVERGING",
-    "mixture_preset": "PAPER OFFICIAL COMPACT",
+    "mixture_preset": "PAPER OFFICIAL COMPACT SMALL",
     "mixture_target": "RADIANCE COSINE PRODUCT",
     "mixture_lobes": "OWN VMF NASG SG",
     "u_dimension": "NONE AUTO TIME WAVELENGTH",
