@@ -7,13 +7,21 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from engine.guiding.fields.state import State
+import numpy as np
+
+from engine.guiding.fields.state import State, StateError, take
 from engine.guiding.fields.table import TableField, TableModel
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.models.network_backend import NetworkBackend
 from engine.guiding.models.report import GuidingReport
+from engine.guiding.networks.onnx_files.files import (
+    NetworkFileError,
+    StoredNetwork,
+    network_from_onnx,
+    network_to_onnx,
+)
 from engine.guiding.networks.onnx_session import RadianceSession
-from engine.guiding.networks.radiance import network_shape
+from engine.guiding.networks.radiance import Snapshot, network_shape
 from engine.guiding.networks.radiance_query import NetworkField, make_network_field, no_network
 from engine.guiding.records.vertices import VertexRecords, as_records, as_records_by_quarter
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState, TrainerStatus
@@ -23,6 +31,8 @@ from engine.settings import RenderSettings
 
 #: Iterations that a table learns from before AUTO tries it.
 TABLE_UPDATES = 3
+#: The state's array that holds the bytes of an `.onnx` file.
+_FILE = "onnx"
 #: Of a candidate that a network weighs, in rays (docs/decisions/candidates.md).
 _NEURAL_CANDIDATE_COST = 0.4
 
@@ -47,11 +57,14 @@ class Predictor:
     ----------
     is_asynchronous : bool
         Learning goes on beside the render: it takes time from all paths, and the image depends on the clock.
+    part : str
+        Of a learned field, that holds its state.
     candidate_costs : CandidateCosts
         Before there is anything to measure.
     """
 
     is_asynchronous = False
+    part = ""
     candidate_costs = CandidateCosts()
 
     def __init__(self, settings: RenderSettings, report: GuidingReport, notices: list[Notice]) -> None:
@@ -113,6 +126,8 @@ class Predictor:
 class TablePredictor(Predictor):
     """A directional table for each region of the mixture field; it can be dropped and begun anew."""
 
+    part = "table"
+
     _table: TableModel | None = None
 
     @property
@@ -152,17 +167,38 @@ class TablePredictor(Predictor):
         self._table = None
 
 
+def stored_network(state: State) -> StoredNetwork:
+    """The network that `NetworkPredictor.state` holds.
+
+    Raises
+    ------
+    StateError
+        If the arrays hold none.
+    """
+    try:
+        return network_from_onnx(take(state, _FILE, np.uint8, (None,)).tobytes())
+    except NetworkFileError as error:
+        raise StateError(f"its network cannot be used: {error}") from error
+
+
 class NetworkPredictor(Predictor):
     """The radiance network, trained in a process of its own; begun once in a render."""
 
     is_asynchronous = True
+    part = "network"
     candidate_costs = CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)
 
     _trainer: NetworkTrainer | None = None
+    _snapshot: Snapshot | None = None
     _field: NetworkField | None = None
     _session: RadianceSession | None = None
     #: When training was last asked for its time, and that time.
     _asked = 0.0, 0.0
+
+    def __init__(self, settings: RenderSettings, report: GuidingReport, notices: list[Notice]) -> None:
+        super().__init__(settings, report, notices)
+        self._shape = network_shape(settings)
+        self._backend = NetworkBackend(settings, self._shape)
 
     @property
     def has_begun(self) -> bool:
@@ -179,14 +215,32 @@ class NetworkPredictor(Predictor):
     def begin(self, region_count: int) -> None:
         self._report.has_trained = True
         settings = self._settings
-        self._shape = network_shape(settings)
-        self._backend = NetworkBackend(settings, self._shape)
         self._trainer = NetworkTrainer(
             self._shape, seed=settings.seed, training_share=settings.training_share,
-            deterministic=settings.deterministic,
+            deterministic=settings.deterministic, first=self._snapshot,
         )
         self._trainer.start()
         self._asked = time.perf_counter(), 0.0
+
+    def resume(self, state: State, region_count: int) -> bool:
+        if not state:
+            return False
+        stored = stored_network(state)
+        if stored.shape != self._shape:
+            return False
+        self._take(stored.snapshot)
+        return True
+
+    def state(self) -> State:
+        if self._snapshot is None:
+            return {}
+        return {_FILE: np.frombuffer(network_to_onnx(StoredNetwork(self._shape, self._snapshot)), np.uint8)}
+
+    def _take(self, snapshot: Snapshot) -> None:
+        """Weigh candidates by a snapshot from now on."""
+        self._snapshot = snapshot
+        self._field = make_network_field(self._shape, snapshot)
+        self._session = self._backend.take(snapshot, self._field)
 
     def learn(self, records: VertexRecords, row_count: int, samples: float, iteration: int) -> None:
         trainer = self._trainer
@@ -200,8 +254,7 @@ class NetworkPredictor(Predictor):
         else:
             snapshot = trainer.poll()
         if snapshot is not None:
-            self._field = make_network_field(self._shape, snapshot)
-            self._session = self._backend.take(snapshot, self._field)
+            self._take(snapshot)
             self._report.snapshot_count += 1
             self._report.network_loss = snapshot.loss
             self._report.network_step = snapshot.step
@@ -239,7 +292,7 @@ class NetworkPredictor(Predictor):
 
     def drop(self) -> None:
         self.close()
-        self._field = self._session = None
+        self._field = self._session = self._snapshot = None
 
     def close(self) -> None:
         if self._trainer is not None:

@@ -80,7 +80,8 @@ class Gate:
             What held-out records promise of the image's efficiency with the network, over that without; None if nothing
             was asked (`wants_figure`).
         """
-        if not self.predictor.has_begun or self._report.network_stopped_at:
+        # One that another render has learned is judged before it is trained on.
+        if not (self.predictor.has_begun or self.predictor.is_ready) or self._report.network_stopped_at:
             return
         if efficiency is not None and efficiency > 0.0:
             self._evidence = [*self._evidence, math.log(efficiency)][-LOOKS:]

@@ -113,9 +113,6 @@ class Learner:
         self._is_over = False
         self._learning_seconds = 0.0
         self._gate = self._make_gate()
-        # Who asks for a number of candidates gets what predicts at once.
-        if self._gate is None and not self._ladder.is_auto:
-            self._predictor(self._rungs[0]).begin(1)
         self._start = start
         self._keeps = keeps
         self._samples = self._ray_count = self._variance = self._brightness = 0.0
@@ -125,6 +122,10 @@ class Learner:
             start = self._start = None
         if start is not None:
             self._resume(start)
+        first = self._predictor(self._rungs[0])
+        # Who asks for a number of candidates gets what predicts at once.
+        if self._gate is None and not self._ladder.is_auto and not first.has_begun:
+            first.begin(1)
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -143,8 +144,10 @@ class Learner:
         """Take over what another render has learned."""
         regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
         count = regions.mixture.region_count
-        table = part(start.state, "table")
-        resumed = {name for name, predictor in self._predictors.items() if predictor.resume(table, count)}
+        resumed = {
+            name for name, predictor in self._predictors.items()
+            if predictor.resume(part(start.state, predictor.part), count)
+        }  # fmt: skip
         self._samples, self._ray_count = start.samples, start.ray_count
         self._variance, self._brightness = start.variance, start.brightness
         self._budget.records_per_path = start.records_per_path
@@ -163,10 +166,11 @@ class Learner:
         """All that was learned so far of the scene of this digest, for other renders; None while there is nothing."""
         if self._regions is None:
             return None
-        tables = [state for predictor in self._predictors.values() if (state := predictor.state())]
-        choice = self._choice
+        choice, state = self._choice, self._regions.state()
+        for predictor in self._predictors.values():
+            state |= prefixed(predictor.part, predictor.state())
         return LearnedField(
-            {**self._regions.state(), **(prefixed("table", tables[0]) if tables else {})},
+            state,
             light_digest, choice.rung, LOST if self._is_over else choice.verdict,
             choice.efficiency if math.isfinite(choice.efficiency) else 0.0, self._samples,
             self._budget.records_per_path, self._ray_count, self._variance, self._brightness,

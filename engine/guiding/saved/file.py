@@ -28,6 +28,7 @@ import numpy as np
 
 from engine.guiding.fields.state import State, StateError, part
 from engine.guiding.fields.table import TableModel
+from engine.guiding.models.predictors import NetworkPredictor, TablePredictor, stored_network
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.saved.learned import VERDICTS, LearnedField
 from engine.methods import METHODS
@@ -201,7 +202,10 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
 def _check(state: State) -> None:
     """Raise unless a render can start from these arrays."""
     regions = RegionModels.of_state(state, RenderSettings().guiding_probability)
-    table = part(state, "table")
+    table = part(state, TablePredictor.part)
     for channel_count in (3, 4):
         if TableModel.is_state(table, channel_count):
             TableModel.of_state(table, regions.mixture.region_count, channel_count)
+    network = part(state, NetworkPredictor.part)
+    if network:
+        stored_network(network)

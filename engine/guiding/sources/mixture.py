@@ -62,8 +62,8 @@ _COMPACT_U_ENCODINGS: dict[str, dict[str, Any]] = {
 }
 _STRATA_AVERAGING = 0.9
 #: Perceptrons of the preset `SMALL`, of NPM and of NASG: about a quarter of the work of a query and of a step.
-_SMALL_NPM: dict[str, int] = {"width": 32, "hidden_layers": 2}
-_SMALL_NASG: dict[str, int] = {"width": 64, "hidden_layers": 2}
+_SMALL_NPM: dict[str, Any] = {"width": 32, "hidden_layers": 2}
+_SMALL_NASG: dict[str, Any] = {"width": 64, "hidden_layers": 2}
 #: Presets without grids.
 _COMPACT_PRESETS = ("COMPACT", "SMALL")
 #: Shape by source, or by what NASG is proportional to.

@@ -28,6 +28,8 @@ from engine.runtime.jit import kernel
 HAS_UNNAMED_FILES = os.name == "posix"
 #: Submissions and snapshots that can be under way at once.
 SLOT_COUNT = 2
+#: Where the worker finds the snapshot that it is to go on from, until it writes its own.
+FIRST_SLOT = 0
 
 _HEADER = np.dtype(
     [

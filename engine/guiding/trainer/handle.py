@@ -28,7 +28,7 @@ from typing import IO, Any
 from engine.array_types import Float32Array
 from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records.light import Records
-from engine.guiding.trainer.channel import SLOT_COUNT, Channel
+from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
 
 _SCRIPT = Path(__file__).resolve().parents[1] / "worker" / "__main__.py"
 _PACKAGE = f"{__package__.rpartition('.')[0]}.worker"
@@ -92,6 +92,8 @@ class NetworkTrainer:
         Python for the worker; None: the renderer's own.
     thread_count : int
         Threads of the worker, 0: as many as its share of the processors asks for.
+    first : Snapshot or None
+        What training goes on from, of a radiance network; None: it begins anew.
     start_timeout, answer_timeout : float [s]
         Silence after which the worker counts as hung, while it starts and later.
 
@@ -114,6 +116,7 @@ class NetworkTrainer:
         on_command: bool = False,
         interpreter: str | None = None,
         thread_count: int = 0,
+        first: Snapshot | None = None,
         start_timeout: float = 120.0,
         answer_timeout: float = 30.0,
     ) -> None:
@@ -128,6 +131,7 @@ class NetworkTrainer:
         self._on_command = on_command or deterministic
         self._interpreter = interpreter or sys.executable
         self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
+        self._first = first
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
         self.script = _SCRIPT
@@ -155,6 +159,8 @@ class NetworkTrainer:
             self._last_message = time.monotonic()
         try:
             self._channel = Channel.create(self.shape, self.settings)
+            if self._first is not None:
+                self._channel.write_snapshot(FIRST_SLOT, self._first)
         except OSError as error:
             self._die(f"no shared memory for the training worker: {error.strerror or error}")
             return
@@ -194,6 +200,7 @@ class NetworkTrainer:
             on_command=self._on_command,
             training_share=self._training_share,
             thread_count=self._thread_count,
+            goes_on=self._first is not None,
             channel=channel.address,
         )
         self._reader = threading.Thread(target=self._listen, args=(self.process,), name="training", daemon=True)

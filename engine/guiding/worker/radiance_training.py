@@ -31,6 +31,7 @@ from engine.guiding.networks.encoding import (
 from engine.guiding.networks.radiance import (
     LOG_RADIANCE_LIMIT,
     NetworkShape,
+    Snapshot,
     TrainingSettings,
     initial_parameters,
 )
@@ -113,6 +114,12 @@ class RadianceTraining(Training):
         #: Whether rows held out had become worse, and none have come since.
         self._is_worn = False
         self._next_look = _FIRST_LOOK
+
+    def go_on_from(self, snapshot: Snapshot) -> None:
+        """Begin with the parameters of another training; its bounds and unit stay."""
+        with torch.no_grad():
+            self._parameters.copy_(torch.from_numpy(snapshot.parameters))
+        self.bounds, self.scale, self._version = snapshot.bounds, snapshot.scale, snapshot.version
 
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         self._share: np.ndarray | None = None

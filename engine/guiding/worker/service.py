@@ -25,7 +25,7 @@ from engine.guiding.networks.flow.shape import FlowSettings, FlowShape
 from engine.guiding.networks.mixture.shape import MixtureSettings, MixtureShape
 from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
 from engine.guiding.records.training_rows import ROW_WIDTH
-from engine.guiding.trainer.channel import SLOT_COUNT, Channel
+from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
 from engine.guiding.worker.patience import Patience
 
 #: Steps between two looks at the held-out records.
@@ -131,6 +131,9 @@ class Service:
         arguments = (self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"])
         _rehearse(_make_training(*arguments)[0], self.shape.row_width)
         self.training, device = _make_training(*arguments)
+        first = self.channel.read_snapshot(FIRST_SLOT) if config["goes_on"] else None
+        if first is not None:
+            self.training.go_on_from(first)
         self.answer("ready", device=device, threads=thread_count)
         if config["on_command"]:
             self.train_on_command()
