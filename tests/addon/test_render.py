@@ -11,6 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from engine.settings import LEAST_GUIDED_SAMPLES
 from tests.helpers.motion_scenes import keyframe, open_shutter
 
 
@@ -143,12 +144,14 @@ def test_a_world_without_shadows_shines_through_walls(cube_scene: Any, tmp_path:
 
 
 def test_cancel_is_fast_and_keeps_the_picture(cube_scene: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    """Kernels are there (an earlier test rendered); from the cancel to the return it may take 0.3 s, here with room
-    for a machine that is busy with other tests."""
+    """Once kernels are there it may take 0.3 s from the cancel to the return, here with room for a machine that is busy
+    with other tests."""
     import bpy
 
     from addon import engine
 
+    # Samples enough to be guided, so that all kernels of the render that is cancelled are there.
+    cube_scene.neuralguide.samples = 2 * LEAST_GUIDED_SAMPLES
     bpy.ops.render.render()
     cube_scene.render.resolution_x, cube_scene.render.resolution_y = 320, 160
     cube_scene.neuralguide.samples = 1 << 20

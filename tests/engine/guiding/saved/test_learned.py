@@ -217,7 +217,9 @@ def test_a_cancelled_render_keeps_what_it_has_learned(session: Session) -> None:
     assert result.report.cancelled and result.learned is not None and result.learned.samples > 0.0
 
 
-@pytest.mark.parametrize("method", ["TABLE_RIS", "VMM_RIS", "SDTREE", "AUTO"])
+@pytest.mark.parametrize(
+    "method", ["TABLE_RIS", "VMM_RIS", pytest.param("SDTREE", marks=pytest.mark.slow), "AUTO"]
+)
 def test_every_method_starts_from_what_the_others_know(method: str, session: Session) -> None:
     """A table comes back; where there is none, or a tree must be learned anew, mixtures are a start all the same."""
     by_mixtures = session.render(keep=True).learned

@@ -90,6 +90,7 @@ def test_a_network_of_another_shape_is_left_out(session: Session) -> None:
     assert result.report.notices == []
 
 
+@pytest.mark.slow
 def test_the_mean_is_right_from_its_own_network(session: Session) -> None:
     """Within Z_LIMIT standard errors of renders that know nothing, eight seeds each."""
     started, anew = [], []
