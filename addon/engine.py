@@ -113,11 +113,16 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def render_frame_finish(self) -> None:
         """All view layers of the frame are done."""
+        from engine.guiding.trainer import standby
+
+        # A render too short to train anything has left it.
+        standby.dismiss()
         self._layers_done = 0
 
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
+        from engine.guiding.trainer import standby
         from engine.scene.description import Notice
         from engine.scene.limits import check_frame
 
@@ -128,6 +133,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         samples = layer_samples(scene, depsgraph.view_layer_eval, settings.samples)
         self._settings = settings = dataclasses.replace(settings, samples=samples)
         self._fields = FieldPlan(depsgraph, settings)
+        if settings.trains_network and not scene.neuralguide.sequence_field:
+            # It imports torch while the scene is exported.
+            standby.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]

@@ -171,6 +171,13 @@ class Channel:
             return {"path": str(self._path), "slot_rows": self.slot_rows}
         return {"descriptor": self.descriptor, "slot_rows": self.slot_rows}
 
+    @property
+    def address_for_others(self) -> dict[str, Any]:
+        """`address` for a process that runs already, so that it has inherited nothing (where /proc is)."""
+        if self._path is not None:
+            return self.address
+        return {"path": f"/proc/{os.getpid()}/fd/{self.descriptor}", "slot_rows": self.slot_rows}
+
     @classmethod
     def attach(cls, shape: TrainableShape, address: dict[str, Any]) -> Channel:
         """The worker's end, from the renderer's `address`."""

@@ -16,22 +16,17 @@ import math
 import os
 import signal
 import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from engine.array_types import Float32Array
 from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records.light import Records
+from engine.guiding.trainer import standby
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
-
-_SCRIPT = Path(__file__).resolve().parents[1] / "worker" / "__main__.py"
-_PACKAGE = f"{__package__.rpartition('.')[0]}.worker"
 
 
 class TrainerState(enum.Enum):
@@ -129,19 +124,19 @@ class NetworkTrainer:
         self._training_share = training_share
         self._deterministic = deterministic
         self._on_command = on_command or deterministic
-        self._interpreter = interpreter or sys.executable
+        self._interpreter = interpreter
         self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
         self._first = first
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
-        self.script = _SCRIPT
+        self.script = standby.SCRIPT
         # Guards all below; notified at every message.
         self._changed = threading.Condition()
         self._status = TrainerStatus()
         self._channel: Channel | None = None
         self.process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
-        self._errors: IO[bytes] | None = None
+        self._worker: standby.Worker | None = None
         self._free_slots = set(range(SLOT_COUNT))
         self._announced: tuple[int, int] | None = None  # slot and version of the newest snapshot not yet read
         self._trained_step = -1
@@ -170,27 +165,14 @@ class NetworkTrainer:
             self._die(f"the training worker could not be started: {error}")
 
     def _launch(self, channel: Channel) -> None:
-        environment = dict(os.environ)
-        # Threads that wait for work must not burn the renderer's processors.
-        environment.update(OMP_NUM_THREADS=str(self._thread_count), OMP_WAIT_POLICY="PASSIVE", KMP_BLOCKTIME="0")
-        extra: dict[str, Any] = {}
-        if "descriptor" in channel.address:
-            extra["pass_fds"] = (channel.address["descriptor"],)
-        if os.name == "nt":
-            extra["creationflags"] = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-        self._errors = tempfile.TemporaryFile()
-        self.process = subprocess.Popen(
-            [self._interpreter, str(self.script)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            env=environment,
-            **extra,
-        )
+        worker, address = standby.take(self.script, self._interpreter), channel.address_for_others
+        if worker is None:
+            address = channel.address
+            descriptors = [address["descriptor"]] if "descriptor" in address else []
+            worker = standby.launch(self.script, self._interpreter, self._thread_count, descriptors)
+        self._worker, self.process = worker, worker.process
         self._send(
-            package=_PACKAGE,
-            path=[entry for entry in sys.path if entry],
-            parent=os.getpid(),
+            **standby.introduction(),
             kind=self.shape.kind,
             shape=dataclasses.asdict(self.shape),  # type: ignore[call-overload]
             settings=dataclasses.asdict(self.settings),
@@ -201,7 +183,7 @@ class NetworkTrainer:
             training_share=self._training_share,
             thread_count=self._thread_count,
             goes_on=self._first is not None,
-            channel=channel.address,
+            channel=address,
         )
         self._reader = threading.Thread(target=self._listen, args=(self.process,), name="training", daemon=True)
         self._reader.start()
@@ -222,20 +204,15 @@ class NetworkTrainer:
         with self._changed:
             if self._status.state is not TrainerState.DEAD:
                 self._set(state=TrainerState.DEAD, message=reason)
-            process, self.process = self.process, None
+            worker, self._worker, self.process = self._worker, None, None
             channel, self._channel = self._channel, None
-            errors, self._errors = self._errors, None
             self._changed.notify_all()
-        if process is not None:
-            with contextlib.suppress(OSError):
-                process.stdin.close()  # type: ignore[union-attr]
-            _end(process)
+        if worker is not None:
+            worker.end()
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(timeout=5.0)
-        if process is not None and process.stdout is not None:
-            process.stdout.close()
-        if errors is not None:
-            errors.close()
+        if worker is not None:
+            worker.close()
         if channel is not None:
             channel.close()
 
@@ -245,13 +222,9 @@ class NetworkTrainer:
         self._status = dataclasses.replace(self._status, **fields)
 
     def _send(self, **message: Any) -> None:
-        process = self.process
-        if process is None or process.stdin is None:
-            return
-        # A worker that is gone is found by the reader.
-        with contextlib.suppress(OSError, ValueError):
-            process.stdin.write(json.dumps(message).encode() + b"\n")
-            process.stdin.flush()
+        worker = self._worker
+        if worker is not None:
+            worker.send(**message)
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         """Take the worker's messages until it is gone (thread)."""
@@ -299,10 +272,11 @@ class NetworkTrainer:
                 return f"the training worker was ended by {name}{hint}"
         last = ""
         with self._changed:
-            if self._errors is not None:
-                size = self._errors.seek(0, os.SEEK_END)
-                self._errors.seek(max(0, size - 4096))
-                lines = self._errors.read().decode(errors="replace").strip().splitlines()
+            if self._worker is not None:
+                errors = self._worker.errors
+                size = errors.seek(0, os.SEEK_END)
+                errors.seek(max(0, size - 4096))
+                lines = errors.read().decode(errors="replace").strip().splitlines()
                 last = f": {lines[-1]}" if lines else ""
         return f"the training worker ended with code {code}{last}"
 
@@ -407,14 +381,3 @@ class NetworkTrainer:
                 self._changed.wait(timeout=0.5)
             self._watch()
 
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process whose input is closed; insist, if it stays."""
-    for insist in (lambda: None, process.terminate, process.kill):
-        insist()
-        try:
-            process.wait(timeout=0.7)
-            return
-        except subprocess.TimeoutExpired:
-            pass
-    process.wait()

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Entry of the worker process, run by path: `python .../worker/__main__.py`.
 
-Standard input brings one line of JSON with the configuration, then messages; its end is the order to go. Standard
-output carries answers (`service.py`). Nothing of the engine can be imported before the configuration tells what its
-package is called: `engine` in a checkout, a part of Blender's own packages in an extension.
+Standard input brings one line of JSON with the configuration, then messages; its end is the order to go. A worker that
+is to stand by gets a line before that, which says so. Standard output carries answers (`service.py`). Nothing of the
+engine can be imported before a line tells what its package is called: `engine` in a checkout, a part of Blender's own
+packages in an extension.
 """
 
 import importlib
@@ -44,6 +45,12 @@ def main() -> None:
     except ImportError as error:
         answers.write(json.dumps({"kind": "failed", "reason": f"{error} (in {sys.executable})"}) + "\n")
         return
+    if config.get("stands_by"):
+        service.warm_up()
+        line = sys.stdin.buffer.readline()
+        if not line:
+            return
+        config = json.loads(line)
     service.serve(config, sys.stdin.buffer, answers)
 
 

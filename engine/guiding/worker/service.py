@@ -8,6 +8,8 @@ Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot`
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import json
 import math
 import os
@@ -39,6 +41,14 @@ _KINDS: dict[str, tuple[type, type]] = {
     MixtureShape.kind: (MixtureShape, MixtureSettings),
     FlowShape.kind: (FlowShape, FlowSettings),
 }
+
+
+def warm_up() -> None:
+    """Import what training will need, torch above all: it takes seconds."""
+    # What is missing matters to whoever trains, who will hear of it.
+    with contextlib.suppress(ImportError):
+        for name in ("radiance_training", "mixture_training"):
+            importlib.import_module(f"{__package__}.{name}")
 
 
 def _make_training(
