@@ -91,6 +91,10 @@ class ExportContext:
     working_space: str = "Rec.709"
     #: Whether the shutter is open for a while.
     is_blurred: bool = False
+    #: What passes ask for: motion vectors, names of assets, AOVs by name (whether they are colours).
+    wants_vectors: bool = False
+    wants_assets: bool = False
+    aovs: dict[str, bool] = field(default_factory=dict)
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)

@@ -232,6 +232,8 @@ def _keep(instances: Instances, is_kept: npt.NDArray[np.bool_]) -> None:
     rows = np.cumsum(is_kept) - 1
     instances.motion = {int(rows[row]): motion for row, motion in instances.motion.items() if is_kept[row]}
     instances.name = list(compress(instances.name, is_kept))
+    if instances.asset is not None:
+        instances.asset = list(compress(instances.asset, is_kept))
     for name, values in vars(instances).items():
         if isinstance(values, np.ndarray) and name != "materials" and len(values) == count:
             setattr(instances, name, values[is_kept])

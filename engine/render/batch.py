@@ -18,6 +18,7 @@ from engine.guiding.records.taught import TAUGHT_ROWS, TaughtRecords, allocate_t
 from engine.guiding.records.vertices import RECORD_ROWS, VertexRecords, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
+from engine.render.data_passes import NO_DATA_PASSES, DataPasses
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile, allocate_tile
@@ -122,14 +123,18 @@ class Batch:
         Whether there is room for what guides paths.
     records : bool
         Whether there is room to record paths.
+    data : DataPasses, optional
+        Passes of data that the film has.
     """
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
-        is_guided: bool = False, records: bool = False,
+        is_guided: bool = False, records: bool = False, data: DataPasses | None = None,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
+        data = data or NO_DATA_PASSES
+        closures = allocate_closures(lanes, channel_count, data.options.aov_width)
+        light_closures = allocate_closures(lanes, channel_count)
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
@@ -164,7 +169,8 @@ class Batch:
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(
-            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING"
+            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING", data_width=data.width,
+            matte_count=data.matte_count,
         )
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()
@@ -216,6 +222,7 @@ class Batch:
         work.free.count[0] = LANE_COUNT
         work.counts[:] = 0
         work.clock[:] = 0
+        work.closures.aovs[:] = 0.0
         # No lane is guided, whatever the last unit was.
         work.guided.rough_share[:] = 0.0
         work.samples.guide_pdf[:] = 0.0

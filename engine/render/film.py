@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
+from engine.kernels.mattes import merge_mattes
+from engine.render.data_passes import DATA_PASSES, NO_DATA_PASSES, DataPasses
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
@@ -22,6 +24,7 @@ from engine.state.film import (
     FIRST_MATERIAL_INDEX,
     FIRST_OBJECT_INDEX,
     FIRST_POSITION,
+    NO_DEPTH,
     FilmTile,
     allocate_tile,
 )
@@ -40,6 +43,7 @@ PASS_NAMES = (
     "Variance",
     "Candidate Count",
     "Guiding Benefit",
+    *DATA_PASSES,
 )
 #: Passes that need the features; without any, they are neither computed nor stored.
 FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
@@ -49,11 +53,16 @@ class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
     def __init__(
-        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False, use_residual: bool = False
+        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False,
+        use_residual: bool = False, data: DataPasses = NO_DATA_PASSES,
     ) -> None:
         self.width, self.height = width, height
         self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual)
+        self.data = data
+        self.sums = allocate_tile(
+            width * height, channel_count, use_features, use_residual, data_width=data.width,
+            matte_count=data.matte_count,
+        )
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -73,10 +82,19 @@ class Film:
             self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
             self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
             self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
+        if self.data.width:
+            self.sums.data[pixels] += tile.data[: len(pixels)] * factor
+        if self.data.matte_count:
+            self._merge_mattes(pixels, tile.mattes, np.arange(len(pixels)), np.full(len(pixels), factor))
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
         self.sums.count[pixels] += count
+
+    def _merge_mattes(self, pixels: np.ndarray, mattes: np.ndarray, rows: np.ndarray, factors: np.ndarray) -> None:
+        """Add rows of mattes to those of pixels, each with its factor; slot by slot."""
+        slots = self.data.options.matte_slots
+        merge_mattes(self.sums.mattes, pixels.astype(np.int64), mattes, rows, slots, factors.astype(np.float32))
 
     @property
     def nbytes(self) -> int:
@@ -89,7 +107,7 @@ class Film:
         Parameters
         ----------
         names : set of str
-            From PASS_NAMES; `'Combined'` is always made.
+            From PASS_NAMES, and those that the film's `data` adds; `'Combined'` is always made.
         exposure : float
             Factor on radiance.
 
@@ -154,4 +172,7 @@ class Film:
                 if name in names:
                     image = np.ascontiguousarray(points[:, column : column + width]).reshape(*shape, width)
                     images[name] = image.astype(np.float32)
+            if "Depth" in names:
+                images["Depth"][images["Depth"] == 0.0] = NO_DEPTH
+        images |= self.data.images(self.sums.data, self.sums.mattes, scale, shape)
         return images

@@ -19,6 +19,7 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.data_passes import DataPasses, plan_data_passes
 from engine.render.film import FEATURE_PASSES, Film
 from engine.render.job import Job
 from engine.render.precompile import compile_ahead
@@ -174,12 +175,12 @@ class Session:
             raise
         return future.result()
 
-    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool, data: DataPasses) -> Tracer:
         """The tracer of the last render, ready for this one; a new one for the first."""
         if self._tracer is None:
-            self._tracer = Tracer(scene, settings, use_features=use_features)
+            self._tracer = Tracer(scene, settings, use_features=use_features, data=data)
         else:
-            self._tracer.take(scene, settings, use_features=use_features)
+            self._tracer.take(scene, settings, use_features=use_features, data=data)
         return self._tracer
 
     def close(self) -> None:
@@ -208,7 +209,8 @@ class Session:
             Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
         passes : iterable of str
-            Of `film.PASS_NAMES`.
+            Of `film.PASS_NAMES`, and those of the description's AOVs and of mattes
+            (`engine.scene.pass_names`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -240,10 +242,11 @@ class Session:
             settings = replace(settings, seed=start.seed(settings.seed))
         names = frozenset(passes)
         frame = scene.description.frame
-        use_features = bool(names & FEATURE_PASSES)
-        film, strata = _make_film(frame, settings, use_features=use_features)
+        data = plan_data_passes(names, scene.description.passes)
+        use_features = bool(names & FEATURE_PASSES) or bool(data.options.is_used)
+        film, strata = _make_film(frame, settings, use_features=use_features, data=data)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, use_features)
+        tracer = self._take_tracer(scene, settings, use_features, data)
         tracer.ray_observer = ray_observer
         job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
@@ -345,14 +348,18 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
+def _make_film(
+    frame: Frame, settings: RenderSettings, *, use_features: bool, data: DataPasses
+) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
     use_residual = settings.radiance_cache == "CONVERGING"
-    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual)
+    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual, data=data)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual)
+        film = StrataFilm(
+            x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual, data=data
+        )
     return film, strata
 
 

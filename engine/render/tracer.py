@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.table import no_table
@@ -19,6 +20,7 @@ from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Arm, Batch
+from engine.render.data_passes import NO_DATA_PASSES, DataPasses
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
 from engine.runtime.stage_table import StageTable
@@ -33,6 +35,7 @@ from engine.state.shaders import (
     MODE_NO_REFRACTIVE_CAUSTICS,
     PROGRAM_EMISSION_CONSTANT,
     PROGRAM_FLAGS,
+    PROGRAM_HAS_AOVS,
 )
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -83,20 +86,25 @@ class Tracer:
     has been learned; None: nothing yet, or nothing asked for.
     """
 
-    def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, settings: RenderSettings, *, use_features: bool = False, data: DataPasses | None = None
+    ) -> None:
         self._batches: list[Batch] = []
         self._batch_key: object = None
         #: What the kernels in the table are linked for: types, and which stages have something to do.
         self._linked_for: object = None
         self._python_loop = in_python(trace_rounds)
-        self.take(scene, settings, use_features=use_features)
+        self.take(scene, settings, use_features=use_features, data=data)
 
-    def take(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def take(
+        self, scene: Scene, settings: RenderSettings, *, use_features: bool = False, data: DataPasses | None = None
+    ) -> None:
         """Be ready to trace this scene with these settings; what was learned is forgotten."""
         channel_count = settings.channel_count
         self.seed = settings.seed
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.use_features = use_features
+        self._data = data or NO_DATA_PASSES
         header = scene.lights.header
         has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
         self.mode = MODE_CLOSURES
@@ -105,7 +113,8 @@ class Tracer:
         if not settings.use_caustics_refractive:
             self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
-        world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        facts = scene.shaders.programs[world, PROGRAM_FLAGS]
+        world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -119,7 +128,8 @@ class Tracer:
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, scene.lights, make_options(settings, scene.description.frame.exposure),
+            scene.shaders, scene.tables, scene.lights, build_data_view(scene, self._data.options),
+            make_options(settings, scene.description.frame.exposure),
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -156,12 +166,17 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        key = (count, pixel_count, is_guided, records, self.use_features, settings)
+        data = self._data
+        key = (
+            count, pixel_count, is_guided, records, self.use_features, data.width, data.matte_count,
+            data.options.aov_width, settings,
+        )
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
                 Batch(
-                    shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided, records=records
+                    shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided,
+                    records=records, data=data,
                 )
                 for _ in range(count)
             ]
@@ -176,7 +191,7 @@ class Tracer:
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.use_features,
-            *scene.header[_STAGE_FLAGS].tolist(),
+            *scene.header[_STAGE_FLAGS].tolist(), scene.data.options.is_used, scene.data.options.aov_width > 0,
         )
         if needed != self._linked_for:
             self._linked_for = needed

@@ -43,7 +43,11 @@ class FilmTile(Bundle):
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
+    data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
+        (`engine.state.data_passes.DataOptions`)
     """
+
+    _dynamic = frozenset({"data", "mattes"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -57,12 +61,15 @@ class FilmTile(Bundle):
     residual_square: np.ndarray
     square_gain: np.ndarray
     ended: np.ndarray
+    data: np.ndarray
+    mattes: np.ndarray
 
 
 def allocate_tile(
-    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False
+    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False, *, data_width: int = 0,
+    matte_count: int = 0,
 ) -> FilmTile:
-    """Zeroed sums for `pixel_count` pixels."""
+    """Zeroed sums for `pixel_count` pixels, with so many columns of data and slots of mattes."""
     feature_count = pixel_count if use_features else 0
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
@@ -77,4 +84,6 @@ def allocate_tile(
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
+        np.zeros((pixel_count if data_width else 0, data_width), np.float32),
+        np.zeros((pixel_count if matte_count else 0, matte_count, 2), np.float32),
     )

@@ -12,7 +12,7 @@ from engine.kernels.path_depths import store_depths
 from engine.kernels.radiance import add_emission, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.film import FEATURE_ENVIRONMENT, FIRST_DEPTH, NO_DEPTH
+from engine.state.film import FEATURE_ENVIRONMENT
 from engine.state.lanes import (
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -33,7 +33,6 @@ from engine.state.lanes import (
     RAY_EMISSION,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
-    RAY_PASSES_DONE,
     RAY_TRANSPARENT_BACKGROUND,
     RAY_VISIBILITY,
     RGB,
@@ -93,8 +92,8 @@ def prepare_background(scene, unit, work, queue):
 def shade_background(scene, unit, work, queue):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
-    `work.closures.emission` holds the background's radiance. The film gets the Environment pass and the depth of
-    nothing, if features are asked for.
+    `work.closures.emission` holds the background's radiance. The film gets the Environment pass, if features are asked
+    for.
     """
     lights, spectrum, options = scene.lights, scene.spectrum, scene.options
     visibility = scene.header[SCENE_WORLD_VISIBILITY]
@@ -126,5 +125,3 @@ def shade_background(scene, unit, work, queue):
             add_emission(
                 options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
             )
-        if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
-            film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH
