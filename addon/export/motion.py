@@ -59,7 +59,7 @@ def add_motion(
     kind_steps = np.array([*(kind.motion_step_count for kind in appearances.kinds), 0], np.int64)
     steps = kind_steps[appearances.kind[chosen]]
     camera = CameraTrack(context, camera_object, description.camera)
-    shapes = ShapeTrack(context, description, appearances, chosen)
+    shapes = ShapeTrack(context, description, appearances, chosen, shutter)
     count = max(int(steps.max(initial=0)), camera.step_count, shapes.step_count)
     if count == 0:
         return

@@ -18,7 +18,8 @@ def read_requests(context: ExportContext) -> None:
     context.wants_assets = layer.use_pass_cryptomatte_asset
     context.wants_vectors = layer.use_pass_vector and not context.is_blurred
     if layer.use_pass_vector and context.is_blurred:
-        context.notice(f"View layer {layer.name}", "has a Vector pass and motion blur", "zeros in the pass, as in Cycles")
+        problem = "has a Vector pass, which is empty where there is motion blur"
+        context.notice(f"View layer {layer.name}", problem, "zeros, as in Cycles")
 
 
 def export_pass_settings(context: ExportContext) -> PassSettings:

@@ -20,9 +20,9 @@ from .instances import Appearance, Appearances, gather_appearances, is_invertibl
 from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
+from .nodes import GraphExporter
 from .pass_motion import find_pass_motion
 from .pass_settings import export_pass_settings, read_requests
-from .nodes import GraphExporter
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .unsupported import notice_scene
 from .world import export_world
