@@ -101,11 +101,11 @@ class GraphExporter:
         if not self._context.aovs:
             return
         for node in tree.tree.nodes:
-            if node.mute:
-                continue
-            if node.bl_idname == "ShaderNodeOutputAOV" and _aov_name(node) in self._context.aovs:
-                self._graph.aovs.append(self._node(tree, node))
-            elif getattr(node, "node_tree", None) is not None:
+            if node.bl_idname == "ShaderNodeOutputAOV":
+                # Blender mutes no outputs.
+                if _aov_name(node) in self._context.aovs:
+                    self._graph.aovs.append(self._node(tree, node))
+            elif getattr(node, "node_tree", None) is not None and not node.mute:
                 self._aovs(_open_group(tree, node))
 
     # -----------------------------------------------------------------------------------------------------------------

@@ -54,6 +54,7 @@ def find_pass_motion(
     camera = seen.camera.motion
     return PassMotion(
         camera=None if camera is None else camera[_ENDS],
+        lens=seen.camera.lens_motion,
         instances={index: motion[_ENDS] for index, motion in seen.instances.motion.items()},
         shapes={
             index: mesh.motion_vertices[_ENDS]

@@ -57,8 +57,13 @@ def _motion_arrays(description: SceneDescription) -> dict[str, np.ndarray]:
         rows[index] = len(matrices)
         matrices.append(then[:, :3].reshape(2, 12))
     camera = description.camera
-    places = [camera.transform] * 2 if motion.camera is None else list(motion.camera)
-    rasters = [_world_to_raster(camera, description.frame, place) for place in (camera.transform, *places)]
+    cameras = [camera] * 3
+    if motion.camera is not None:
+        cameras[1:] = [replace(camera, transform=transform) for transform in motion.camera]
+    if motion.lens is not None:
+        for step, (lens, width, height) in enumerate(motion.lens.tolist(), 1):
+            cameras[step] = replace(cameras[step], lens=lens, sensor_width=width, sensor_height=height)
+    rasters = [_world_to_raster(camera, description.frame) for camera in cameras]
     return {
         "motion_rows": rows,
         "motion_matrices": np.array(matrices, np.float32).reshape(-1, 12),
@@ -68,9 +73,9 @@ def _motion_arrays(description: SceneDescription) -> dict[str, np.ndarray]:
     }
 
 
-def _world_to_raster(camera: Camera, frame: Frame, transform: Float32Array) -> np.ndarray:
-    """A row of `DataView.rasters`: the camera's lens, from where it is by `transform`."""
+def _world_to_raster(camera: Camera, frame: Frame) -> np.ndarray:
+    """A row of `DataView.rasters`."""
     if camera.kind not in ("PERSP", "ORTHO"):
-        return np.linalg.inv(np.asarray(transform, np.float64))[:3].ravel()
-    window = camera_matrices(replace(camera, transform=transform), frame)[CAMERA_WORLD_TO_NDC].astype(np.float64)
+        return np.linalg.inv(np.asarray(camera.transform, np.float64))[:3].ravel()
+    window = camera_matrices(camera, frame)[CAMERA_WORLD_TO_NDC].astype(np.float64)
     return (window.reshape(3, 4) * np.array([[frame.width], [frame.height], [1.0]])).ravel()

@@ -382,6 +382,8 @@ class PassMotion:
     ----------
     camera : float32 (2, 4, 4) or None
         Camera to world; None: it stands still.
+    lens : float32 (2, 3) or None
+        `Camera.lens`, `sensor_width` and `sensor_height` of a perspective camera; None: it does not zoom.
     instances : dict of float32 (2, 4, 4)
         Object to world, by index of the instance.
     shapes : dict of float32 (2, V, 3)
@@ -389,6 +391,7 @@ class PassMotion:
     """
 
     camera: Float32Array | None = None
+    lens: Float32Array | None = None
     instances: dict[int, Float32Array] = field(default_factory=dict)
     shapes: dict[int, Float32Array] = field(default_factory=dict)
 
