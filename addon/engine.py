@@ -32,7 +32,8 @@ cancel_hooks: list[Callable[[], bool]] = []
 class Outcome:
     """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'.
 
-    `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was.
+    `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was. `notices` are those of the
+    settings and of the scene.
     """
 
     scene: str
@@ -42,6 +43,7 @@ class Outcome:
     message: str = ""
     report: Any = None
     first_image: float = math.nan
+    notices: tuple[Notice, ...] = ()
 
 
 #: The latest outcomes, oldest first. Blender's operator cannot tell: it says FINISHED when an engine raised.
@@ -290,7 +292,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         global _outcome_count
         scene = depsgraph.scene
         name = depsgraph.view_layer_eval.name
-        outcomes.append(Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image))
+        notices = (*self._notices, *(report.notices if report is not None else ()))
+        outcomes.append(
+            Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image, notices)
+        )
         _outcome_count += 1
 
     def _note_image(self) -> None:

@@ -171,13 +171,13 @@ class RenderSettings:
         minimum=0, unit="s",
     )
     guiding_method: str = _declare(
-        "OFF", "Guiding", "How directions are chosen where light is hard to find", "Sampling", scene_default="AUTO",
+        "OFF", "Guiding", "How directions are chosen where light is hard to find", "Guiding", scene_default="AUTO",
         choices=_METHOD_CHOICES,
     )
     radiance_cache: str = _declare(
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
-        "Sampling",
+        "Guiding",
         choices=(
             Choice("OFF", "Unbiased", "Paths find all light themselves"),
             Choice("FAST", "Fast", "Biased: what was not learned is left out. For previews"),
@@ -197,16 +197,17 @@ class RenderSettings:
     )
     guiding_trial: bool = _declare(
         True, "Trial", "Render a few samples without guiding too, and go on without it where it does not pay",
-        "Guiding",
+        "Trial and Training",
     )
     training_share: float = _declare(
-        0.25, "Training Share", "Share of the processors' time that training a network may take", "Guiding",
+        0.25, "Training Share", "Share of the processors' time that training a network may take",
+        "Trial and Training",
         minimum=0.01, maximum=1,
     )
     deterministic: bool = _declare(
         False, "Deterministic",
         "The same image every time: rendering waits for the training of networks and does not read the clock",
-        "Guiding",
+        "Trial and Training",
     )
     light_sampling_threshold: float = _declare(
         0.01, "Light Threshold", "Skip, at random, light samples dimmer than this (0 = skip none)", "Lights", minimum=0,

@@ -319,7 +319,8 @@ class Session:
                 guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
             guiding.chosen = "OFF"
-            guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
+            guiding.sentence = "chose to render without guiding: so few samples are over before it could pay"
+            guiding.lines = [guiding.sentence]
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
