@@ -1,226 +1,207 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Builds the demo scene: an evening room whose lamps are all out of sight.
+"""Builds the demo scene: a study that is lit by lamps which nothing in it sees.
 
-Warm light comes around a door ajar from a lamp in the next room, a lighting strip shines on the wall from behind a
-panel, and the last of the sunset falls through slatted blinds. Nearly all that is seen is lit indirectly, much of it by
-way of polished stone, bronze and glass. Everything comes from what Blender ships, or is made here.
+Strips in a cove shine on the ceiling from behind its edge, and a lamp in the hall shines past a door that is ajar. All
+light in the picture has been scattered at least once before it falls on what is seen. Everything is made here.
 """
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
-from pathlib import Path
 
 import bpy
 
 from . import materials
+from .shapes import add_object, box, hang, leaf, primitive, smooth, suzanne, turned
 
-Vector = Sequence[float]
-
-
-def _object(name: str, data: bpy.types.ID | None, material: bpy.types.Material | None = None) -> bpy.types.Object:
-    item = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(item)
-    if material is not None:
-        data.materials.append(material)
-    return item
+#: Inside of the study: from, to [m]. The camera looks along y.
+_LOW, _HIGH = (-2.7, -3.4, 0.0), (2.7, 2.4, 3.0)
+#: Underside of the lowered ceiling, and its distance from the walls.
+_PANEL_HEIGHT, _COVE = 2.62, 0.42
+_THICK = 0.14
 
 
-def _box(name: str, low: Vector, high: Vector, material: bpy.types.Material, bevel: float = 0.0) -> bpy.types.Object:
-    """An axis-aligned box, its origin in its middle."""
-    half = [(b - a) / 2 for a, b in zip(low, high, strict=True)]
-    corners = [(x * half[0], y * half[1], z * half[2]) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(corners, [], faces)
-    item = _object(name, mesh, material)
-    item.location = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
-    if bevel:
-        modifier = item.modifiers.new("Bevel", "BEVEL")
-        modifier.width, modifier.segments = bevel, 3
-    return item
-
-
-def _smooth(item: bpy.types.Object) -> bpy.types.Object:
-    for polygon in item.data.polygons:
-        polygon.use_smooth = True
-    return item
-
-
-def _primitive(operator: object, name: str, material: bpy.types.Material, **arguments: object) -> bpy.types.Object:
-    operator(**arguments)  # type: ignore[operator]
-    item = bpy.context.active_object
-    item.name = name
-    item.data.materials.append(material)
-    return _smooth(item)
-
-
-def _suzanne(
-    name: str, material: bpy.types.Material, location: Vector, size: float, turn: float, levels: int = 2
-) -> bpy.types.Object:
-    item = _primitive(bpy.ops.mesh.primitive_monkey_add, name, material, size=size, location=location)
-    item.rotation_euler = (math.radians(-14.0), 0.0, math.radians(turn))
-    item.modifiers.new("Subdivision", "SUBSURF").render_levels = levels
-    return item
-
-
-def _room() -> None:
-    """Two rooms with a doorway between them, and a window on the left."""
-    wall = materials.plaster("Wall paint", (0.42, 0.40, 0.36))
-    accent = materials.plaster("Accent paint", (0.36, 0.17, 0.10))
-    ceiling = materials.plaster("Ceiling paint", (0.72, 0.70, 0.66))
-    oak = materials.wood("Oak", (0.09, 0.035, 0.012), (0.30, 0.14, 0.055))
-    _box("Floor", (-3.2, -6.2, -0.2), (3.2, 6.2, 0.0), materials.marble_tiles())
-    _box("Ceiling", (-3.2, -6.2, 2.8), (3.2, 6.2, 3.0), ceiling)
-    _box("Wall right", (3.0, -6.2, 0.0), (3.2, 6.2, 2.8), wall)
-    _box("Wall behind camera", (-3.2, -6.2, 0.0), (3.2, -6.0, 2.8), wall)
-    _box("Wall of the next room", (-3.2, 6.0, 0.0), (3.2, 6.2, 2.8), wall)
-    # Back wall around the doorway (x 1.15 to 2.05, 2.1 high).
-    _box("Back wall left", (-3.0, 3.0, 0.0), (1.15, 3.15, 2.8), accent)
-    _box("Back wall right", (2.05, 3.0, 0.0), (3.0, 3.15, 2.8), accent)
-    _box("Back wall above", (1.15, 3.0, 2.1), (2.05, 3.15, 2.8), accent)
-    for x in (1.10, 2.05):
-        _box("Door post", (x, 2.96, 0.0), (x + 0.05, 3.19, 2.15), oak, 0.006)
-    _box("Lintel", (1.10, 2.96, 2.10), (2.10, 3.19, 2.15), oak, 0.006)
-    door = _box("Door", (1.16, 2.98, 0.01), (2.04, 3.03, 2.09), oak, 0.006)
-    door.data.transform(_translation(0.44, 0.0, 0.0))
-    door.location = (1.16, 3.08, door.location.z)
-    door.rotation_euler.z = math.radians(62.0)
-    # Left wall around the window (y 0.2 to 1.7, z 0.7 to 2.3).
-    _box("Left wall front", (-3.2, -6.2, 0.0), (-3.0, 0.2, 2.8), wall)
-    _box("Left wall back", (-3.2, 1.7, 0.0), (-3.0, 6.2, 2.8), wall)
-    _box("Left wall below", (-3.2, 0.2, 0.0), (-3.0, 1.7, 0.7), wall)
-    _box("Left wall above", (-3.2, 0.2, 2.3), (-3.0, 1.7, 2.8), wall)
-    slat = _box("Blind", (-3.12, 0.2, 0.72), (-3.04, 1.7, 0.726), oak)
-    slat.rotation_euler.y = math.radians(-28.0)
-    blind = slat.modifiers.new("Array", "ARRAY")
-    blind.count, blind.use_relative_offset, blind.use_constant_offset = 23, False, True
-    up = math.radians(28.0)
-    blind.constant_offset_displace = (0.07 * math.sin(up), 0.0, 0.07 * math.cos(up))
-
-
-def _translation(x: float, y: float, z: float) -> object:
-    from mathutils import Matrix
-
-    return Matrix.Translation((x, y, z))
-
-
-def _lights() -> None:
-    """None of them is in the picture."""
-    data = bpy.data.lights.new("Lamp next door", "AREA")
-    data.shape, data.size, data.energy = "DISK", 0.9, 520.0
-    data.color = (1.0, 0.62, 0.33)
-    next_door = _object("Lamp next door", data)
-    next_door.location = (2.72, 4.75, 2.2)
-    next_door.rotation_euler = (math.radians(-48.0), 0.0, math.radians(-40.0))
-
-    panel_wood = materials.wood("Walnut", (0.05, 0.022, 0.011), (0.22, 0.105, 0.05))
-    _box("Panel", (-2.35, 2.86, 0.95), (0.35, 2.90, 2.15), panel_wood, 0.008)
-    glow = materials.lamp("Lighting strip", 3300.0, 16.0)
-    _box("Strip above", (-2.2, 2.92, 1.94), (0.2, 2.95, 2.02), glow)
-    _box("Strip below", (-2.2, 2.92, 1.08), (0.2, 2.95, 1.16), glow)
-
-    world = bpy.data.worlds.new("Sunset")
-    world.use_nodes = True
-    bpy.context.scene.world = world
-    tree = world.node_tree
-    background = next(node for node in tree.nodes if node.type == "BACKGROUND")
-    environment = tree.nodes.new("ShaderNodeTexEnvironment")
-    folder = Path(bpy.utils.resource_path("LOCAL")) / "datafiles" / "studiolights" / "world"
-    environment.image = bpy.data.images.load(str(folder / "sunset.exr"))
-    environment.image.pack()
-    turn = tree.nodes.new("ShaderNodeMapping")
-    turn.inputs["Rotation"].default_value[2] = math.radians(200.0)
-    place = tree.nodes.new("ShaderNodeTexCoord")
-    tree.links.new(place.outputs["Generated"], turn.inputs["Vector"])
-    tree.links.new(turn.outputs["Vector"], environment.inputs["Vector"])
-    tree.links.new(environment.outputs["Color"], background.inputs["Color"])
-    background.inputs["Strength"].default_value = 2.2
-
-
-def _still_life() -> None:
-    """What stands in the room."""
-    stone = materials.plaster("Stone", (0.50, 0.47, 0.42))
-    walnut = bpy.data.materials["Walnut"]
-    _box("Plinth", (-0.34, 0.43, 0.0), (0.34, 1.11, 0.66), stone, 0.02)
-    bronze = materials.metal("Bronze", (0.80, 0.46, 0.22), 0.16)
-    _suzanne("Bronze head", bronze, (0.0, 0.77, 1.10), 1.0, 20.0)
-
-    _box("Low table", (-1.95, -0.55, 0.36), (-0.75, 0.25, 0.42), walnut, 0.012)
-    for x in (-1.90, -0.86):
-        for y in (-0.48, 0.12):
-            _box("Leg", (x, y, 0.0), (x + 0.06, y + 0.06, 0.36), walnut, 0.006)
-    sphere = bpy.ops.mesh.primitive_uv_sphere_add
-    clear = materials.glass("Glass", (0.97, 0.99, 0.98))
-    _primitive(sphere, "Glass ball", clear, radius=0.20, segments=96, ring_count=48, location=(-1.02, -0.26, 0.62))
-    _primitive(
-        bpy.ops.mesh.primitive_torus_add,
-        "Ring",
-        materials.metal("Brass", (0.90, 0.66, 0.28), 0.08),
-        major_radius=0.17,
-        minor_radius=0.045,
-        major_segments=96,
-        minor_segments=32,
-        location=(-1.42, -0.32, 0.465),
+def _shell() -> None:
+    """Study and hall: floor, walls, the doorway between them, ceiling with a cove."""
+    (x0, y0, z0), (x1, y1, z1) = _LOW, _HIGH
+    hall_end = y1 + 2.6
+    wall = materials.plaster("Wall paint", (0.50, 0.52, 0.44))
+    white = materials.plaster("White paint", (0.80, 0.78, 0.74))
+    gloss = materials.paint("Enamel", (0.78, 0.75, 0.69), 0.35)
+    box("Floor", (x0 - _THICK, y0 - _THICK, -0.1), (x1 + _THICK, hall_end + _THICK, z0), materials.planks())
+    box("Ceiling", (x0 - _THICK, y0 - _THICK, z1), (x1 + _THICK, hall_end + _THICK, z1 + 0.1), white)
+    for name, low, high in (
+        ("Wall left", (x0 - _THICK, y0, z0), (x0, hall_end, z1)),
+        ("Wall right", (x1, y0, z0), (x1 + _THICK, hall_end, z1)),
+        ("Wall behind camera", (x0 - _THICK, y0 - _THICK, z0), (x1 + _THICK, y0, z1)),
+        ("Wall of the hall", (x0 - _THICK, hall_end, z0), (x1 + _THICK, hall_end + _THICK, z1)),
+        # Around the doorway.
+        ("Back wall left", (x0, y1, z0), (1.25, y1 + _THICK, z1)),
+        ("Back wall right", (2.15, y1, z0), (x1, y1 + _THICK, z1)),
+        ("Back wall above", (1.25, y1, 2.12), (2.15, y1 + _THICK, z1)),
+    ):
+        box(name, low, high, wall)
+    for name, low, high in (
+        ("Skirting back", (x0, y1 - 0.018, z0), (1.17, y1, 0.14)),
+        ("Skirting left", (x0, y0, z0), (x0 + 0.018, y1, 0.14)),
+        ("Skirting right", (x1 - 0.018, y0, z0), (x1, y1, 0.14)),
+        ("Frame left", (1.17, y1 - 0.03, z0), (1.27, y1 + _THICK + 0.03, 2.16)),
+        ("Frame right", (2.13, y1 - 0.03, z0), (2.23, y1 + _THICK + 0.03, 2.16)),
+        ("Frame above", (1.17, y1 - 0.03, 2.10), (2.23, y1 + _THICK + 0.03, 2.22)),
+    ):
+        box(name, low, high, gloss, 0.006)
+    door = box("Door", (1.28, y1 - 0.03, 0.01), (2.12, y1 + 0.015, 2.09), gloss, 0.004)
+    hang(door, (2.12, y1, door.location.z), math.radians(38.0))
+    knob = primitive(
+        bpy.ops.mesh.primitive_uv_sphere_add, "Knob", materials.metal("Brass", (0.90, 0.66, 0.28), 0.18), radius=0.032
     )
-    vase = _primitive(sphere, "Vase", materials.glaze(), radius=0.19, segments=96, ring_count=48)
-    vase.location, vase.scale = (-1.60, 0.02, 0.70), (0.85, 0.85, 1.5)
-
-    frosted = materials.glass("Frosted glass", (0.72, 0.93, 0.86), 0.18)
-    small = _suzanne("Glass head", frosted, (0.80, -0.38, 0.33), 0.58, -16.0)
-    small.location.z = 0.24
-    _books()
+    knob.parent, knob.location = door, (-0.76, -0.09, 0.0)
+    panel = (x0 + _COVE, y0 + _COVE, _PANEL_HEIGHT), (x1 - _COVE, y1 - _COVE, _PANEL_HEIGHT + 0.05)
+    box("Lowered ceiling", *panel, white)
 
 
-def _books() -> None:
-    """Instances of one book, with a colour each, stacked beside the plinth and leaning on the wall."""
-    choose = random.Random(7)
+def _lamps() -> None:
+    """Strips on top of the lowered ceiling, and a lamp beside the door in the hall: none is seen from the study."""
+    (x0, y0, _), (x1, y1, _) = _LOW, _HIGH
+    glow = materials.lamp("Cove light", 4300.0, 46.0)
+    inset, low, high = _COVE + 0.14, _PANEL_HEIGHT + 0.05, _PANEL_HEIGHT + 0.09
+    for name, start, end in (
+        ("Strip back", (x0 + inset, y1 - inset - 0.05), (x1 - inset, y1 - inset)),
+        ("Strip left", (x0 + inset, y0 + inset), (x0 + inset + 0.05, y1 - inset)),
+        ("Strip right", (x1 - inset - 0.05, y0 + inset), (x1 - inset, y1 - inset)),
+    ):
+        box(name, (*start, low), (*end, high), glow)
+    lamp = bpy.data.lights.new("Hall lamp", "AREA")
+    lamp.shape, lamp.size, lamp.energy, lamp.color = "DISK", 0.5, 420.0, (1.0, 0.66, 0.36)
+    item = add_object("Hall lamp", lamp)
+    item.location = (-0.9, y1 + 1.5, 2.5)
+    item.rotation_euler = (math.radians(20.0), math.radians(-58.0), 0.0)
+
+
+def _console() -> None:
+    """A sideboard at the back wall with what stands on it, and a painting above."""
+    y1 = _HIGH[1]
+    walnut = materials.wood("Walnut", (0.05, 0.022, 0.011), (0.20, 0.10, 0.05))
+    box("Sideboard", (-1.95, y1 - 0.50, 0.16), (0.35, y1 - 0.03, 0.80), walnut, 0.012)
+    for x in (-1.85, 0.19):
+        for y in (y1 - 0.46, y1 - 0.13):
+            box("Leg", (x, y, 0.0), (x + 0.06, y + 0.06, 0.16), walnut, 0.006)
+    for x in (-1.17, -0.40):
+        box("Gap", (x, y1 - 0.512, 0.18), (x + 0.008, y1 - 0.50, 0.78), materials.paint("Gap", (0.01, 0.006, 0.004)))
+    porcelain = materials.paint("Porcelain", (0.82, 0.80, 0.76), 0.25)
+    suzanne("Bust", porcelain, (-0.72, y1 - 0.28, 1.08), 0.46, 12.0)
+    base = [(0.0, 0.0), (0.15, 0.0), (0.15, 0.03), (0.06, 0.05), (0.05, 0.16), (0.0, 0.16)]
+    turned("Base", base, porcelain).location = (-0.72, y1 - 0.27, 0.80)
+    profile = [
+        (0.0, 0.0), (0.055, 0.0), (0.10, 0.07), (0.125, 0.16), (0.10, 0.25), (0.05, 0.31), (0.045, 0.35), (0.065, 0.37),
+        (0.055, 0.37), (0.036, 0.345), (0.04, 0.30), (0.09, 0.24), (0.11, 0.16), (0.0, 0.02),
+    ]  # fmt: skip
+    turned("Vase", profile, materials.glaze()).location = (-1.55, y1 - 0.27, 0.80)
+    bowl = [(0.0, 0.0), (0.06, 0.0), (0.07, 0.015), (0.17, 0.09), (0.165, 0.095), (0.06, 0.03), (0.0, 0.025)]
+    turned("Bowl", bowl, materials.metal("Copper", (0.86, 0.45, 0.27), 0.22)).location = (0.02, y1 - 0.27, 0.80)
+    frame = (-1.48, y1 - 0.035, 1.46), (-0.02, y1 - 0.002, 2.32)
+    box("Frame", *frame, materials.metal("Gilt", (0.72, 0.52, 0.24), 0.35), 0.006)
+    box("Painting", (-1.42, y1 - 0.045, 1.52), (-0.08, y1 - 0.03, 2.26), materials.canvas())
+    _books(random.Random(7), (-0.32, y1 - 0.28, 0.80), 4)
+
+
+def _books(choose: random.Random, foot: tuple[float, float, float], count: int) -> None:
+    """A pile of books, a colour each."""
     cover = materials.cloth_covers()
-    book = _box("Book", (-0.15, -0.11, -0.02), (0.15, 0.11, 0.02), cover, 0.004)
-    book.location = (0.0, -20.0, -1.0)
-    book.hide_render = True
-    height = 0.0
-    for _ in range(9):
-        thickness = choose.uniform(0.7, 1.5)
-        item = _object("Book", book.data)
-        item.scale = (choose.uniform(0.85, 1.15), choose.uniform(0.9, 1.1), thickness)
-        item.rotation_euler.z = math.radians(choose.uniform(-16.0, 16.0) + 20.0)
-        shift = choose.uniform(-0.02, 0.02), choose.uniform(-0.02, 0.02)
-        item.location = (0.80 + shift[0], 1.35 + shift[1], height + 0.02 * thickness)
-        height += 0.04 * thickness
-        modifier = item.modifiers.new("Bevel", "BEVEL")
-        modifier.width, modifier.segments = 0.004, 2
+    height = foot[2]
+    for _ in range(count):
+        thickness = choose.uniform(0.025, 0.05)
+        half = choose.uniform(0.10, 0.13), choose.uniform(0.075, 0.09)
+        low, high = (-half[0], -half[1], 0.0), (half[0], half[1], thickness)
+        book = box("Book", low, high, cover, 0.004, 2)
+        book.location = (foot[0] + choose.uniform(-0.015, 0.015), foot[1], height + thickness / 2)
+        book.rotation_euler.z = math.radians(choose.uniform(-14.0, 14.0))
+        height += thickness
+
+
+def _chair() -> None:
+    """An armchair of cushions on wooden legs, on a rug, with a low table beside it."""
+    oak = bpy.data.materials["Walnut"]
+    green = materials.cloth("Green cloth", (0.07, 0.16, 0.13))
+    parts = (
+        ("Seat", (-0.36, -0.36, 0.26), (0.36, 0.36, 0.46)),
+        ("Back", (-0.36, 0.24, 0.40), (0.36, 0.42, 1.00)),
+        ("Arm left", (-0.48, -0.36, 0.22), (-0.33, 0.40, 0.64)),
+        ("Arm right", (0.33, -0.36, 0.22), (0.48, 0.40, 0.64)),
+    )
+    root = add_object("Armchair", None)
+    root.location, root.rotation_euler.z = (-1.62, 0.35, 0.0), math.radians(48.0)
+    for name, low, high in parts:
+        smooth(box(name, low, high, green, 0.07, 5)).parent = root
+    for x in (-0.42, 0.36):
+        for y in (-0.32, 0.32):
+            box("Chair leg", (x, y, 0.0), (x + 0.06, y + 0.06, 0.23), oak, 0.006).parent = root
+    ochre = materials.cloth("Ochre", (0.55, 0.27, 0.05))
+    cushion = box("Cushion", (-0.20, -0.07, -0.20), (0.20, 0.07, 0.20), ochre, 0.065, 5)
+    cushion.parent, cushion.location = root, (0.0, 0.14, 0.64)
+    cushion.rotation_euler = (math.radians(-22.0), math.radians(8.0), 0.0)
+    smooth(cushion)
+    box("Rug", (-2.2, -1.3, 0.0), (0.9, 1.3, 0.012), materials.cloth("Rug", (0.36, 0.09, 0.06)), 0.005)
+    box("Rug's field", (-2.05, -1.15, 0.002), (0.75, 1.15, 0.0135), materials.cloth("Rug's field", (0.50, 0.40, 0.29)))
+    top = turned("Table", [(0.0, 0.0), (0.30, 0.0), (0.31, 0.02), (0.30, 0.035), (0.0, 0.035)], oak)
+    top.location = (-0.38, 0.15, 0.46)
+    foot = [(0.0, 0.0), (0.17, 0.0), (0.16, 0.02), (0.025, 0.04), (0.025, 0.46), (0.0, 0.46)]
+    turned("Table's foot", foot, oak).location = (-0.38, 0.15, 0.0)
+    cup = [(0.0, 0.0), (0.03, 0.0), (0.045, 0.07), (0.042, 0.07), (0.028, 0.006), (0.0, 0.006)]
+    turned("Cup", cup, bpy.data.materials["Porcelain"]).location = (-0.30, 0.05, 0.495)
+    _books(random.Random(3), (-0.46, 0.22, 0.495), 2)
+
+
+def _plant() -> None:
+    """A rubber plant in a pot, its leaves copies of one."""
+    choose = random.Random(11)
+    root = add_object("Plant", None)
+    root.location = (0.80, 1.85, 0.0)
+    pot = [(0.0, 0.0), (0.15, 0.0), (0.20, 0.34), (0.21, 0.34), (0.21, 0.36), (0.185, 0.36), (0.17, 0.31), (0.0, 0.31)]
+    turned("Pot", pot, materials.paint("Terracotta", (0.50, 0.20, 0.10), 0.7)).parent = root
+    stem = primitive(
+        bpy.ops.mesh.primitive_cylinder_add, "Stem", materials.paint("Bark", (0.10, 0.06, 0.03), 0.8), radius=0.014,
+        depth=1.1, vertices=12,
+    )  # fmt: skip
+    stem.parent, stem.location = root, (0.0, 0.0, 0.82)
+    mesh = leaf("Leaf", 0.34, 0.17, materials.paint("Leaf", (0.03, 0.13, 0.035), 0.25))
+    for k in range(26):
+        item = add_object("Leaf", mesh)
+        item.parent, item.location = root, (0.0, 0.0, 0.48 + 0.034 * k)
+        lift = math.radians(choose.uniform(18.0, 42.0) + 1.2 * k)
+        item.rotation_euler = (choose.uniform(-0.2, 0.2), -lift, 2.4 * k + choose.uniform(-0.3, 0.3))
+        size = choose.uniform(0.8, 1.1) * (1.0 - 0.014 * k)
+        item.scale = (size, size, size)
 
 
 def _camera() -> None:
     data = bpy.data.cameras.new("Camera")
-    data.lens = 31.0
-    data.dof.use_dof = True
-    data.dof.focus_distance = 3.9
-    data.dof.aperture_fstop = 2.0
-    camera = _object("Camera", data)
-    camera.location = (0.22, -3.45, 1.32)
-    camera.rotation_euler = (math.radians(82.0), 0.0, math.radians(3.5))
+    data.lens = 30.0
+    camera = add_object("Camera", data)
+    camera.location = (0.12, -3.1, 1.38)
+    camera.rotation_euler = (math.radians(85.5), 0.0, math.radians(1.0))
     bpy.context.scene.camera = camera
 
 
-def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.Scene:
+def build(width: int = 640, height: int = 360, samples: int = 4096) -> bpy.types.Scene:
     """Replace the open file by the demo scene, ready to render with NEURALGUIDE, which must be registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
-    _room()
-    _lights()
-    _still_life()
+    scene.world = bpy.data.worlds.new("Night")
+    scene.world.color = (0.0, 0.0, 0.0)
+    _shell()
+    _lamps()
+    _console()
+    _chair()
+    _plant()
     _camera()
     render = scene.render
     render.engine = "NEURALGUIDE"
     render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
     cycles = scene.cycles  # what both engines go by
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples, False, False
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 12
-    cycles.sample_clamp_indirect = 6.0
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 16
+    cycles.sample_clamp_indirect = 0.0
     scene.view_settings.look = "AgX - Medium High Contrast"
-    scene.view_settings.exposure = 1.7
     return scene

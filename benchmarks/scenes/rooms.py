@@ -12,11 +12,11 @@ from benchmarks.scenes.studio import add_object, box, camera, diffuse, emitter, 
 
 @scene("evening-room", samples=256)
 def evening_room() -> None:
-    """The demo's room, whose lamps are all out of sight."""
+    """A furnished room whose lamps are all out of sight."""
     import bpy
 
     import addon
-    from demo.build_scene import build
+    from benchmarks.scenes.evening_room import build
 
     addon.register()
     build(256, 144)
