@@ -12,7 +12,9 @@ from typing import Any
 from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
 
 #: Sections of a user's settings; panels in ui.py have the same names.
-SECTIONS = ("Sampling", "Guiding", "Learned Field", "Lights", "Advanced", "Light Paths", "Film", "Performance")
+SECTIONS = (
+    "Sampling", "Denoising", "Guiding", "Learned Field", "Lights", "Advanced", "Light Paths", "Film", "Performance",
+)
 #: The property of `scene.neuralguide` that holds the settings for experiments.
 EXPERIMENT = "experiment"
 
