@@ -18,7 +18,7 @@ from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
-from .shared_settings import layer_samples
+from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
 
 if TYPE_CHECKING:
@@ -127,8 +127,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
         scene = depsgraph.scene_eval
         settings = render_settings(scene)
-        samples = layer_samples(scene, depsgraph.view_layer_eval, settings.samples)
-        self._settings = settings = dataclasses.replace(settings, samples=samples)
+        layer = depsgraph.view_layer_eval
+        self._settings = settings = dataclasses.replace(
+            settings,
+            samples=layer_samples(scene, layer, settings.samples),
+            use_denoising=layer_is_denoised(scene, layer, settings.use_denoising),
+        )
         self._fields = FieldPlan(depsgraph, settings)
         if self._export_cache is None:
             self._export_cache = ExportCache()
@@ -162,7 +166,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
             return
         self._pending = pending
-        layer = depsgraph.view_layer_eval
         self._notices = unsupported_settings(scene, layer)
         if self._plan is not None:
             self._notices += self._plan.notices
@@ -324,6 +327,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
             f"peak memory {megabytes:.0f} MiB"
         )
+        if report.denoise_seconds:
+            logger.info(f"denoised in {format_duration(report.denoise_seconds)}")
         for line in report.guiding.lines:
             logger.info(line)
         if report.reject_count:
@@ -335,6 +340,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         for field, value in (
             ("samples", f"{report.sample_count:.6g}"),
             ("render_time", f"{report.render_seconds:.3f}"),
+            ("denoise_time", f"{report.denoise_seconds:.3f}"),
             ("build_time", f"{report.build_seconds:.3f}"),
             ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
             ("rays", str(ray_count)),

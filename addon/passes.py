@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
 
@@ -29,6 +30,7 @@ class RenderPass(NamedTuple):
 _RENAMED = is_since(RENAMED_PASSES)
 
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
+NOISY = RenderPass("Noisy Image", "Noisy Image", "RGBA", "COLOR")
 
 #: (property of the view layer, is it ours or Blender's, pass)
 OPTIONAL = (
@@ -54,6 +56,9 @@ OPTIONAL = (
 def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
     """The passes `view_layer` asks for, Combined first."""
     yield COMBINED
+    scene = view_layer.id_data
+    if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
+        yield NOISY
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):

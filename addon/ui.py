@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from engine.denoise.library import problem as denoiser_problem
 from engine.settings import EXPERIMENT_SECTIONS
 
 from . import last_render, learned_fields, preferences, warm_up
@@ -116,6 +117,35 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         for name in ("samples", "time_limit"):
             _draw_shared(column, scene, name)
         column.prop(settings, "spectral")
+
+
+class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What takes the noise out of the finished picture."""
+
+    bl_label = "Denoise"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the switch."""
+        row = self.layout.row()
+        row.active = not denoiser_problem()
+        _draw_shared(row, context.scene, "use_denoising", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        scene, problem = context.scene, denoiser_problem()
+        column = self._column()
+        if problem:
+            # A label is one line.
+            for part in problem.split(": "):
+                column.label(text=part)
+        column.active = not problem and setting_value(scene, "use_denoising")
+        names = ["denoising_input_passes", "denoising_quality"]
+        if setting_value(scene, "denoising_input_passes") != "RGB":
+            names.insert(1, "denoising_prefilter")
+        for name in names:
+            _draw_shared(column, scene, name)
 
 
 class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -427,6 +457,7 @@ _borrowed: list[type[bpy.types.Panel]] = []
 
 _classes = (
     NEURALGUIDE_PT_sampling,
+    NEURALGUIDE_PT_denoising,
     NEURALGUIDE_PT_sampling_lights,
     NEURALGUIDE_PT_sampling_advanced,
     NEURALGUIDE_PT_guiding,

@@ -195,6 +195,36 @@ class RenderSettings:
             Choice("OFF", "Off", "Never: what disperses light does not"),
         ),
     )
+    use_denoising: bool = _declare(
+        False, "Denoise",
+        "Take the noise out of the finished picture. The picture as it was sampled is the pass Noisy Image",
+        "Denoising", scene_default=True,
+    )
+    denoising_input_passes: str = _declare(
+        "RGB_ALBEDO_NORMAL", "Passes", "What the denoiser tells detail from noise by, besides the picture",
+        "Denoising",
+        choices=(
+            Choice("RGB", "None", "The picture alone"),
+            Choice("RGB_ALBEDO", "Albedo", "The colours of surfaces"),
+            Choice("RGB_ALBEDO_NORMAL", "Albedo and Normal", "The colours of surfaces, and where they face"),
+        ),
+    )
+    denoising_prefilter: str = _declare(
+        "ACCURATE", "Prefilter", "What is done with albedo and normal, which have noise too", "Denoising",
+        choices=(
+            Choice("NONE", "None", "Nothing: they are taken to be free of noise"),
+            Choice("FAST", "Fast", "They are denoised together with the picture"),
+            Choice("ACCURATE", "Accurate", "They are denoised first, which takes longer"),
+        ),
+    )
+    denoising_quality: str = _declare(
+        "HIGH", "Quality", "How much time the denoiser takes", "Denoising",
+        choices=(
+            Choice("HIGH", "High", "As well as possible"),
+            Choice("BALANCED", "Balanced", "Nearly as well, in less time"),
+            Choice("FAST", "Fast", "In the least time, for previews"),
+        ),
+    )
     guiding_trial: bool = _declare(
         True, "Trial", "Render a few samples without guiding too, and go on without it where it does not pay",
         "Trial and Training",

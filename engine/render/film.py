@@ -28,6 +28,7 @@ from engine.state.film import (
 
 PASS_NAMES = (
     "Combined",
+    "Noisy Image",
     "Depth",
     "Normal",
     "Position",
@@ -42,7 +43,7 @@ PASS_NAMES = (
     "Guiding Benefit",
 )
 #: Passes that need the features; without any, they are neither computed nor stored.
-FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
+FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Noisy Image", "Sample Count", "Variance"}
 
 
 class Film:
@@ -96,7 +97,8 @@ class Film:
         Returns
         -------
         dict of float32 (height, width, channels), row 0 at the bottom, scene-linear
-            Combined has premultiplied alpha. Variance is that of the pixel's mean, per channel, after exposure.
+            Combined has premultiplied alpha; Noisy Image is the same, for whoever denoises Combined later. Variance is
+            that of the pixel's mean, per channel, after exposure.
             Candidate Count is the mean number of candidates at the first surface, 0 where it was not guided; Guiding
             Benefit the second moment of its light with BSDF sampling over that with guiding, as estimated, 1 where it
             was not guided. Both count all samples, those of iterations that knew nothing too.
@@ -121,6 +123,8 @@ class Film:
         alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
+        if "Noisy Image" in names:
+            images["Noisy Image"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:

@@ -19,6 +19,7 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.denoising import Denoising
 from engine.render.film import FEATURE_PASSES, Film
 from engine.render.job import Job
 from engine.render.precompile import compile_ahead
@@ -35,6 +36,7 @@ from engine.wavefront.columns import CACHED_DEPTHS
 #: Said while there is nothing to show yet.
 _COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
+_DENOISING = "Denoising"
 #: How often the main thread looks for a cancel [s].
 _POLL_SECONDS = 0.05
 #: Time until the first image, from there to the second, and the growth of that interval.
@@ -207,6 +209,7 @@ class Session:
         on_progress, on_image, should_cancel : callable, optional
             Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
+            Only the result of a render that went to its end is denoised.
         passes : iterable of str
             Of `film.PASS_NAMES`.
         ray_observer : callable, optional
@@ -240,7 +243,8 @@ class Session:
             settings = replace(settings, seed=start.seed(settings.seed))
         names = frozenset(passes)
         frame = scene.description.frame
-        use_features = bool(names & FEATURE_PASSES)
+        denoising = Denoising(settings, self.thread_count)
+        use_features = bool((names | denoising.passes) & FEATURE_PASSES)
         film, strata = _make_film(frame, settings, use_features=use_features)
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, use_features)
@@ -263,14 +267,21 @@ class Session:
                 self._tracer = None
             if job.learner is not None:
                 job.learner.close()
+        result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
+        if denoising.is_on and not job.cancelled:
+            if on_progress is not None:
+                on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
+            job.cancelled = not denoising.run(result_passes, should_cancel)
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
         report = self._report(job, scene, settings)
-        report.notices += dropped
+        report.denoise_seconds = denoising.seconds
+        report.notices += dropped + denoising.notices
         learned = None
         if keep and isinstance(job.learner, Learner):
             learned = job.learner.learned(self.light_digest)
-        return RenderResult(images(), report, tracer.guidance, learned)
+        wanted = {name: image for name, image in result_passes.items() if name in names or name == "Combined"}
+        return RenderResult(wanted, report, tracer.guidance, learned)
 
     @property
     def light_digest(self) -> str:
