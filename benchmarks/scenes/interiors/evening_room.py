@@ -15,8 +15,8 @@ from pathlib import Path
 import bpy
 from mathutils import Matrix
 
-from demo import materials
-from demo.shapes import add_object, box, primitive, suzanne
+from benchmarks.scenes.interiors import materials
+from benchmarks.scenes.interiors.shapes import add_object, box, primitive, suzanne
 
 
 def _room() -> None:
@@ -154,7 +154,7 @@ def _camera() -> None:
 
 
 def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.Scene:
-    """Replace the open file by the demo scene, ready to render with NEURALGUIDE, which must be registered."""
+    """Replace the open file by the evening room, ready to render with NEURALGUIDE, which must be registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     _room()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of the demo, procedural throughout."""
+"""Materials of rooms, procedural throughout."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes that rooms are furnished with: boxes, Blender's primitives, leaves."""
+"""Shapes that rooms are made and furnished with: boxes, Blender's primitives, leaves."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Builds the demo scene: a study that is lit by lamps which nothing in it sees.
+"""A study that is lit by lamps which nothing in it sees.
 
 Strips in a cove shine on the ceiling from behind its edge, and a lamp in the hall shines past a door that is ajar. All
 light in the picture has been scattered at least once before it falls on what is seen. Everything is made here.
@@ -12,8 +12,8 @@ import random
 
 import bpy
 
-from . import materials
-from .shapes import add_object, box, hang, leaf, primitive, smooth, suzanne, turned
+from benchmarks.scenes.interiors import materials
+from benchmarks.scenes.interiors.shapes import add_object, box, hang, leaf, primitive, smooth, suzanne, turned
 
 #: Inside of the study: from, to [m]. The camera looks along y.
 _LOW, _HIGH = (-2.7, -3.4, 0.0), (2.7, 2.4, 3.0)
@@ -91,7 +91,7 @@ def _console() -> None:
         box("Gap", (x, y1 - 0.512, 0.18), (x + 0.008, y1 - 0.50, 0.78), materials.paint("Gap", (0.01, 0.006, 0.004)))
     porcelain = materials.paint("Porcelain", (0.82, 0.80, 0.76), 0.25)
     suzanne("Bust", porcelain, (-0.72, y1 - 0.28, 1.08), 0.46, 12.0)
-    base = [(0.0, 0.0), (0.15, 0.0), (0.15, 0.03), (0.06, 0.05), (0.05, 0.16), (0.0, 0.16)]
+    base = [(0.0, 0.0), (0.12, 0.0), (0.12, 0.025), (0.05, 0.04), (0.045, 0.08), (0.0, 0.08)]
     turned("Base", base, porcelain).location = (-0.72, y1 - 0.27, 0.80)
     profile = [
         (0.0, 0.0), (0.055, 0.0), (0.10, 0.07), (0.125, 0.16), (0.10, 0.25), (0.05, 0.31), (0.045, 0.35), (0.065, 0.37),
@@ -185,7 +185,7 @@ def _camera() -> None:
 
 
 def build(width: int = 640, height: int = 360, samples: int = 4096) -> bpy.types.Scene:
-    """Replace the open file by the demo scene, ready to render with NEURALGUIDE, which must be registered."""
+    """Replace the open file by the study, ready to render with NEURALGUIDE, which must be registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.world = bpy.data.worlds.new("Night")
@@ -204,4 +204,5 @@ def build(width: int = 640, height: int = 360, samples: int = 4096) -> bpy.types
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 16
     cycles.sample_clamp_indirect = 0.0
     scene.view_settings.look = "AgX - Medium High Contrast"
+    scene.view_settings.exposure = 1.0
     return scene
