@@ -22,9 +22,6 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
         return []
     cycles = scene.cycles
     found = []
-    if cycles.use_adaptive_sampling:
-        problem = f"a noise threshold is not supported (Cycles' is {cycles.adaptive_threshold:.3g})"
-        found.append(Notice(scene.name, problem, "every pixel has all samples, unless a time limit ends the render"))
     for is_asked, problem, fallback in (
         (
             cycles.use_denoising and view_layer.cycles.use_denoising,
