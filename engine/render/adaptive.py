@@ -185,27 +185,11 @@ class ActivePixels:
         self.tiles = self._divide()
 
     def _divide(self) -> list[Tile]:
-        """The pixels that go on, in units of about the same size: those of several tiles that have few."""
+        """The pixels that go on, tile by tile, in units of the same size."""
         most = min(max(self.count // _LEAST_UNITS, _LEAST_UNIT_PIXELS), self._most_pixels)
-        kept = [np.flatnonzero(self._is_active[index]) for _, index in self._all_tiles]
-        tiles: list[Tile] = []
-        waiting: list[Tile] = []
-        waiting_count = 0
-
-        def flush() -> None:
-            nonlocal waiting_count
-            if waiting:
-                pixels, index = zip(*waiting, strict=True)
-                tiles.append((np.ascontiguousarray(np.concatenate(pixels)), np.concatenate(index)))
-            waiting.clear()
-            waiting_count = 0
-
-        for (pixels, index), here in zip(self._all_tiles, kept, strict=True):
-            for first in range(0, len(here), most):
-                piece = here[first : first + most]
-                if waiting_count + len(piece) > most:
-                    flush()
-                waiting.append((pixels[piece], index[piece]))
-                waiting_count += len(piece)
-        flush()
-        return tiles
+        unit_count = math.ceil(self.count / most)
+        if not unit_count:
+            return []
+        pixels, index = (np.concatenate(column) for column in zip(*self._all_tiles, strict=True))
+        kept = np.flatnonzero(self._is_active[index])
+        return [(pixels[unit], index[unit]) for unit in np.array_split(kept, unit_count)]

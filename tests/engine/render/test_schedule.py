@@ -112,7 +112,7 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
-    """The first step, of all samples before the first look, grows as an unguided render does; later ones are one task."""
+    """Tasks of the first step, up to the first look, grow as an unguided render's; later steps are one task."""
     steps = Steps(120, lambda samples: max(80, samples + 16))
     steps.begin(TILES)
     ends, tile_counts = [], []
