@@ -316,6 +316,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any, cancelled: bool) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
+        from engine.render.report import ENDINGS
+
         self._show(report.notices)
         self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
         name = depsgraph.view_layer_eval.name
@@ -323,7 +325,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         megabytes = report.peak_memory / 2**20
         logger.info(
             f"{name}, frame {depsgraph.scene.frame_current}: {'cancelled after' if cancelled else 'finished in'} "
-            f"{format_duration(time.monotonic() - self._started)}, {report.sample_count:.4g} samples, "
+            f"{format_duration(time.monotonic() - self._started)}, {ENDINGS[report.ended_by].lower()}, "
+            f"{report.sample_count:.4g} samples, "
             f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
             f"peak memory {megabytes:.0f} MiB"
         )
@@ -338,6 +341,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
         notices = [*self._notices, *report.notices]
         for field, value in (
+            ("ended_by", ENDINGS[report.ended_by]),
             ("samples", f"{report.sample_count:.6g}"),
             ("render_time", f"{report.render_seconds:.3f}"),
             ("denoise_time", f"{report.denoise_seconds:.3f}"),

@@ -114,6 +114,11 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
             column.prop(settings, "use_cycles_settings")
             if not settings.use_cycles_settings:
                 column.operator("neuralguide.copy_cycles_settings")
+        _draw_shared(column, scene, "use_adaptive_sampling")
+        threshold = column.column()
+        threshold.active = setting_value(scene, "use_adaptive_sampling")
+        for name in ("adaptive_threshold", "adaptive_min_samples"):
+            _draw_shared(threshold, scene, name)
         for name in ("samples", "time_limit"):
             _draw_shared(column, scene, name)
         column.prop(settings, "spectral")

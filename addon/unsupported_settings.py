@@ -23,9 +23,6 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
     cycles = scene.cycles
     is_denoised = layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising"))
     found = []
-    if cycles.use_adaptive_sampling:
-        problem = f"a noise threshold is not supported (Cycles' is {cycles.adaptive_threshold:.3g})"
-        found.append(Notice(scene.name, problem, "every pixel has all samples, unless a time limit ends the render"))
     for is_asked, problem, fallback in (
         (
             is_denoised and cycles.denoiser == "OPTIX",

@@ -166,6 +166,19 @@ class RenderSettings:
         "Paths traced for every pixel. A view layer's own number counts first, as Cycles' Layer Samples says",
         "Sampling", scene_default=4096, minimum=1, maximum=MAX_SAMPLES, scene_minimum=0,
     )
+    use_adaptive_sampling: bool = _declare(
+        False, "Noise Threshold", "Stop sampling pixels whose noise is below a threshold, before they have all samples",
+        "Sampling", scene_default=True,
+    )
+    adaptive_threshold: float = _declare(
+        0.01, "Threshold",
+        "Noise that a pixel may be left with: lower is cleaner and takes longer (0 = by the number of samples)",
+        "Sampling", minimum=0, maximum=1,
+    )
+    adaptive_min_samples: int = _declare(
+        0, "Min Samples", "Samples that every pixel gets, however little noise it seems to have (0 = by the threshold)",
+        "Sampling", minimum=0, maximum=4096,
+    )
     time_limit: float = _declare(
         0.0, "Time Limit", "Stop after this many seconds, even if samples are left (0 = no limit)", "Sampling",
         minimum=0, unit="s",

@@ -164,7 +164,7 @@ class Batch:
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(
-            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING"
+            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING", settings.use_adaptive_sampling
         )
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()

@@ -50,11 +50,12 @@ class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
     def __init__(
-        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False, use_residual: bool = False
+        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False,
+        use_residual: bool = False, use_half: bool = False,
     ) -> None:
         self.width, self.height = width, height
         self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual)
+        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual, use_half)
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -74,6 +75,9 @@ class Film:
             self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
             self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
             self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
+        if len(self.sums.half):
+            self.sums.half[pixels] += tile.half[: len(pixels)] * factor
+            self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)

@@ -352,7 +352,7 @@ class Session:
             thread_count=self.thread_count,
             cached_shares=cached_shares,
             is_spectral=settings.spectral == "ON",
-            cancelled=job.cancelled,
+            ended_by=job.ended_by,
             guiding=guiding,
         )
 
@@ -360,11 +360,14 @@ class Session:
 def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
-    use_residual = settings.radiance_cache == "CONVERGING"
-    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual)
+    options = {
+        "use_features": use_features, "use_residual": settings.radiance_cache == "CONVERGING",
+        "use_half": settings.use_adaptive_sampling,
+    }  # fmt: skip
+    film = Film(x1 - x0, y1 - y0, **options)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, **options)
     return film, strata
 
 
@@ -380,7 +383,7 @@ def _watch(
     while not job.wait(_POLL_SECONDS):
         elapsed = time.perf_counter() - started
         if should_cancel is not None and should_cancel():
-            job.cancelled = True
+            job.ended_by = "CANCEL"
             job.stop()
             if job.is_preparing:
                 break

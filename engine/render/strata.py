@@ -129,8 +129,19 @@ class StrataFilm(Film):
             whole.residual_square[pixels] = (sums.residual_square[rows] * factor**2).sum(axis=0)
             whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
             whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
+        if len(whole.half):
+            whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
         if self.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
+
+    def _halves(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `radiance` and `weight` are made, of the half of the samples."""
+        sums = self.by_stratum.sums
+        weight = sums.half_weight[rows]
+        total, is_present = weight.sum(axis=0), weight > 0.0
+        factor = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))
+        factor /= np.where(is_present, weight, np.float32(1.0))
+        return (sums.half[rows] * factor[..., None]).sum(axis=0), total
 
     @property
     def nbytes(self) -> int:

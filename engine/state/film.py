@@ -43,6 +43,8 @@ class FilmTile(Bundle):
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
+    half : float32 (P or 0, C), as `radiance`, of about half of the samples (`engine.wavefront.accumulate.is_in_half`)
+    half_weight : float32 (P or 0,), as `weight`, of those
     """
 
     radiance: np.ndarray
@@ -57,10 +59,12 @@ class FilmTile(Bundle):
     residual_square: np.ndarray
     square_gain: np.ndarray
     ended: np.ndarray
+    half: np.ndarray
+    half_weight: np.ndarray
 
 
 def allocate_tile(
-    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False
+    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False, use_half: bool = False
 ) -> FilmTile:
     """Zeroed sums for `pixel_count` pixels."""
     feature_count = pixel_count if use_features else 0
@@ -77,4 +81,6 @@ def allocate_tile(
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
+        np.zeros((pixel_count if use_half else 0, channel_count), np.float32),
+        np.zeros(pixel_count if use_half else 0, np.float32),
     )
