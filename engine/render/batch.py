@@ -26,6 +26,7 @@ from engine.state.lanes import (
     RGB,
     allocate_cached_lanes,
     allocate_closures,
+    allocate_feature_lanes,
     allocate_guided_lanes,
     allocate_light_samples,
     allocate_paths,
@@ -118,6 +119,8 @@ class Batch:
     settings : RenderSettings
     use_features : bool
         Whether the film has the features.
+    use_denoising : bool
+        Whether it has what helps denoisers.
     is_guided : bool
         Whether there is room for what guides paths.
     records : bool
@@ -126,7 +129,7 @@ class Batch:
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
-        is_guided: bool = False, records: bool = False,
+        use_denoising: bool = False, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
@@ -156,6 +159,7 @@ class Batch:
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
+            features=allocate_feature_lanes(lanes if use_denoising else 1),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
@@ -164,7 +168,7 @@ class Batch:
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(
-            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING"
+            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING", use_denoising
         )
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()

@@ -20,7 +20,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.denoising import Denoising
-from engine.render.film import FEATURE_PASSES, Film
+from engine.render.film import DENOISING_PASSES, FEATURE_PASSES, Film
 from engine.render.job import Job
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
@@ -176,12 +176,12 @@ class Session:
             raise
         return future.result()
 
-    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, kinds: dict[str, bool]) -> Tracer:
         """The tracer of the last render, ready for this one; a new one for the first."""
         if self._tracer is None:
-            self._tracer = Tracer(scene, settings, use_features=use_features)
+            self._tracer = Tracer(scene, settings, **kinds)
         else:
-            self._tracer.take(scene, settings, use_features=use_features)
+            self._tracer.take(scene, settings, **kinds)
         return self._tracer
 
     def close(self) -> None:
@@ -244,10 +244,13 @@ class Session:
         names = frozenset(passes)
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        use_features = bool((names | denoising.passes) & FEATURE_PASSES)
-        film, strata = _make_film(frame, settings, use_features=use_features)
+        kinds = {
+            "use_features": bool(names & FEATURE_PASSES),
+            "use_denoising": bool((names | denoising.passes) & DENOISING_PASSES),
+        }
+        film, strata = _make_film(frame, settings, kinds)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, use_features)
+        tracer = self._take_tracer(scene, settings, kinds)
         tracer.ray_observer = ray_observer
         job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
@@ -356,14 +359,14 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
-    """A film for the frame's region, and how many strata it has."""
+def _make_film(frame: Frame, settings: RenderSettings, kinds: dict[str, bool]) -> tuple[Film, int]:
+    """A film for the frame's region with these kinds of sums, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
-    use_residual = settings.radiance_cache == "CONVERGING"
-    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual)
+    kinds = {**kinds, "use_residual": settings.radiance_cache == "CONVERGING"}
+    film = Film(x1 - x0, y1 - y0, **kinds)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, **kinds)
     return film, strata
 
 

@@ -59,6 +59,7 @@ from engine.wavefront.columns import (
     UNIT_SHADER_MODE,
     UNIT_STRATA,
     UNIT_STRATUM,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
     VERTICES,
@@ -83,20 +84,24 @@ class Tracer:
     has been learned; None: nothing yet, or nothing asked for.
     """
 
-    def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, settings: RenderSettings, *, use_features: bool = False, use_denoising: bool = False
+    ) -> None:
         self._batches: list[Batch] = []
         self._batch_key: object = None
         #: What the kernels in the table are linked for: types, and which stages have something to do.
         self._linked_for: object = None
         self._python_loop = in_python(trace_rounds)
-        self.take(scene, settings, use_features=use_features)
+        self.take(scene, settings, use_features=use_features, use_denoising=use_denoising)
 
-    def take(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def take(
+        self, scene: Scene, settings: RenderSettings, *, use_features: bool = False, use_denoising: bool = False
+    ) -> None:
         """Be ready to trace this scene with these settings; what was learned is forgotten."""
         channel_count = settings.channel_count
         self.seed = settings.seed
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
-        self.use_features = use_features
+        self.use_features, self.use_denoising = use_features, use_denoising
         header = scene.lights.header
         has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
         self.mode = MODE_CLOSURES
@@ -156,12 +161,13 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        key = (count, pixel_count, is_guided, records, self.use_features, settings)
+        key = (count, pixel_count, is_guided, records, self.use_features, self.use_denoising, settings)
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
                 Batch(
-                    shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided, records=records
+                    shaders, pixel_count, settings, use_features=self.use_features, use_denoising=self.use_denoising,
+                    is_guided=is_guided, records=records,
                 )
                 for _ in range(count)
             ]
@@ -175,7 +181,7 @@ class Tracer:
         _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, batch.has_records, batch.uses_cache, self.use_features,
+            batch.is_guided, batch.has_records, batch.uses_cache, self.use_features, self.use_denoising,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -330,6 +336,7 @@ class Tracer:
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.use_features
+        header[UNIT_USE_DENOISING] = self.use_denoising
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

@@ -16,6 +16,12 @@ FEATURE_CANDIDATES = 12
 FEATURE_GUIDING_BENEFIT = 13  # less one
 FEATURE_WIDTH = 14
 
+# Columns of the sums for denoisers (`engine.wavefront.write_denoising`).
+DENOISING_ALBEDO = 0
+DENOISING_NORMAL = 3
+DENOISING_DEPTH = 6
+DENOISING_WIDTH = 7
+
 # Columns of the single-sample features: those that averaging would make meaningless.
 FIRST_DEPTH = 0
 FIRST_POSITION = 1
@@ -43,6 +49,7 @@ class FilmTile(Bundle):
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
+    denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
     """
 
     radiance: np.ndarray
@@ -57,10 +64,11 @@ class FilmTile(Bundle):
     residual_square: np.ndarray
     square_gain: np.ndarray
     ended: np.ndarray
+    denoising: np.ndarray
 
 
 def allocate_tile(
-    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False
+    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False, use_denoising: bool = False
 ) -> FilmTile:
     """Zeroed sums for `pixel_count` pixels."""
     feature_count = pixel_count if use_features else 0
@@ -77,4 +85,5 @@ def allocate_tile(
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
+        np.zeros((pixel_count if use_denoising else 0, DENOISING_WIDTH), np.float32),
     )
