@@ -96,7 +96,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
         """Tell Blender which passes there will be; without it only Combined exists."""
-        for item in passes.requested_passes(view_layer):
+        for item in passes.requested_passes(scene, view_layer):
             self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
 
     def update(self, _data: bpy.types.BlendData, depsgraph: bpy.types.Depsgraph) -> None:
@@ -225,7 +225,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             if (target.resolution_x, target.resolution_y) != (x1 - x0, y1 - y0):
                 # Blender rounds borders its own way, and its word counts.
                 description.frame.region = (x0, y0, x0 + target.resolution_x, y0 + target.resolution_y)
-            wanted = {item.name: item for item in passes.requested_passes(depsgraph.view_layer_eval)}
+            requested = passes.requested_passes(depsgraph.scene_eval, depsgraph.view_layer_eval)
+            wanted = {item.name: item for item in requested}
 
             def on_image(images: Any) -> None:
                 nonlocal keep

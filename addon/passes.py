@@ -31,6 +31,12 @@ _RENAMED = is_since(RENAMED_PASSES)
 
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
 NOISY = RenderPass("Noisy Image", "Noisy Image", "RGBA", "COLOR")
+#: What Cycles' Denoising Data asks for.
+DENOISING = (
+    RenderPass("Denoising Normal", "Denoising Normal", "XYZ", "VECTOR"),
+    RenderPass("Denoising Albedo", "Denoising Albedo", "RGB", "COLOR"),
+    RenderPass("Denoising Depth", "Denoising Depth", "Z", "VALUE"),
+)
 
 #: (property of the view layer, is it ours or Blender's, pass)
 OPTIONAL = (
@@ -53,12 +59,13 @@ OPTIONAL = (
 )
 
 
-def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
-    """The passes `view_layer` asks for, Combined first."""
+def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
+    """The passes that a view layer of `scene` asks for, Combined first."""
     yield COMBINED
-    scene = view_layer.id_data
     if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
         yield NOISY
+    if getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
+        yield from DENOISING
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):
@@ -140,7 +147,6 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
     "use_pass_shadow_catcher": "Shadow Catcher",
-    "denoising_store_passes": "Denoising Data",
     "pass_render_time": "Render Time",
 }
 

@@ -384,6 +384,8 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
             ("use_pass_material_index", "Material Index"),
         ):
             data.prop(layer, name, text=text)
+        if hasattr(layer, "cycles"):
+            data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")

@@ -21,8 +21,8 @@ _FALLBACK = "the picture is as it was sampled"
 #: What helps the denoiser, by `RenderSettings.denoising_input_passes`: the filter's name, and the film's pass.
 _INPUTS = {
     "RGB": {},
-    "RGB_ALBEDO": {"albedo": "Albedo"},
-    "RGB_ALBEDO_NORMAL": {"albedo": "Albedo", "normal": "Normal"},
+    "RGB_ALBEDO": {"albedo": "Denoising Albedo"},
+    "RGB_ALBEDO_NORMAL": {"albedo": "Denoising Albedo", "normal": "Denoising Normal"},
 }
 
 

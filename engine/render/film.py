@@ -11,7 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
+from engine.settings import RenderSettings
 from engine.state.film import (
+    DENOISING_ALBEDO,
+    DENOISING_DEPTH,
+    DENOISING_NORMAL,
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
     FEATURE_EMISSION,
@@ -22,6 +26,8 @@ from engine.state.film import (
     FIRST_MATERIAL_INDEX,
     FIRST_OBJECT_INDEX,
     FIRST_POSITION,
+    PLAIN_LAYOUT,
+    FilmLayout,
     FilmTile,
     allocate_tile,
 )
@@ -41,21 +47,39 @@ PASS_NAMES = (
     "Variance",
     "Candidate Count",
     "Guiding Benefit",
+    "Denoising Albedo",
+    "Denoising Normal",
+    "Denoising Depth",
 )
-#: Passes that need the features; without any, they are neither computed nor stored.
-FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Noisy Image", "Sample Count", "Variance"}
+#: Passes for denoisers, and where they are in their sums: column and width.
+_DENOISING_COLUMNS = {
+    "Denoising Albedo": (DENOISING_ALBEDO, 3),
+    "Denoising Normal": (DENOISING_NORMAL, 3),
+    "Denoising Depth": (DENOISING_DEPTH, 1),
+}
+DENOISING_PASSES = frozenset(_DENOISING_COLUMNS)
+#: Passes that need the features; without any, they are neither computed nor stored, and the same goes for denoisers'.
+FEATURE_PASSES = frozenset(PASS_NAMES) - DENOISING_PASSES - {"Combined", "Noisy Image", "Sample Count", "Variance"}
+
+
+def film_layout(passes: frozenset[str], settings: RenderSettings) -> FilmLayout:
+    """What a film needs for these passes and settings."""
+    return FilmLayout(
+        use_features=bool(passes & FEATURE_PASSES),
+        use_residual=settings.radiance_cache == "CONVERGING",
+        use_half=settings.use_adaptive_sampling,
+        use_denoising=bool(passes & DENOISING_PASSES),
+    )
 
 
 class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
     def __init__(
-        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False,
-        use_residual: bool = False, use_half: bool = False,
+        self, width: int, height: int, layout: FilmLayout = PLAIN_LAYOUT, *, channel_count: int = 3
     ) -> None:
-        self.width, self.height = width, height
-        self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual, use_half)
+        self.width, self.height, self.layout = width, height, layout
+        self.sums = allocate_tile(width * height, channel_count, layout)
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -67,9 +91,11 @@ class Film:
         self.sums.radiance[pixels] += tile.radiance[: len(pixels)] * factor
         self.sums.square[pixels] += tile.square[: len(pixels)] * factor
         self.sums.alpha[pixels] += tile.alpha[: len(pixels)] * factor
-        if self.use_features:
+        if self.layout.use_features:
             self.sums.features[pixels] += tile.features[: len(pixels)] * factor
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        if len(self.sums.denoising):
+            self.sums.denoising[pixels] += tile.denoising[: len(pixels)] * factor
         if len(self.sums.residual):
             self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
             self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
@@ -105,7 +131,8 @@ class Film:
             that of the pixel's mean, per channel, after exposure.
             Candidate Count is the mean number of candidates at the first surface, 0 where it was not guided; Guiding
             Benefit the second moment of its light with BSDF sampling over that with guiding, as estimated, 1 where it
-            was not guided. Both count all samples, those of iterations that knew nothing too.
+            was not guided. Both count all samples, those of iterations that knew nothing too. Passes for denoisers are
+            as Cycles has them (`engine.wavefront.write_denoising`).
         """
         shape = (self.height, self.width)
         count = self.sums.count.astype(np.float32)
@@ -138,7 +165,11 @@ class Film:
             of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
             spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
-        if self.use_features:
+        for name, (column, width) in _DENOISING_COLUMNS.items():
+            if name in names and len(self.sums.denoising):
+                image = self.sums.denoising[:, column : column + width] * scale
+                images[name] = image.reshape(*shape, width)
+        if self.layout.use_features:
             features = self.sums.features * scale
             for name, column, factor in (
                 ("Normal", FEATURE_NORMAL, 1.0),

@@ -20,7 +20,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.denoising import Denoising
-from engine.render.film import FEATURE_PASSES, Film
+from engine.render.film import Film, film_layout
 from engine.render.job import Job
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
@@ -30,6 +30,7 @@ from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
+from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
 from engine.wavefront.columns import CACHED_DEPTHS
 
@@ -176,12 +177,12 @@ class Session:
             raise
         return future.result()
 
-    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, layout: FilmLayout) -> Tracer:
         """The tracer of the last render, ready for this one; a new one for the first."""
         if self._tracer is None:
-            self._tracer = Tracer(scene, settings, use_features=use_features)
+            self._tracer = Tracer(scene, settings, layout)
         else:
-            self._tracer.take(scene, settings, use_features=use_features)
+            self._tracer.take(scene, settings, layout)
         return self._tracer
 
     def close(self) -> None:
@@ -244,10 +245,10 @@ class Session:
         names = frozenset(passes)
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        use_features = bool((names | denoising.passes) & FEATURE_PASSES)
-        film, strata = _make_film(frame, settings, use_features=use_features)
+        layout = film_layout(names | denoising.passes, settings)
+        film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, use_features)
+        tracer = self._take_tracer(scene, settings, layout)
         tracer.ray_observer = ray_observer
         job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
@@ -268,10 +269,11 @@ class Session:
             if job.learner is not None:
                 job.learner.close()
         result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
-        if denoising.is_on and not job.cancelled:
+        if denoising.is_on and job.ended_by != "CANCEL":
             if on_progress is not None:
                 on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
-            job.cancelled = not denoising.run(result_passes, should_cancel)
+            if not denoising.run(result_passes, should_cancel):
+                job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
         report = self._report(job, scene, settings)
@@ -357,17 +359,13 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
+def _make_film(frame: Frame, settings: RenderSettings, layout: FilmLayout) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
-    options = {
-        "use_features": use_features, "use_residual": settings.radiance_cache == "CONVERGING",
-        "use_half": settings.use_adaptive_sampling,
-    }  # fmt: skip
-    film = Film(x1 - x0, y1 - y0, **options)
+    film = Film(x1 - x0, y1 - y0, layout)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, **options)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, layout)
     return film, strata
 
 

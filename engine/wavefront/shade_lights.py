@@ -7,7 +7,7 @@ camera, other rays only those with multiple importance sampling; suns without it
 
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_found, power_heuristic
+from engine.kernels.radiance import add_found, add_seen, power_heuristic
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -33,6 +33,7 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
+from engine.wavefront.columns import UNIT_USE_DENOISING
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
 
@@ -51,7 +52,10 @@ def _sees(flags, visibility):
 
 @kernel
 def _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch):
-    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering."""
+    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering.
+
+    Returns the share that clamping leaves of it; it is in row `lane` of `scratch`.
+    """
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
     if len(paths.channels) > RGB:
@@ -61,7 +65,7 @@ def _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    add_found(options, paths, lane, scratch)
+    return add_found(options, paths, lane, scratch)
 
 
 @kernel
@@ -73,6 +77,7 @@ def shade_lights(scene, unit, work, queue):
     light sampling (`use_nee` 0) every lamp counts whole, those without multiple importance sampling included.
     """
     lights, spectrum, options, paths, scratch = scene.lights, scene.spectrum, scene.options, work.paths, work.f_cos
+    use_denoising = unit.header[UNIT_USE_DENOISING] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     hittable_count = lights.header[HEADER_HITTABLE]
     first_sun = lights.header[HEADER_FIRST_SUN]
@@ -108,7 +113,9 @@ def shade_lights(scene, unit, work, queue):
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
                 factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
+            share = _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
+            if use_denoising:
+                add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -121,4 +128,6 @@ def shade_lights(scene, unit, work, queue):
                 factor = power_heuristic(
                     paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
                 )
-            _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
+            share = _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
+            if use_denoising:
+                add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)

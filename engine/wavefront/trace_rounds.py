@@ -18,6 +18,7 @@ from engine.wavefront.columns import (
     UNIT_IS_GUIDED,
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
 )
@@ -108,6 +109,9 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     if use_features:
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        stages.write_denoising(scene, unit, work, work.surface)
+        mark(clock, CLOCK.write_denoising)
     if is_spectral:
         stages.upsample_closures(scene, unit, work, work.surface)
         mark(clock, CLOCK.upsample)

@@ -18,7 +18,16 @@ from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
-from engine.state.lanes import CachedLanes, Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
+from engine.state.lanes import (
+    CachedLanes,
+    Closures,
+    FeatureLanes,
+    GuidedLanes,
+    LightSamples,
+    PathState,
+    ShadePoints,
+    ShadowRays,
+)
 from engine.state.lights import LightArrays
 from engine.state.shaders import ShaderArrays
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
@@ -153,6 +162,7 @@ class Work(Bundle):
     light_shaded: Closures
     guided: GuidedLanes
     cached: CachedLanes
+    features: FeatureLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords
