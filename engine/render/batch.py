@@ -27,6 +27,7 @@ from engine.state.lanes import (
     allocate_cached_lanes,
     allocate_closures,
     allocate_guided_lanes,
+    allocate_light_pass_lanes,
     allocate_light_samples,
     allocate_paths,
     allocate_points,
@@ -118,6 +119,8 @@ class Batch:
     settings : RenderSettings
     use_features : bool
         Whether the film has the features.
+    light_part_count : int
+        Parts that light is taken apart into, 0 = it is not.
     is_guided : bool
         Whether there is room for what guides paths.
     records : bool
@@ -126,7 +129,7 @@ class Batch:
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
-        is_guided: bool = False, records: bool = False,
+        light_part_count: int = 0, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
@@ -157,6 +160,7 @@ class Batch:
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
+            passes=allocate_light_pass_lanes(lanes, channel_count, light_part_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
@@ -164,7 +168,7 @@ class Batch:
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(
-            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING"
+            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING", light_part_count
         )
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()

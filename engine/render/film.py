@@ -8,9 +8,12 @@ still in flight of a cancelled unit would favour short paths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
+from engine.render.light_passes import LIGHT_PASSES, light_images
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
@@ -40,20 +43,26 @@ PASS_NAMES = (
     "Variance",
     "Candidate Count",
     "Guiding Benefit",
+    *LIGHT_PASSES,
 )
 #: Passes that need the features; without any, they are neither computed nor stored.
-FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
+FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance", *LIGHT_PASSES}
 
 
 class Film:
-    """The image's sums, width x height pixels, row 0 at the bottom."""
+    """The image's sums, width x height pixels, row 0 at the bottom.
+
+    Light is taken apart into `light_part_count` parts, those of `light_groups` the last; 0: it is not.
+    """
 
     def __init__(
-        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False, use_residual: bool = False
+        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False,
+        use_residual: bool = False, light_part_count: int = 0, light_groups: Sequence[str] = (),
     ) -> None:
         self.width, self.height = width, height
         self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual)
+        self.light_groups = tuple(light_groups)
+        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual, light_part_count)
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -73,6 +82,8 @@ class Film:
             self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
             self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
             self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
+        if len(self.sums.light):
+            self.sums.light[pixels] += tile.light[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
@@ -89,7 +100,7 @@ class Film:
         Parameters
         ----------
         names : set of str
-            From PASS_NAMES; `'Combined'` is always made.
+            From PASS_NAMES, and passes of light groups; `'Combined'` is always made.
         exposure : float
             Factor on radiance.
 
@@ -130,6 +141,14 @@ class Film:
             of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
             spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
+        if len(self.sums.light):
+            residual = whole - mean if len(self.sums.residual) else None
+            images |= {
+                name: image.reshape(*shape, 3)
+                for name, image in light_images(
+                    names, self.light_groups, self.sums.light * scale, residual, exposure
+                ).items()
+            }
         if self.use_features:
             features = self.sums.features * scale
             for name, column, factor in (

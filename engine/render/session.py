@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.film import FEATURE_PASSES, Film
 from engine.render.job import Job
+from engine.render.light_passes import group_pass, light_part_count
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
@@ -174,12 +176,12 @@ class Session:
             raise
         return future.result()
 
-    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, **needed: Any) -> Tracer:
         """The tracer of the last render, ready for this one; a new one for the first."""
         if self._tracer is None:
-            self._tracer = Tracer(scene, settings, use_features=use_features)
+            self._tracer = Tracer(scene, settings, **needed)
         else:
-            self._tracer.take(scene, settings, use_features=use_features)
+            self._tracer.take(scene, settings, **needed)
         return self._tracer
 
     def close(self) -> None:
@@ -208,7 +210,7 @@ class Session:
             Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
         passes : iterable of str
-            Of `film.PASS_NAMES`.
+            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -235,15 +237,19 @@ class Session:
         if settings.channel_count > RGB:
             # Cells know no wavelengths.
             settings = replace(settings, radiance_cache="OFF")
+        names = frozenset(passes)
+        groups = scene.description.light_groups
+        if names.intersection(map(group_pass, groups)):
+            # Nor light groups.
+            settings = replace(settings, radiance_cache="OFF")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
-        names = frozenset(passes)
         frame = scene.description.frame
-        use_features = bool(names & FEATURE_PASSES)
-        film, strata = _make_film(frame, settings, use_features=use_features)
+        needed = {"use_features": bool(names & FEATURE_PASSES), "light_part_count": light_part_count(names, groups)}
+        film, strata = _make_film(frame, settings, **needed, light_groups=groups)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, use_features)
+        tracer = self._take_tracer(scene, settings, **needed)
         tracer.ray_observer = ray_observer
         job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
@@ -302,7 +308,8 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        return [Notice("Radiance cache", "knows no wavelengths", "paths find all light themselves")]
+        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups"
+        return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
@@ -345,14 +352,14 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
-    """A film for the frame's region, and how many strata it has."""
+def _make_film(frame: Frame, settings: RenderSettings, **needed: Any) -> tuple[Film, int]:
+    """A film for the frame's region, and how many strata it has; `needed` is what a `Film` has for passes."""
     x0, y0, x1, y1 = frame.region
     use_residual = settings.radiance_cache == "CONVERGING"
-    film = Film(x1 - x0, y1 - y0, use_features=use_features, use_residual=use_residual)
+    film = Film(x1 - x0, y1 - y0, use_residual=use_residual, **needed)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, use_features=use_features, use_residual=use_residual)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, use_residual=use_residual, **needed)
     return film, strata
 
 

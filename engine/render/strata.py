@@ -129,6 +129,8 @@ class StrataFilm(Film):
             whole.residual_square[pixels] = (sums.residual_square[rows] * factor**2).sum(axis=0)
             whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
             whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
+        if len(whole.light):
+            whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
         if self.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
 

@@ -23,6 +23,13 @@ FIRST_OBJECT_INDEX = 4
 FIRST_MATERIAL_INDEX = 5
 FIRST_WIDTH = 6
 
+# Columns of FilmTile.light, RGB each: what the first surface that is not transparent reflects and lets through, then
+# parts of the radiance (`engine.state.lanes.LightPassLanes`), those of light groups last.
+LIGHT_DIFFUSE_COLOR = 0
+LIGHT_GLOSSY_COLOR = 3
+LIGHT_TRANSMISSION_COLOR = 6
+LIGHT_PARTS = 9
+
 #: Depth where nothing was hit, as Cycles writes it.
 NO_DEPTH = np.float32(1e10)
 
@@ -43,7 +50,11 @@ class FilmTile(Bundle):
     square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
         paths, mean over channels
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
+    light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
     """
+
+    #: There are as many light groups as the user likes.
+    _dynamic = frozenset({"light"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -57,12 +68,13 @@ class FilmTile(Bundle):
     residual_square: np.ndarray
     square_gain: np.ndarray
     ended: np.ndarray
+    light: np.ndarray
 
 
 def allocate_tile(
-    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False
+    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False, light_part_count: int = 0
 ) -> FilmTile:
-    """Zeroed sums for `pixel_count` pixels."""
+    """Zeroed sums for `pixel_count` pixels, with so many parts of light; 0: it is not taken apart."""
     feature_count = pixel_count if use_features else 0
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
@@ -77,4 +89,5 @@ def allocate_tile(
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
         np.zeros(pixel_count if use_residual else 0, np.float32),
+        np.zeros((pixel_count, LIGHT_PARTS + 3 * light_part_count) if light_part_count else (0, 0), np.float32),
     )

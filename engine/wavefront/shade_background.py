@@ -39,7 +39,12 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.shaders import VALUE_EMISSION
-from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    UNIT_USE_FEATURES,
+)
 
 
 @kernel
@@ -124,7 +129,8 @@ def shade_background(scene, unit, work, queue):
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
             add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
             )
         if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
             film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH

@@ -13,7 +13,7 @@ from engine.kernels.radiance import add_emission, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     CLOSURE_WIDTH,
     RAY_MIS_HAD_TRANSMISSION,
@@ -90,7 +90,8 @@ def shade_emission(scene, unit, work, queue):
                 if pdf > 0.0:
                     weight = power_heuristic(paths.mis_pdf[lane], pdf)
             add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_EMISSION, use_features
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,
             )
         if flags & RAY_TERMINATE_ON_NEXT_SURFACE:
             paths.alive[lane] = 0
