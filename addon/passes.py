@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
 
@@ -29,6 +30,13 @@ class RenderPass(NamedTuple):
 _RENAMED = is_since(RENAMED_PASSES)
 
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
+NOISY = RenderPass("Noisy Image", "Noisy Image", "RGBA", "COLOR")
+#: What Cycles' Denoising Data asks for.
+DENOISING = (
+    RenderPass("Denoising Normal", "Denoising Normal", "XYZ", "VECTOR"),
+    RenderPass("Denoising Albedo", "Denoising Albedo", "RGB", "COLOR"),
+    RenderPass("Denoising Depth", "Denoising Depth", "Z", "VALUE"),
+)
 
 #: (property of the view layer, is it ours or Blender's, pass)
 OPTIONAL = (
@@ -71,9 +79,13 @@ CYCLES_LIGHT = {
 }
 
 
-def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
-    """The passes `view_layer` asks for, Combined first."""
+def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
+    """The passes that a view layer of `scene` asks for, Combined first."""
     yield COMBINED
+    if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
+        yield NOISY
+    if getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
+        yield from DENOISING
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):
@@ -152,7 +164,6 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
     "use_pass_shadow_catcher": "Shadow Catcher",
-    "denoising_store_passes": "Denoising Data",
     "pass_render_time": "Render Time",
 }
 

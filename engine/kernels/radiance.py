@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where light ends on a path: MIS weight, clamping and passes, shared by every stage that finds light."""
 
+import math
+
 import numpy as np
 
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
+from engine.state.film import DENOISING_ALBEDO
 from engine.state.lanes import (
+    FEATURES_DONE,
     PART_DIFFUSE,
     PART_GLOSSY,
     PART_GROUPS,
@@ -60,6 +64,8 @@ def add_radiance(options, paths, passes, lane, contribution, row, depth, weight,
     The limits are on the sum of channels, as many times the user's setting as there are; 0 = none. They are on the
     contribution before it is weighted, so that they take the same share of the light however seldom it is sampled.
 
+    Returns the share that clamping leaves.
+
     Parameters
     ----------
     passes : LightPassLanes
@@ -81,6 +87,27 @@ def add_radiance(options, paths, passes, lane, contribution, row, depth, weight,
         paths.radiance[lane, c] += factor * weight * contribution[row, c]
     if passes.parts.shape[0] > 0:
         _add_parts(paths.channels, passes, lane, contribution, row, depth, factor * weight, group)
+    return factor
+
+
+@kernel
+def add_seen(spectrum, paths, features, lane, contribution, share, film):
+    """Show denoisers light that is seen directly, or over specular surfaces: it counts as albedo, as in Cycles.
+
+    Parameters
+    ----------
+    features : FeatureLanes
+    contribution : float32 (L, C)
+        Row `lane`, `share` times, was added to the path.
+    film : FilmTile, which has the features
+    """
+    if features.throughput[lane, 0] == FEATURES_DONE:
+        return
+    color = to_rgb(spectrum, paths, lane, contribution, lane)
+    for c in range(RGB):
+        value = share * color[c] * features.throughput[lane, c]
+        if math.isfinite(value):
+            film.denoising[paths.pixel[lane], DENOISING_ALBEDO + c] += value
 
 
 @kernel
@@ -104,12 +131,18 @@ def add_found(options, spectrum, paths, passes, lane, contribution, group, film,
     feature : int
         Column FEATURE_* of the film's pass, which gets the light that only transparent surfaces lie before, if
         `use_features`.
+
+    Returns
+    -------
+    float32
+        The share that clamping leaves.
     """
-    add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane] - 1, 1.0, group)
+    share = add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane] - 1, 1.0, group)
     if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
         color = to_rgb(spectrum, paths, lane, contribution, lane)
         for c in range(RGB):
-            film.features[paths.pixel[lane], feature + c] += color[c]
+            film.features[paths.pixel[lane], feature + c] += share * color[c]
+    return share
 
 
 @kernel
@@ -123,7 +156,12 @@ def add_emission(
     emission : float32 (L, C)
         Radiance by lane, replaced by the contribution.
     group, feature, use_features : see `add_found`
+
+    Returns
+    -------
+    float32
+        The share of the contribution that clamping leaves.
     """
     for c in range(len(paths.channels)):
         emission[lane, c] *= paths.throughput[lane, c] * mis_weight
-    add_found(options, spectrum, paths, passes, lane, emission, group, film, feature, use_features)
+    return add_found(options, spectrum, paths, passes, lane, emission, group, film, feature, use_features)

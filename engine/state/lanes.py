@@ -489,6 +489,25 @@ def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: i
     )
 
 
+#: FeatureLanes.throughput of a path whose features have been written.
+FEATURES_DONE = np.float32(-1.0)
+
+
+class FeatureLanes(Bundle):
+    """What a path knows of the features for denoisers, L lanes, or one where there are none.
+
+    throughput : float32 (L, 3), product of the albedos of the specular surfaces it has met, RGB; the first is
+        FEATURES_DONE once it has met another one
+    """
+
+    throughput: Float32Array
+
+
+def allocate_feature_lanes(lane_count: int) -> FeatureLanes:
+    """Zeroed `FeatureLanes` for `lane_count` lanes."""
+    return FeatureLanes(np.zeros((lane_count, RGB), np.float32))
+
+
 class LightSamples(Bundle):
     """One light sample a lane, between choosing it and connecting to it.
 

@@ -26,6 +26,7 @@ from engine.wavefront.columns import (
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
+    UNIT_USE_DENOISING,
     UNIT_USES_CACHE,
 )
 
@@ -88,6 +89,7 @@ def init_from_camera(scene, unit, work, queue):
     seed, sample_first, path_count = header[UNIT_SEED], header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT]
     stratum, strata, divides_wavelengths = header[UNIT_STRATUM], header[UNIT_STRATA], header[UNIT_DIVIDES_WAVELENGTHS]
     record_threshold = header[UNIT_RECORD_THRESHOLD]
+    use_denoising = header[UNIT_USE_DENOISING] != 0
     splits_light, passes = header[UNIT_SPLITS_LIGHT] != 0, work.passes
     uses_cache, cached = header[UNIT_USES_CACHE] != 0, work.cached
     free, free_count = queue.lanes, queue.count[0]
@@ -150,6 +152,8 @@ def init_from_camera(scene, unit, work, queue):
         log.count[lane] = 0
         is_recorded = np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold
         log.is_recording[lane] = 1 if is_recorded and has_log else 0
+        if use_denoising:
+            store(work.features.throughput, lane, (1.0, 1.0, 1.0))
         if splits_light:
             passes.is_open[lane] = 1
             for column in range(passes.parts.shape[1]):

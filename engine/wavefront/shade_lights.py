@@ -7,7 +7,7 @@ camera, other rays only those with multiple importance sampling; suns without it
 
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_found, power_heuristic
+from engine.kernels.radiance import add_found, add_seen, power_heuristic
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -35,7 +35,7 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
-from engine.wavefront.columns import UNIT_USE_FEATURES
+from engine.wavefront.columns import UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
 
@@ -54,7 +54,7 @@ def _sees(flags, visibility):
 
 @kernel
 def _add_lamp(lights, row, factor, scene, unit, work, lane):
-    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering."""
+    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found, and show it in its passes."""
     spectrum, paths, scratch = scene.spectrum, work.paths, work.f_cos
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
@@ -65,10 +65,12 @@ def _add_lamp(lights, row, factor, scene, unit, work, lane):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    add_found(
+    share = add_found(
         scene.options, spectrum, paths, work.passes, lane, scratch, lights.lamp_table[row, LAMP_LIGHT_GROUP], unit.film,
         FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
     )
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
 
 
 @kernel

@@ -19,6 +19,7 @@ from engine.wavefront.columns import (
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
     UNIT_SPLITS_LIGHT,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
 )
@@ -112,6 +113,9 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     if use_features:
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        stages.write_denoising(scene, unit, work, work.surface)
+        mark(clock, CLOCK.write_denoising)
     if unit.header[UNIT_SPLITS_LIGHT] != 0:
         stages.write_colors(scene, unit, work, work.surface)
         mark(clock, CLOCK.split_light)

@@ -21,6 +21,7 @@ from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
     CachedLanes,
     Closures,
+    FeatureLanes,
     GuidedLanes,
     LightPassLanes,
     LightSamples,
@@ -163,6 +164,7 @@ class Work(Bundle):
     light_shaded: Closures
     guided: GuidedLanes
     cached: CachedLanes
+    features: FeatureLanes
     passes: LightPassLanes
     log: VertexLog
     candidates: Candidates

@@ -13,6 +13,7 @@ from engine.kernels.bsdf.diffuse import add_diffuse as add_diffuse
 from engine.kernels.bsdf.evaluate import DELTA_LOBES as DELTA_LOBES
 from engine.kernels.bsdf.evaluate import EVERY_LOBE as EVERY_LOBE
 from engine.kernels.bsdf.evaluate import ROUGH_LOBES as ROUGH_LOBES
+from engine.kernels.bsdf.evaluate import add_albedo as add_albedo
 from engine.kernels.bsdf.evaluate import albedo as albedo
 from engine.kernels.bsdf.evaluate import eval_bsdf as eval_bsdf
 from engine.kernels.bsdf.evaluate import sample_among as sample_among

@@ -313,24 +313,29 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
 
 
 @kernel
+def add_albedo(closures, tables, lane, i, wo, out, row):
+    """Add the estimated directional albedo of a lane's lobe `i` to out[row]."""
+    param = closures.param
+    kind = closures.kind[lane, i]
+    is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
+    reflected = 1.0
+    refracted = 1.0
+    if is_microfacet:
+        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
+    for c in range(len(closures.channels)):
+        share = 1.0
+        if is_microfacet:
+            share = reflected_albedo(param, lane, i, kind, reflected, c)
+            if kind >= REFRACTION:
+                share += lobe_color(param, lane, i, kind, refracted, True, c)
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share
+
+
+@kernel
 def albedo(closures, tables, lane, wo, out, row):
     """Write the estimated directional albedo of all lobes into out[row]; transparent closures are left out."""
-    param = closures.param
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
     for i in range(closures.count[lane]):
-        kind = closures.kind[lane, i]
-        if kind == TRANSPARENT:
-            continue
-        is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
-        reflected = 1.0
-        refracted = 1.0
-        if is_microfacet:
-            reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
-        for c in range(len(closures.channels)):
-            share = 1.0
-            if is_microfacet:
-                share = reflected_albedo(param, lane, i, kind, reflected, c)
-                if kind >= REFRACTION:
-                    share += lobe_color(param, lane, i, kind, refracted, True, c)
-            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share
+        if closures.kind[lane, i] != TRANSPARENT:
+            add_albedo(closures, tables, lane, i, wo, out, row)
