@@ -22,6 +22,7 @@ from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.denoising import Denoising
 from engine.render.film import Film, film_layout
 from engine.render.job import Job
+from engine.render.light_passes import group_pass
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
@@ -212,7 +213,7 @@ class Session:
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
             Only the result of a render that went to its end is denoised.
         passes : iterable of str
-            Of `film.PASS_NAMES`.
+            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -239,13 +240,17 @@ class Session:
         if settings.channel_count > RGB:
             # Cells know no wavelengths.
             settings = replace(settings, radiance_cache="OFF")
+        names = frozenset(passes)
+        groups = scene.description.light_groups
+        if names.intersection(map(group_pass, groups)):
+            # Nor light groups.
+            settings = replace(settings, radiance_cache="OFF")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
-        names = frozenset(passes)
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        layout = film_layout(names | denoising.passes, settings)
+        layout = film_layout(names | denoising.passes, settings, groups)
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, layout)
@@ -315,7 +320,8 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        return [Notice("Radiance cache", "knows no wavelengths", "paths find all light themselves")]
+        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups"
+        return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""

@@ -45,6 +45,7 @@ from engine.wavefront.columns import (
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
+    SCENE_WORLD_GROUP,
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
@@ -58,6 +59,7 @@ from engine.wavefront.columns import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
     UNIT_USE_DENOISING,
@@ -113,6 +115,7 @@ class Tracer:
         numbers[SCENE_WIDTH] = scene.description.frame.width
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
+        numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
         numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
         numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
@@ -178,7 +181,7 @@ class Tracer:
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
-            self.layout.use_denoising,
+            self.layout.use_denoising, self.layout.light_part_count > 0,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -334,6 +337,7 @@ class Tracer:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
+        header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

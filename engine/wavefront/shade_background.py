@@ -39,7 +39,13 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.shaders import VALUE_EMISSION
-from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_DENOISING, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    UNIT_USE_DENOISING,
+    UNIT_USE_FEATURES,
+)
 
 
 @kernel
@@ -125,7 +131,8 @@ def shade_background(scene, unit, work, queue):
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
             share = add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
             )
             if use_denoising:
                 add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
