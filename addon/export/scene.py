@@ -122,6 +122,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         shutter_curve=curve,
         rolling_shutter_duration=rolling,
         passes=export_pass_settings(context),
+        light_groups=context.light_groups,
     )
     if context.wants_vectors:
         description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
@@ -230,6 +231,7 @@ def _export_instances(
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
+        light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )
     return meshes, instances, chosen
 

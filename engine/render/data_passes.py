@@ -5,95 +5,65 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from engine.scene.description import Aov, PassSettings
+from engine.scene.description import PassSettings
 from engine.scene.pass_names import MATTE_KINDS, PAIRS, aov_pass, matte_passes
 from engine.shaders.aov_columns import COLOR_WIDTH, VALUE_WIDTH, aov_columns, aov_width
-from engine.state.data_passes import MIST_WIDTH, UV_WIDTH, VECTOR_WIDTH, DataOptions
+from engine.state.data_passes import MIST_WIDTH, UV_WIDTH, VECTOR_WIDTH, DataLayout, DataOptions
 
 DATA_PASSES = ("Mist", "UV", "Vector")
 _MATTE_NAME = re.compile(f"({'|'.join(MATTE_KINDS)})([0-9]{{2}})")
 
 
-@dataclass(frozen=True)
-class DataPasses:
-    """Passes of data of one render.
+def data_images(
+    layout: DataLayout, data: np.ndarray, mattes: np.ndarray, scale: np.ndarray, shape: tuple[int, int]
+) -> dict[str, np.ndarray]:
+    """Images by pass name.
 
-    Attributes
+    Parameters
     ----------
-    width : int
-        Columns of `FilmTile.data`.
-    matte_count : int
-        Slots of `FilmTile.mattes`.
-    aovs : tuple of Aov
-        Those of the description, whether their passes are asked for or not.
-    mattes : dict of int
-        First slot of each kind of mattes that is asked for.
+    data : float32 (P, D); mattes : float32 (P, M, 2)
+        Sums over samples.
+    scale : float32 (P, 1)
+        One over their weights, 0 where there is none.
+    shape : (int, int)
+        Height and width of the image.
+
+    Returns
+    -------
+    dict of float32 (height, width, channels)
+        Mist from 0 to 1; UV and whether there is any; Vector [pixels] to the frame before and from the frame after,
+        mean of the samples that have one; colours of AOVs with the share of samples that have one as alpha.
     """
-
-    options: DataOptions = field(default_factory=DataOptions)
-    width: int = 0
-    matte_count: int = 0
-    aovs: tuple[Aov, ...] = ()
-    mattes: dict[str, int] = field(default_factory=dict)
-
-    def images(
-        self, data: np.ndarray, mattes: np.ndarray, scale: np.ndarray, shape: tuple[int, int]
-    ) -> dict[str, np.ndarray]:
-        """Images by pass name.
-
-        Parameters
-        ----------
-        data : float32 (P, D); mattes : float32 (P, M, 2)
-            Sums over samples.
-        scale : float32 (P, 1)
-            One over their weights, 0 where there is none.
-        shape : (int, int)
-            Height and width of the image.
-
-        Returns
-        -------
-        dict of float32 (height, width, channels)
-            Mist from 0 to 1; UV and whether there is any; Vector [pixels] to the frame before and from the frame after,
-            mean of the samples that have one; colours of AOVs with the share of samples that have one as alpha.
-        """
-        if not self.options.is_used:
-            return {}
-        images: dict[str, np.ndarray] = {}
-        options = self.options
-        has_samples = scale > 0.0
-        if options.mist >= 0:
-            clear = data[:, options.mist : options.mist + MIST_WIDTH] * scale
-            images["Mist"] = np.where(has_samples, 1.0 - clear, np.float32(0.0))
-        if options.uv >= 0:
-            images["UV"] = data[:, options.uv : options.uv + UV_WIDTH] * scale
-        if options.vector >= 0:
-            sums = data[:, options.vector : options.vector + VECTOR_WIDTH]
-            images["Vector"] = sums[:, :-1] / np.maximum(sums[:, -1:], np.float32(1e-30))
-        for aov in aov_columns(self.aovs):
-            first = options.aov + aov.column
-            width = COLOR_WIDTH if aov.is_color else VALUE_WIDTH
-            images[aov_pass(aov.name)] = data[:, first : first + width] * scale
-        for kind, first in self.mattes.items():
-            slots = mattes[:, first : first + options.matte_slots]
-            order = np.argsort(-slots[..., 1], axis=1, kind="stable")
-            slots = np.take_along_axis(slots, order[..., None], axis=1)
-            slots[..., 1] *= scale
-            for index, name in enumerate(matte_passes(kind, options.matte_slots)):
-                images[name] = slots[:, PAIRS * index : PAIRS * (index + 1)].reshape(-1, 2 * PAIRS)
-        return {
-            name: np.ascontiguousarray(image, np.float32).reshape(*shape, image.shape[1])
-            for name, image in images.items()
-        }
+    images: dict[str, np.ndarray] = {}
+    options = layout.options
+    has_samples = scale > 0.0
+    if options.mist >= 0:
+        clear = data[:, options.mist : options.mist + MIST_WIDTH] * scale
+        images["Mist"] = np.where(has_samples, 1.0 - clear, np.float32(0.0))
+    if options.uv >= 0:
+        images["UV"] = data[:, options.uv : options.uv + UV_WIDTH] * scale
+    if options.vector >= 0:
+        sums = data[:, options.vector : options.vector + VECTOR_WIDTH]
+        images["Vector"] = sums[:, :-1] / np.maximum(sums[:, -1:], np.float32(1e-30))
+    for name, first, width in layout.aovs:
+        images[name] = data[:, first : first + width] * scale
+    for kind, first in layout.mattes:
+        slots = mattes[:, first : first + options.matte_slots]
+        order = np.argsort(-slots[..., 1], axis=1, kind="stable")
+        slots = np.take_along_axis(slots, order[..., None], axis=1)
+        slots[..., 1] *= scale
+        for index, name in enumerate(matte_passes(kind, options.matte_slots)):
+            images[name] = slots[:, PAIRS * index : PAIRS * (index + 1)].reshape(-1, 2 * PAIRS)
+    return {
+        name: np.ascontiguousarray(image, np.float32).reshape(*shape, image.shape[1])
+        for name, image in images.items()
+    }
 
 
-NO_DATA_PASSES = DataPasses()
-
-
-def plan_data_passes(names: Collection[str], settings: PassSettings) -> DataPasses:
+def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
     """Columns and slots for those passes of data that are among `names`.
 
     AOVs get columns all together or not at all: programs are compiled for all of them.
@@ -136,4 +106,8 @@ def plan_data_passes(names: Collection[str], settings: PassSettings) -> DataPass
         mist_falloff=np.float32(settings.mist_falloff),
         alpha_threshold=threshold,
     )
-    return DataPasses(options, width, matte_count, settings.aovs, mattes)
+    aovs = tuple(
+        (aov_pass(aov.name), options.aov + aov.column, COLOR_WIDTH if aov.is_color else VALUE_WIDTH)
+        for aov in aov_columns(settings.aovs)
+    )
+    return DataLayout(options, width, matte_count, aovs, tuple(mattes.items()))

@@ -227,6 +227,8 @@ class Instances:
     motion: dict[int, Float32Array] = field(default_factory=dict)
     #: (N,) names of the topmost parents, for the Cryptomatte of assets; None = `name`.
     asset: list[str] | None = None
+    #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
+    light_group: Int32Array | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -288,6 +290,8 @@ class Light:
     graph: NodeGraph | None = None
     random: float = 0.0
     temperature: float = 0.0
+    #: Index into `SceneDescription.light_groups`, -1 = none; so of the world.
+    light_group: int = -1
 
 
 @dataclass
@@ -305,6 +309,7 @@ class World:
     max_bounces: int = 1024
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
+    light_group: int = -1
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -444,6 +449,8 @@ class SceneDescription:
     #: the bottom row the last; 1: all rows all the time.
     rolling_shutter_duration: float = 1.0
     passes: PassSettings = field(default_factory=PassSettings)
+    #: Names of the view layer's light groups.
+    light_groups: tuple[str, ...] = ()
 
     @property
     def is_moving(self) -> bool:

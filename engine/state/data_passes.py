@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,32 @@ class DataOptions(NamedTuple):
     mist_falloff: np.float32 = np.float32(1.0)  # exponent
     #: Surfaces of a smaller alpha leave passes of one surface to those behind.
     alpha_threshold: np.float32 = np.float32(0.5)
+
+
+@dataclass(frozen=True)
+class DataLayout:
+    """Passes of data of one film.
+
+    Attributes
+    ----------
+    width : int
+        Columns of `FilmTile.data`.
+    matte_count : int
+        Slots of `FilmTile.mattes`.
+    aovs : tuple of (str, int, int)
+        Name of the pass, first column and width, of each AOV.
+    mattes : tuple of (str, int)
+        Kind and first slot, of each kind of mattes.
+    """
+
+    options: DataOptions = field(default_factory=DataOptions)
+    width: int = 0
+    matte_count: int = 0
+    aovs: tuple[tuple[str, int, int], ...] = ()
+    mattes: tuple[tuple[str, int], ...] = ()
+
+
+NO_DATA = DataLayout()
 
 
 class DataView(Bundle):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.render.data_passes import plan_data_passes
+from engine.render.data_passes import data_layout
 from engine.render.film import Film
 from engine.render.session import Session
 from engine.render.strata import StrataFilm
@@ -14,7 +14,7 @@ from engine.scene.cryptomatte import matte_id
 from engine.scene.description import Aov, Link, Node, PassSettings
 from engine.scene.pass_names import aov_pass, matte_passes
 from engine.settings import RenderSettings
-from engine.state.film import allocate_tile
+from engine.state.film import FilmLayout, allocate_tile
 from engine.state.unit import ALL_STRATA
 from tests.helpers.small_scenes import corner_scene
 
@@ -34,18 +34,18 @@ def with_aov(description):
 
 
 def test_passes_get_columns_and_slots_of_their_own():
-    data = plan_data_passes(["UV", "Vector", *MATTES], PassSettings(aovs=(Aov("a", True), Aov("b", False))))
+    data = data_layout(["UV", "Vector", *MATTES], PassSettings(aovs=(Aov("a", True), Aov("b", False))))
     options = data.options
     assert (options.mist, options.uv, options.vector, options.aov, data.width) == (-1, 0, 3, 8, 13)
     assert (options.object_mattes, options.material_mattes, options.asset_mattes) == (0, 4, -1)
     assert (options.matte_slots, data.matte_count) == (4, 8)
-    assert not plan_data_passes(["Depth"], PassSettings()).options.is_used
+    assert not data_layout(["Depth"], PassSettings()).options.is_used
 
 
-def film_and_tile(film_type=Film, rows=1, **arguments):
-    data = plan_data_passes(matte_passes("CryptoObject", 2), PassSettings())
-    film = film_type(1, 1, use_features=True, data=data, **arguments)
-    return film, lambda: allocate_tile(rows, 3, True, matte_count=2)
+def film_and_tile(strata=1):
+    layout = FilmLayout(use_features=True, data=data_layout(matte_passes("CryptoObject", 2), PassSettings()))
+    film = Film(1, 1, layout) if strata == 1 else StrataFilm(1, 1, strata, layout)
+    return film, lambda: allocate_tile(strata, 3, layout)
 
 
 def test_mattes_of_units_are_merged_by_id():
@@ -60,7 +60,7 @@ def test_mattes_of_units_are_merged_by_id():
 
 
 def test_strata_count_the_same_in_mattes():
-    film, tile = film_and_tile(StrataFilm, 2, strata=2)
+    film, tile = film_and_tile(strata=2)
     unit = tile()
     unit.mattes[0, 0], unit.mattes[1, 0], unit.count[:] = (1.5, 2.0), (2.5, 6.0), (2, 6)
     film.merge_stratum(np.array([0]), unit, 1.0, ALL_STRATA)
