@@ -8,12 +8,14 @@ from typing import Any
 
 import bpy
 
+from engine.denoise.library import problem as denoiser_problem
 from engine.settings import EXPERIMENT_SECTIONS
 
-from . import learned_fields, preferences, warm_up
+from . import last_render, learned_fields, preferences, warm_up
 from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
+from .passes import requested_mattes
 from .shared_settings import SHARED_SETTINGS, follows_cycles, has_cycles, setting_source, setting_value
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
@@ -38,6 +40,9 @@ _EXCLUDED_PANELS = {
     "OBJECT_PT_visibility",
     "WORLD_PT_preview",
 }
+
+#: Panels that Blender keeps for its own engines, and of which all works.
+_ADDED_PANELS = {"VIEWLAYER_PT_override"}
 
 #: Cycles' panels for data that both engines read, parents first.
 _CYCLES_PANELS = (
@@ -113,32 +118,77 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
             column.prop(settings, "use_cycles_settings")
             if not settings.use_cycles_settings:
                 column.operator("neuralguide.copy_cycles_settings")
+        _draw_shared(column, scene, "use_adaptive_sampling")
+        threshold = column.column()
+        threshold.active = setting_value(scene, "use_adaptive_sampling")
+        for name in ("adaptive_threshold", "adaptive_min_samples"):
+            _draw_shared(threshold, scene, name)
         for name in ("samples", "time_limit"):
             _draw_shared(column, scene, name)
-        column.prop(settings, "guiding_method")
-        column.prop(settings, "radiance_cache")
         column.prop(settings, "spectral")
 
 
+class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What takes the noise out of the finished picture."""
+
+    bl_label = "Denoise"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the switch."""
+        row = self.layout.row()
+        row.active = not denoiser_problem()
+        _draw_shared(row, context.scene, "use_denoising", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        scene, problem = context.scene, denoiser_problem()
+        column = self._column()
+        if problem:
+            # A label is one line.
+            for part in problem.split(": "):
+                column.label(text=part)
+        column.active = not problem and setting_value(scene, "use_denoising")
+        names = ["denoising_input_passes", "denoising_quality"]
+        if setting_value(scene, "denoising_input_passes") != "RGB":
+            names.insert(1, "denoising_prefilter")
+        for name in names:
+            _draw_shared(column, scene, name)
+
+
 class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """How what was learned is used."""
+    """What is learned, what it is used for, and what the last render made of it."""
 
     bl_label = "Guiding"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        _draw_section(self._column(), context.scene, "Guiding")
+        sentence = last_render.guiding_sentence(context.scene)
+        if sentence:
+            last_render.draw_text(self.layout, context, f"Last render: {sentence}")
+
+
+class NEURALGUIDE_PT_training(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How guiding is tried, trained and repeated."""
+
+    bl_label = "Trial and Training"
+    bl_parent_id = "NEURALGUIDE_PT_guiding"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         column = self._column()
         column.active = context.scene.neuralguide.guiding_method != "OFF"
-        _draw_section(column, context.scene, "Guiding")
+        _draw_section(column, context.scene, "Trial and Training")
 
 
 class NEURALGUIDE_PT_learned_field(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """What becomes of what a render has learned."""
 
     bl_label = "Learned Field"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_parent_id = "NEURALGUIDE_PT_guiding"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -319,6 +369,25 @@ class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801
             _draw_section(part, context.scene, section)
 
 
+class NEURALGUIDE_PT_filter(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What the view layer shows, of what this engine has."""
+
+    bl_label = "Filter"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 (Blender's convention)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        include = column.column(heading="Include")
+        include.prop(layer, "use_sky", text="Environment")
+        include.prop(layer, "use_solid", text="Surfaces")
+        use = column.column(heading="Use")
+        use.active = context.scene.render.use_motion_blur
+        use.prop(layer, "use_motion_blur", text="Motion Blur")
+
+
 class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """Passes of the view layer."""
 
@@ -332,12 +401,20 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         data = column.column(heading="Data", align=True)
         for name, text in (
             ("use_pass_z", "Depth"),
+            ("use_pass_mist", "Mist"),
             ("use_pass_position", "Position"),
             ("use_pass_normal", "Normal"),
+            ("use_pass_uv", "UV"),
             ("use_pass_object_index", "Object Index"),
             ("use_pass_material_index", "Material Index"),
         ):
             data.prop(layer, name, text=text)
+        vector = data.column()
+        vector.active = not context.scene.render.use_motion_blur
+        vector.prop(layer, "use_pass_vector", text="Vector")
+        if hasattr(layer, "cycles"):
+            data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
+        column.prop(layer, "pass_alpha_threshold")
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
@@ -347,6 +424,45 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         quality.prop(layer.neuralguide, "use_pass_variance")
         quality.prop(layer.neuralguide, "use_pass_candidate_count")
         quality.prop(layer.neuralguide, "use_pass_guiding_benefit")
+
+
+class NEURALGUIDE_PT_passes_cryptomatte(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Which Cryptomattes there are, and how many levels they have."""
+
+    bl_label = "Cryptomatte"
+    bl_context = "view_layer"
+    bl_parent_id = "NEURALGUIDE_PT_passes"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        column.prop(layer, "use_pass_cryptomatte_object", text="Object")
+        column.prop(layer, "use_pass_cryptomatte_material", text="Material")
+        column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
+        levels = column.column()
+        levels.active = bool(requested_mattes(layer))
+        levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
+
+
+class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Passes that AOV Output nodes fill."""
+
+    bl_label = "Shader AOV"
+    bl_context = "view_layer"
+    bl_parent_id = "NEURALGUIDE_PT_passes"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        row = column.row()
+        row.template_list("VIEWLAYER_UL_aov", "aovs", layer, "aovs", layer, "active_aov_index", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_aov", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_aov", icon="REMOVE", text="")
+        if layer.active_aov is not None and not layer.active_aov.is_valid:
+            column.label(text="Another pass has this name", icon="ERROR")
 
 
 class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -375,7 +491,8 @@ class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
 def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:
     """Blender's own panels that work with this engine."""
     for panel in bpy.types.Panel.__subclasses__():
-        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _EXCLUDED_PANELS:
+        is_for_all = "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ())
+        if panel.__name__ in _ADDED_PANELS or (is_for_all and panel.__name__ not in _EXCLUDED_PANELS):
             yield panel
 
 
@@ -416,17 +533,22 @@ _borrowed: list[type[bpy.types.Panel]] = []
 
 _classes = (
     NEURALGUIDE_PT_sampling,
-    NEURALGUIDE_PT_guiding,
-    NEURALGUIDE_PT_learned_field,
+    NEURALGUIDE_PT_denoising,
     NEURALGUIDE_PT_sampling_lights,
     NEURALGUIDE_PT_sampling_advanced,
+    NEURALGUIDE_PT_guiding,
+    NEURALGUIDE_PT_training,
+    NEURALGUIDE_PT_learned_field,
     NEURALGUIDE_PT_light_paths,
     NEURALGUIDE_PT_motion_blur,
     NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
     NEURALGUIDE_PT_performance,
     NEURALGUIDE_PT_experiments,
+    NEURALGUIDE_PT_filter,
     NEURALGUIDE_PT_passes,
+    NEURALGUIDE_PT_passes_cryptomatte,
+    NEURALGUIDE_PT_passes_aov,
     NEURALGUIDE_PT_dispersion,
 )
 

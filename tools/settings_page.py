@@ -58,14 +58,15 @@ off, or `deterministic` on, to have the same image each time.
 #: Said under a section's table.
 _NOTES = {
     "Sampling": """\
-Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
-directions and take one (they resample). Networks do not pay on a processor at equal time
-([figures](results/do-networks-pay.md)).
-
 With `spectral` `'ON'` colours have smooth spectra everywhere and white light is D65. Reflections of colours in
 colours differ a little from those of red, green and blue ([figures](results/wavelengths.md)).
 """,
     "Guiding": """\
+Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
+directions and take one (they resample). Networks do not pay on a processor at equal time
+([figures](results/do-networks-pay.md)).
+""",
+    "Trial and Training": """\
 `sequence_field` is for animations in which lights move and can be found by guiding only. It hardly pays in frames
 between those of training if much changes from one of these to the next ([figures](results/sequences.md)).
 
@@ -131,6 +132,12 @@ _ELSEWHERE = """\
 - **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, Object Index, Material
   Index, Emission and Environment. Those of `view_layer.neuralguide` are Albedo, Sample Count, Variance, Candidate
   Count and Guiding Benefit.
+- **Passes of data** are Blender's too: Mist (its distances are in the world's *Mist Pass* panel), UV, Vector, the
+  view layer's *Shader AOV*s, and *Cryptomatte* of objects, materials and assets. *Alpha Threshold* says which surface
+  passes of one surface show. Cryptomatte needs a multilayer EXR of 32 bits; for programs that read files of one part
+  only, turn *Interleave* on.
+- **View layers** have Blender's own rules: Environment, Surfaces and Motion Blur of *Filter*; material and world of
+  *Override*; holdout, indirect only and exclusion of collections.
 """
 
 _GONE = """\

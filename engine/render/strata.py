@@ -18,14 +18,12 @@ Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", section 4.2.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from engine.methods import SOURCES
 from engine.render.film import Film
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile
+from engine.state.film import FIRST_DEPTH, PLAIN_LAYOUT, FilmLayout, FilmTile
 from engine.state.unit import ALL_STRATA
 
 #: Samples a pixel of a stratum, on average, and memory of all strata's sums [bytes]: with less, there are fewer strata.
@@ -71,9 +69,9 @@ class StrataFilm(Film):
         The same of each stratum alone, one image above the other.
     """
 
-    def __init__(self, width: int, height: int, strata: int, **options: Any) -> None:
-        super().__init__(width, height, **options)
-        self.by_stratum = Film(width, height * strata, **options)
+    def __init__(self, width: int, height: int, strata: int, layout: FilmLayout = PLAIN_LAYOUT) -> None:
+        super().__init__(width, height, layout)
+        self.by_stratum = Film(width, height * strata, layout)
         #: Index of each stratum's first pixel in it.
         self._first = np.arange(strata) * (width * height)
 
@@ -91,22 +89,23 @@ class StrataFilm(Film):
         else:
             self.by_stratum.merge(pixels + self._first[stratum], tile, weight)
         first = self.sums.count[pixels] == 0
-        if self.use_features:
+        if self.layout.use_features:
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
         self._combine(pixels)
         return tile
 
     def _by_pixel(self, tile: FilmTile, pixel_count: int) -> FilmTile:
-        """Sums over the strata of a unit of them all; of points, those of a stratum that has any."""
+        """Sums over the strata of a unit of them all; of points, those of the stratum that has some."""
         strata = len(self._first)
         columns = {
             name: column[: pixel_count * strata].reshape(pixel_count, strata, *column.shape[1:]).sum(axis=1)
             for name, column in tile._asdict().items()
-            if len(column) and name != "points"
+            if len(column) and name not in ("points", "mattes")
         }
         if len(tile.points):
-            counts = tile.count[: pixel_count * strata].reshape(pixel_count, strata)
-            columns["points"] = tile.points[np.arange(pixel_count) * strata + np.argmax(counts > 0, axis=1)]
+            depths = tile.points[: pixel_count * strata, FIRST_DEPTH].reshape(pixel_count, strata)
+            first = np.argmax(depths != 0.0, axis=1)
+            columns["points"] = tile.points[np.arange(pixel_count) * strata + first]
         return tile._replace(**{name: np.ascontiguousarray(column) for name, column in columns.items()})
 
     def _combine(self, pixels: np.ndarray) -> None:
@@ -129,8 +128,29 @@ class StrataFilm(Film):
             whole.residual_square[pixels] = (sums.residual_square[rows] * factor**2).sum(axis=0)
             whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
             whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
-        if self.use_features:
+        if len(whole.half):
+            whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
+        if len(whole.denoising):
+            whole.denoising[pixels] = (sums.denoising[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.light):
+            whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
+        if self.layout.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.data):
+            whole.data[pixels] = (sums.data[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.mattes):
+            whole.mattes[pixels] = 0.0
+            for of_stratum, factors in zip(rows, factor, strict=True):
+                self._merge_mattes(pixels, sums.mattes, of_stratum, factors)
+
+    def _halves(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `radiance` and `weight` are made, of the half of the samples."""
+        sums = self.by_stratum.sums
+        weight = sums.half_weight[rows]
+        total, is_present = weight.sum(axis=0), weight > 0.0
+        factor = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))
+        factor /= np.where(is_present, weight, np.float32(1.0))
+        return (sums.half[rows] * factor[..., None]).sum(axis=0), total
 
     @property
     def nbytes(self) -> int:

@@ -9,10 +9,10 @@ import numpy as np
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import background_pdf
 from engine.kernels.path_depths import store_depths
-from engine.kernels.radiance import add_emission, power_heuristic
+from engine.kernels.radiance import add_emission, add_seen, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.film import FEATURE_ENVIRONMENT, FIRST_DEPTH, NO_DEPTH
+from engine.state.film import FEATURE_ENVIRONMENT
 from engine.state.lanes import (
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -33,13 +33,18 @@ from engine.state.lanes import (
     RAY_EMISSION,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
-    RAY_PASSES_DONE,
     RAY_TRANSPARENT_BACKGROUND,
     RAY_VISIBILITY,
     RGB,
 )
 from engine.state.shaders import VALUE_EMISSION
-from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    UNIT_USE_DENOISING,
+    UNIT_USE_FEATURES,
+)
 
 
 @kernel
@@ -93,13 +98,14 @@ def prepare_background(scene, unit, work, queue):
 def shade_background(scene, unit, work, queue):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
-    `work.closures.emission` holds the background's radiance. The film gets the Environment pass and the depth of
-    nothing, if features are asked for.
+    `work.closures.emission` holds the background's radiance. The film gets the Environment pass, if features are asked
+    for.
     """
     lights, spectrum, options = scene.lights, scene.spectrum, scene.options
     visibility = scene.header[SCENE_WORLD_VISIBILITY]
     paths, closures, film = work.paths, work.closures, unit.film
     use_features = unit.header[UNIT_USE_FEATURES] != 0
+    use_denoising = unit.header[UNIT_USE_DENOISING] != 0
     missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
         lane = missed[k]
@@ -123,8 +129,9 @@ def shade_background(scene, unit, work, queue):
                     load(paths.direction, lane),
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
-            add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
+            share = add_emission(
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
             )
-        if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
-            film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH
+            if use_denoising:
+                add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
