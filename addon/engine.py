@@ -140,7 +140,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         )
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
-            # It imports torch while the scene is exported.
+            # It gets ready while the scene is exported.
             standby.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()

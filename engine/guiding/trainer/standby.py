@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A worker that stands by: started before there is anything to train, it has imported torch by the time there is.
+"""A worker that stands by: started before there is anything to train, it is ready by the time there is.
 
-Importing torch takes seconds. A render that will train a network says so before its scene is exported (`stand_by`), and
-whoever starts to train first takes the process (`take`). One at most stands by; it goes when the renderer goes.
+Importing torch and loading the kernels of training takes seconds. A render that will train a network says so before its
+scene is exported (`stand_by`), and whoever starts to train first takes the process (`take`). One at most stands by; it
+goes when the renderer goes.
 """
 
 from __future__ import annotations
@@ -135,7 +136,8 @@ def take(script: Path, interpreter: str | None) -> Worker | None:
 
 
 def dismiss() -> None:
-    """End the worker that stands by."""
+    """End the worker that stands by, without waiting for what it is doing: it has nothing to lose."""
     worker = take(SCRIPT, None)
     if worker is not None:
+        worker.process.kill()
         worker.close()

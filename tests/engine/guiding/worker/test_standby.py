@@ -97,3 +97,11 @@ def test_it_goes_when_its_input_ends() -> None:
         time.sleep(0.05)
     assert worker.process.returncode == 0
     worker.close()
+
+
+def test_dismissing_it_does_not_wait_until_it_is_ready() -> None:
+    standby.stand_by()
+    began = time.monotonic()
+    standby.dismiss()
+    assert time.monotonic() - began < 0.6
+    assert standby.take(standby.SCRIPT, None) is None
