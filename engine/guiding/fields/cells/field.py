@@ -97,8 +97,8 @@ def cell_key(cells, p, n, program, level):
     y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
     z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
     kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
-    key = hash_combine(hash_combine(x, y), hash_combine(z, kind))
-    tag = hash_combine(hash_combine(z, x), hash_combine(kind, y))
+    first, second = hash_combine(x, y), hash_combine(z, kind)
+    key, tag = hash_combine(first, second), hash_combine(second, first)
     return np.int64(key & cells.mask[0]), max(tag, np.uint32(1))
 
 

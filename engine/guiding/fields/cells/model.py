@@ -4,6 +4,10 @@
 A cell's radiance is the mean of what its surfaces sent back along the paths that met them, weighed by what these paths
 bring of it to the camera. Guided paths come more often to where a cell is bright, with less weight each: a plain mean
 would be too bright. Each channel has weights of its own: a path that comes from something red says nothing of blue.
+
+A cell of a size is the mean over those paths that would ask this size first, or be content with it. The others arrive in
+other parts of the cell: near an edge, for example, those that come from the wall beside it, with footprints that are too
+small for the cell. All of them together are darker there than what larger footprints meet.
 Nothing is forgotten, and no record is cut: the energy is right.
 """
 
@@ -20,6 +24,7 @@ from engine.guiding.fields.cells.field import (
     claim_cell,
     empty_cells,
 )
+from engine.guiding.fields.cells.query import first_level, is_small
 from engine.guiding.records.taught import TaughtRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
@@ -30,31 +35,42 @@ from engine.state.lanes import RGB
 _SMALLEST_SHARE = 1.0 / 256.0
 _OUTERMOST_PERCENT = 2.0
 _ROWS_AHEAD = 8
+#: Weight of paths that ask smaller cells first.
+_FALLBACK_SHARE = np.float32(0.1)
 
 
 @kernel
-def _learn(cells, rows, level, places, tags):
+def _learn(cells, rows, level, asking, shares, places, tags):
     """Add rows to their cells of a level; returns how many found no room.
 
     Parameters
     ----------
-    places : int64, tags : uint32, a row each, scratch
+    asking : int64, shares : float32, places : int64, tags : uint32, a row each, scratch
     """
     row_count = rows.program.shape[0]
+    asking_count = 0
     for row in range(row_count):
-        places[row], tags[row] = cell_key(
+        first = first_level(cells, rows.side[row])
+        if level < first or not is_small(cells, level, rows.side[row]):
+            continue
+        places[asking_count], tags[asking_count] = cell_key(
             cells, load(rows.position, row), load(rows.normal, row), rows.program[row], level
         )
+        asking[asking_count] = row
+        shares[asking_count] = np.float32(1.0) if level == first else _FALLBACK_SHARE
+        asking_count += 1
     lost_count = 0
-    for row in range(row_count):
-        prefetch(cells.tag, places[min(row + _ROWS_AHEAD, row_count - 1)])
-        slot = claim_cell(cells, places[row], tags[row])
+    for k in range(asking_count):
+        prefetch(cells.tag, places[min(k + _ROWS_AHEAD, asking_count - 1)])
+        slot = claim_cell(cells, places[k], tags[k])
         if slot < 0:
             lost_count += 1
             continue
+        row = asking[k]
         for c in range(RGB):
-            cells.sums[slot, c] += rows.weight[row, c] * rows.radiance[row, c]
-            cells.sums[slot, SUM_WEIGHT + c] += rows.weight[row, c]
+            weight = shares[k] * rows.weight[row, c]
+            cells.sums[slot, c] += weight * rows.radiance[row, c]
+            cells.sums[slot, SUM_WEIGHT + c] += weight
         cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
 
@@ -82,6 +98,6 @@ class CellModel:
             low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
             extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
-        places, tags = np.zeros(row_count, np.int64), np.zeros(row_count, np.uint32)
+        scratch = [np.zeros(row_count, kind) for kind in (np.int64, np.float32, np.int64, np.uint32)]
         for level in range(LEVEL_COUNT):
-            self.lost_count += int(_learn(self.field, records, level, places, tags))
+            self.lost_count += int(_learn(self.field, records, level, *scratch))
