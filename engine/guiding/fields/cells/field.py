@@ -92,7 +92,7 @@ def cell_key(cells, p, n, program, level):
     p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit
     program : int, of the surface's shader
     """
-    inverse = 1.0 / cell_size(cells, level)
+    inverse = np.float32(1.0) / cell_size(cells, level)
     x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
     y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
     z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
