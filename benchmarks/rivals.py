@@ -220,7 +220,7 @@ def _measure_ours(
 
 
 def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
-    """The rival called `name`: 'cycles', 'cycles-guided', 'cycles-fast-gi', a guiding method of ours such as 'OFF', or a variant.
+    """The rival called `name`: one of Cycles', a guiding method of ours such as 'OFF', or a variant.
 
     Parameters
     ----------

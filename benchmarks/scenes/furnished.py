@@ -39,7 +39,8 @@ def _shell(has_windows: bool, wall_color: tuple[float, float, float]) -> None:
     """Floor, ceiling, walls, and a left wall of piers, sills and lintels if it has windows."""
     x, y, z, t = _WIDTH / 2, _DEPTH / 2, _HEIGHT, _THICK
     wall = diffuse(wall_color, "wall")
-    floor = material("floor", lambda nodes: nodes("BsdfPrincipled", **{"Base Color": (0.35, 0.2, 0.1, 1)}, Roughness=0.35))
+    varnished = {"Base Color": (0.35, 0.2, 0.1, 1.0), "Roughness": 0.35}
+    floor = material("floor", lambda nodes: nodes("BsdfPrincipled", **varnished))
     _block("Floor", floor, (-x - t, -y - t, -t), (x + t, y + t, 0.0))
     _block("Ceiling", wall, (-x - t, -y - t, z), (x + t, y + t, z + t))
     _block("Back", wall, (-x - t, y, 0.0), (x + t, y + t, z))
@@ -74,9 +75,10 @@ def _furniture() -> None:
     for row in range(5):
         _block("Shelf", wood, (1.0, 2.6, 0.3 + 0.4 * row), (2.45, 3.0, 0.33 + 0.4 * row))
         for book in range(9):
-            color = (0.5 + 0.4 * math.sin(book), 0.3 + 0.2 * math.sin(2.0 * book + row), 0.25 + 0.2 * math.cos(3.0 * book))
+            green, blue = 0.3 + 0.2 * math.sin(2.0 * book + row), 0.25 + 0.2 * math.cos(3.0 * book)
+            cover = diffuse((0.5 + 0.4 * math.sin(book), green, blue), "book")
             left, bottom = 1.05 + 0.15 * book, 0.33 + 0.4 * row
-            _block("Book", diffuse(color, "book"), (left, 2.65, bottom), (left + 0.1, 2.9, bottom + 0.26 + 0.03 * (book % 3)))
+            _block("Book", cover, (left, 2.65, bottom), (left + 0.1, 2.9, bottom + 0.26 + 0.03 * (book % 3)))
     add_object("Bowl", sphere("Bowl", steel, 0.16), (0.0, 0.7, 0.92))
     add_object("Glass", sphere("Glass", glass, 0.12), (0.6, 0.6, 0.88))
 

@@ -97,7 +97,7 @@ def known(model, point, level):
     return sums[0] / sums[SUM_WEIGHT], sums[SUM_COUNT]
 
 
-def test_larger_cells_hold_what_smaller_ones_hold_up_to_half_the_footprint():
+def test_larger_cells_hold_what_smaller_ones_hold():
     model = CellModel()
     model.field = empty_cells(1.0)
     near, far = np.full((4, 3), 0.5, np.float32), np.full((40, 3), 1.5, np.float32)
@@ -105,29 +105,38 @@ def test_larger_cells_hold_what_smaller_ones_hold_up_to_half_the_footprint():
     for points in (near, far):
         model.learn(records(points, UP, 1.0, ASKS[0]))
     counts = [[known(model, points[0], level)[1] for level in range(LEVEL_COUNT)] for points in (near, far)]
-    assert counts == [[4, 44, 44, 0, 0, 0], [40, 44, 44, 0, 0, 0]]
+    assert counts == [[4] + 5 * [44], [40] + 5 * [44]]
     assert [_size(model.field, level) for level in range(LEVEL_COUNT)] == [1, 2, 4, 8, 16, 32]
     assert find(model.field, [(1e4, 0.0, 0.0)], UP, 0)[0] == -1
 
 
-def test_paths_from_close_by_do_not_speak_for_paths_from_afar():
-    """The first come to the dark edge of a cell and never ask it; without this rule rooms were half a percent too dark."""
+def test_paths_from_close_by_hardly_speak_for_paths_from_afar():
+    """The first come to the dark edge of a cell that they never ask: they count where nothing better is known."""
     model = CellModel()
     model.field = empty_cells(1.0)
     point = np.array([[0.5, 0.5, 0.0]], np.float32)
     model.learn(records(np.repeat(point, 100, axis=0), UP, 0.0, ASKS[0]))
+    assert known(model, point[0], 5) == (0.0, 100)
     model.learn(records(np.repeat(point, 100, axis=0), UP, 1.0, ASKS[3]))
-    assert [known(model, point[0], level)[0] for level in range(LEVEL_COUNT)] == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    said = [known(model, point[0], level)[0] for level in range(LEVEL_COUNT)]
+    # Of footprints of the first kind the cells of levels 0 to 2 are small enough.
+    np.testing.assert_allclose(said, 3 * [0.1 / 1.1] + 3 * [1.0 / 1.1], rtol=1e-5)
 
 
-def test_paths_that_ask_smaller_cells_first_count_where_nothing_better_is_known():
+def test_what_cells_say_is_scaled_to_what_later_paths_find_on_the_whole():
+    """Cells that are asked elsewhere than where they learned are wrong: rooms came out half a percent too dark."""
     model = CellModel()
     model.field = empty_cells(1.0)
-    point = np.array([[0.5, 0.5, 0.0]], np.float32)
-    model.learn(records(np.repeat(point, 100, axis=0), UP, 0.0, ASKS[0]))
-    assert known(model, point[0], 1) == (0.0, 100)
-    model.learn(records(np.repeat(point, 100, axis=0), UP, 1.0, ASKS[1]))
-    assert known(model, point[0], 1)[0] == pytest.approx(1.0 / 1.1)
+    place = np.array([[0.5, 0.5, 0.0]], np.float32)
+    model.learn(records(np.repeat(place, 100, axis=0), UP, 1.0, ASKS[0]))
+    found = records(np.repeat(place, 1 << 16, axis=0), UP, 1.5, ASKS[0])
+    model.learn(found)
+    # What a path finds behind the first surface is none of it.
+    assert model.field.scale[0] == 1.0
+    found.is_first[:] = 1
+    model.field.sums[:, :SUM_WEIGHT] = model.field.sums[:, SUM_WEIGHT : SUM_WEIGHT + 3]
+    model.learn(found)
+    assert model.field.scale[0] == pytest.approx(1.5)
 
 
 def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
@@ -149,7 +158,7 @@ def test_a_full_table_counts_what_it_has_no_room_for(rng):
     model.field = empty_cells(1e-3, slot_count=8)
     model.field.tag[:] = 1
     model.learn(records(np.ones((10, 3), np.float32), UP, 1.0, 1e-3 * ASKS[0]))
-    assert model.lost_count == 10 * 3
+    assert model.lost_count == 10 * LEVEL_COUNT
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 1e6])
