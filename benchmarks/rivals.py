@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who renders: Cycles without and with path guiding, and NEURALGUIDE by guiding method.
+"""Who renders: Cycles without and with path guiding or Fast GI, and NEURALGUIDE by guiding method.
 
 All get the light paths, filter, clamps and roulette rule of the scene's Cycles settings, no persistent data, the same
 threads; a noise threshold only where the budget has one. None is denoised but those with DENOISED behind their name: by
@@ -138,12 +138,20 @@ def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> No
         layer.cycles.pass_debug_sample_count = budget.noise_threshold > 0.0
 
 
-def _configure_cycles(is_guided: bool) -> Callable[[Any, Budget, int, int], None]:
+#: Cycles' rivals, by name: whether it guides, and whether it ends paths in ambient occlusion.
+CYCLES: dict[str, tuple[bool, bool]] = {
+    "cycles": (False, False), "cycles-guided": (True, False), "cycles-fast-gi": (False, True),
+}  # fmt: skip
+
+
+def _configure_cycles(is_guided: bool, is_fast: bool) -> Callable[[Any, Budget, int, int], None]:
     def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
         _configure_common(scene, budget, seed, threads)
         scene.render.engine = "CYCLES"
         scene.cycles.device = "CPU"
         scene.cycles.use_guiding = is_guided
+        # As Blender has it: behind the first bounce the world's light stands for the rest.
+        scene.cycles.use_fast_gi = is_fast
 
     return configure
 
@@ -245,8 +253,8 @@ def _denoised(rival: Rival) -> Rival:
 
 
 def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
-    """The rival called `name`: 'cycles', 'cycles-guided', a guiding method of ours such as 'OFF', or a variant; with
-    DENOISED behind it, denoised.
+    """The rival called `name`: one of Cycles', a guiding method of ours such as 'OFF', or a variant; with DENOISED
+    behind it, denoised.
 
     Parameters
     ----------
@@ -265,12 +273,12 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
     if is_denoised(name):
         return _denoised(find_rival(name.removesuffix(DENOISED), settings))
     settings = dict(settings or {})
-    if name in ("cycles", "cycles-guided"):
+    if name in CYCLES:
         if settings:
             raise ValueError(f"{name} has no {', '.join(settings)}: leave it out, or those")
-        return Rival(name, False, _configure_cycles(name == "cycles-guided"), _measure_cycles)
+        return Rival(name, False, _configure_cycles(*CYCLES[name]), _measure_cycles)
     if name not in METHODS and name not in VARIANTS:
-        known = ("cycles", "cycles-guided", *METHODS, *VARIANTS)
+        known = (*CYCLES, *METHODS, *VARIANTS)
         raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}, and each with {DENOISED}")
     settings |= VARIANTS.get(name, {})
     chosen = {"guiding_method": name} | settings
