@@ -29,8 +29,11 @@ def _modules() -> list:  # type: ignore[type-arg]
         ui,
         warm_up,
     )
+    from .viewport import windows
 
-    return [log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, preferences, warm_up]
+    return [
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, preferences, warm_up, windows
+    ]  # fmt: skip
 
 
 _registered: list = []  # type: ignore[type-arg]

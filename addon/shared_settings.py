@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 #: Name in `scene.neuralguide` and in `RenderSettings`: owner below the scene, and the name there.
 SHARED_SETTINGS: dict[str, tuple[str, str]] = {
     "samples": ("cycles", "samples"),
+    "preview_samples": ("cycles", "preview_samples"),
     "time_limit": ("cycles", "time_limit"),
     "seed": ("cycles", "seed"),
     "use_animated_seed": ("cycles", "use_animated_seed"),

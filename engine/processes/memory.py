@@ -102,7 +102,7 @@ class SharedMemory:
 
     def give_back(self) -> None:
         """Shrink to nothing, for the memory; nobody may have it mapped."""
-        self._unmap()
+        self.unmap()
         os.ftruncate(self.descriptor, 0)
 
     def map(self, size: int) -> mmap.mmap:
@@ -118,11 +118,12 @@ class SharedMemory:
         if self._is_closed:
             raise ValueError("the shared memory is closed")
         if self._map is None or len(self._map) < size:
-            self._unmap()
+            self.unmap()
             self._map = mmap.mmap(self.descriptor, max(size, self.size))
         return self._map
 
-    def _unmap(self) -> None:
+    def unmap(self) -> None:
+        """Let go of the mapping; `map` makes another one."""
         memory, self._map = self._map, None
         if memory is not None:
             try:
@@ -135,7 +136,7 @@ class SharedMemory:
         if self._is_closed:
             return
         self._is_closed = True
-        self._unmap()
+        self.unmap()
         os.close(self.descriptor)
         if self._owns_path and self._path is not None:
             self._path.unlink(missing_ok=True)

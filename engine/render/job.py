@@ -71,13 +71,16 @@ class Job:
         See `Session.render`.
     keeps : bool
         Whether what is learned outlives the render.
+    samples : int, optional
+        Where to stop, before the number of the settings.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
         source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False,
+        keeps: bool = False, samples: int | None = None,
     ) -> None:
+        self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
         self.film_lock = threading.Lock()
@@ -90,7 +93,7 @@ class Job:
         self._strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self._strata > 1 else 0
-        self._schedule: Schedule = PlainSchedule(len(self._tiles), settings.samples, stratum=self._whole)
+        self._schedule: Schedule = PlainSchedule(len(self._tiles), samples, stratum=self._whole)
         self._iterations: Iterations | None = None
         self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
@@ -100,7 +103,7 @@ class Job:
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
-            self._schedule = self._iterations = Iterations(len(self._tiles), settings.samples, strata)
+            self._schedule = self._iterations = Iterations(len(self._tiles), samples, strata)
             self._iterations.begin(self.learner.parts)
         self._units: dict[int, list[UnitRecords]] = {}
         self._before = Statistics()
@@ -112,7 +115,7 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = pixel_count * settings.samples
+        self._total_paths = pixel_count * samples
         self._created = time.perf_counter()
         self._render_start: float | None = None
 
@@ -193,9 +196,9 @@ class Job:
             remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
             fraction = max(fraction, min(elapsed / limit, 1.0))
         rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
-        sample = int(self._finished_paths / max(self._total_paths, 1) * self.settings.samples)
+        sample = int(self._finished_paths / max(self._total_paths, 1) * self.samples)
         speed = rays / max(elapsed, 1e-6)
-        return Progress(min(fraction, 1.0), sample, self.settings.samples, elapsed, remaining, speed, "Rendering")
+        return Progress(min(fraction, 1.0), sample, self.samples, elapsed, remaining, speed, "Rendering")
 
     def _prepare(self) -> None:
         tracer = self.tracer
@@ -294,7 +297,7 @@ class Job:
             if learner.is_over:
                 # Nobody waits for anybody from here on.
                 self._schedule = PlainSchedule(
-                    len(self._tiles), self.settings.samples, following[0], LARGEST_TASK_SAMPLES, self._whole
+                    len(self._tiles), self.samples, following[0], LARGEST_TASK_SAMPLES, self._whole
                 )
             else:
                 iterations.begin(learner.parts)
