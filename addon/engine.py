@@ -303,7 +303,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         """Run `work` on the window's view; what it raises is shown in the window."""
         try:
             if self._view is None:
-                self._view = windows.open_window(self, lambda notice: self._show([notice]))
+                self._view = windows.open_window(self)
             work(self._view)
         except Exception as error:
             message = f"internal error in the viewport: {type(error).__name__}: {error}"

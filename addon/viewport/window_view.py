@@ -7,7 +7,6 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from engine.scene.content import same_content
-from engine.scene.description import Notice
 from engine.viewport.protocol import DEAD, DONE, FAILED, RENDERING, Status
 
 from ..export import ExportCache, ExportContext, Window, export_scene
@@ -18,8 +17,6 @@ from .host import Host, acquire, release
 from .settings import is_paused, preview_settings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import bpy
 
     from engine.settings import RenderSettings
@@ -30,19 +27,11 @@ _RESIZE_SECONDS = 0.3
 
 
 class WindowView:
-    """What one window shows.
+    """What one window shows."""
 
-    Parameters
-    ----------
-    on_notice : callable
-        Told each notice of the scene, once.
-    """
-
-    def __init__(self, on_notice: Callable[[Notice], None]) -> None:
+    def __init__(self) -> None:
         self.host: Host = acquire(ExportCache)
         self._canvas = Canvas()
-        self._on_notice = on_notice
-        self._told: set[Notice] = set()
         #: What is to be read again, and original datablocks that were touched, since the last export.
         self._change = Change.TOPOLOGY
         self._touched: set[int] | None = None
@@ -109,7 +98,7 @@ class WindowView:
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Send what has changed, draw the newest picture."""
         process = self.host.process
-        self._read_status(process.poll())
+        process.poll()
         try:
             self._export(context, depsgraph)
             view = self._view(context, depsgraph)
@@ -143,13 +132,6 @@ class WindowView:
         if self.host.scene is None or not self.host.start():
             return
         self.host.show(view, self._settings, is_paused=is_paused(scene))
-
-    def _read_status(self, status: Status) -> None:
-        for subject, problem, fallback in status.notices:
-            notice = Notice(subject, problem, fallback)
-            if notice not in self._told:
-                self._told.add(notice)
-                self._on_notice(notice)
 
     def tick(self) -> tuple[bool, bool]:
         """Look at the process: whether the window is to be drawn again, and whether more will come soon."""

@@ -17,11 +17,11 @@ _IDLE_SECONDS = 0.25
 _windows: list[tuple[weakref.ref[Any], Any]] = []
 
 
-def open_window(engine: bpy.types.RenderEngine, on_notice: Any) -> Any:
-    """The view of an engine that has just been made; it ends with the engine."""
+def open_window(engine: bpy.types.RenderEngine) -> Any:
+    """The view of an engine that has just been made; it ends with the engine, which it must not hold."""
     from .window_view import WindowView
 
-    view = WindowView(on_notice)
+    view = WindowView()
     _windows.append((weakref.ref(engine), view))
     # Blender's engine is gone by then: nothing of it may be touched.
     weakref.finalize(engine, _close, view)

@@ -35,6 +35,8 @@ def main() -> None:
     if not line:
         return
     config = json.loads(line)
+    if config["has_same_path"]:
+        sys.path[:] = config["path"]
     # The folder of this file came first on the path: its modules are not top-level ones.
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != Path(__file__).resolve().parent]
     sys.path.extend(entry for entry in config["path"] if entry not in sys.path)

@@ -43,6 +43,8 @@ class Child:
         Whether the process's standard output is read here; else it goes where its errors go.
     is_background : bool
         Whether the process steps back where others want the processor.
+    has_same_path : bool
+        Whether the process looks for modules just where this one does; else there too, after its own places.
     script : Path
         Anything that speaks the same protocol.
 
@@ -59,7 +61,7 @@ class Child:
     def __init__(
         self, interpreter: str, service: str, config: dict[str, Any], *, memories: Collection[SharedMemory] = (),
         environment: Mapping[str, str] | None = None, has_answers: bool = True, is_background: bool = False,
-        script: Path = ENTRY,
+        has_same_path: bool = False, script: Path = ENTRY,
     ) -> None:
         extra: dict[str, Any] = {}
         if os.name == "posix":
@@ -83,7 +85,7 @@ class Child:
             raise
         self.send(
             engine=_ENGINE, service=service, path=[entry for entry in sys.path if entry], parent=os.getpid(),
-            is_background=is_background, **config,
+            is_background=is_background, has_same_path=has_same_path, **config,
         )
 
     def send(self, **message: Any) -> None:

@@ -8,10 +8,17 @@ from pathlib import Path
 
 
 def find_interpreter() -> str | None:
-    """A Python to start: this process's own unless that is a program with Python inside, None if there is none."""
+    """The Python of this process as a program of its own, None if there is none.
+
+    `sys.executable` may be Blender, or another Python that happens to be found first: only one that lies where this
+    process's Python is at home is sure to be the same.
+    """
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     prefix = Path(sys.prefix)
-    for candidate in (Path(sys.executable or ""), prefix / "bin" / version, prefix / "bin" / "python.exe"):
+    candidates = [prefix / "bin" / version, prefix / "bin" / "python.exe"]
+    own = Path(sys.executable or "")
+    candidates.insert(0 if own.is_relative_to(prefix) else len(candidates), own)
+    for candidate in candidates:
         if candidate.stem.lower().startswith("python") and candidate.is_file():
             return str(candidate)
     return None

@@ -106,7 +106,7 @@ class ViewProcess:
         try:
             self._child = Child(
                 self._interpreter, _SERVICE, config, memories=memories, has_answers=False, is_background=True,
-                script=self.script,
+                has_same_path=True, script=self.script,
             )
         except OSError as error:
             self._die(f"The viewport's process could not be started: {error.strerror or error}")
