@@ -21,6 +21,8 @@ _SERVICE = "viewport.service"
 _FIRST_BYTES = 1 << 16
 #: The memory that updates lie in is given back where it is larger than this.
 _KEPT_BYTES = 1 << 20
+#: Time between two looks at the process that counts as its silence at most [s].
+_LONGEST_LOOK = 1.0
 
 
 class ViewProcess:
@@ -57,8 +59,8 @@ class ViewProcess:
         #: Where an update lies that the process has not read yet, or not yet given back: its size in bytes.
         self._lent = 0
         self._shown = 0
-        self._life: tuple[int, int] = (0, 0)
-        self._seen_alive = 0.0
+        self._beat = 0
+        self._silence = self._looked = 0.0
 
     @property
     def is_alive(self) -> bool:
@@ -78,7 +80,9 @@ class ViewProcess:
     @property
     def is_waiting(self) -> bool:
         """Whether something will come: a picture, or another state."""
-        return self.is_alive and (self._pending is not None or self.status.state not in AT_REST or not self._is_read)
+        status = self.status
+        is_behind = self._pending is not None or status.update < self._sent
+        return self.is_alive and (is_behind or status.state not in AT_REST)
 
     @property
     def _is_read(self) -> bool:
@@ -90,7 +94,7 @@ class ViewProcess:
             return
         self.status = Status()
         self._sent = self._lent = self._shown = 0
-        self._life, self._seen_alive = (0, 0), time.monotonic()
+        self._beat, self._silence, self._looked = 0, 0.0, time.monotonic()
         if self._interpreter is None:
             self._die("There is no Python to start the viewport's process with")
             return
@@ -153,12 +157,15 @@ class ViewProcess:
     def _watch(self, block: Block) -> None:
         """A process that is to do something and has not moved for too long is hung."""
         now = time.monotonic()
-        if block.life != self._life or not self.is_waiting:
-            self._life, self._seen_alive = block.life, now
+        # Where nobody has looked for long the whole machine may have slept.
+        self._silence += min(now - self._looked, _LONGEST_LOOK)
+        self._looked = now
+        if block.beat_count != self._beat or not self.is_waiting:
+            self._beat, self._silence = block.beat_count, 0.0
             return
         limit = self._start_timeout if self.status.state in (STARTING, COMPILING) else self._answer_timeout
-        if now - self._seen_alive > limit:
-            self._die(f"The viewport's process has not answered for {now - self._seen_alive:.0f} s", is_patient=False)
+        if self._silence > limit:
+            self._die(f"The viewport's process has not answered for {self._silence:.0f} s", is_patient=False)
 
     def read_image(self) -> ViewImage | None:
         """The newest picture, if it was not read before."""

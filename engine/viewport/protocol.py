@@ -22,11 +22,11 @@ from engine.processes.memory import PAGE, SharedMemory
 LARGEST_HALF = 65504.0
 
 #: States of the process.
-STARTING, COMPILING, BUILDING, RENDERING, DONE, PAUSED, FAILED, DEAD = (
-    "STARTING", "COMPILING", "BUILDING", "RENDERING", "DONE", "PAUSED", "FAILED", "DEAD"
+STARTING, WAITING, COMPILING, BUILDING, RENDERING, DONE, PAUSED, FAILED, DEAD = (
+    "STARTING", "WAITING", "COMPILING", "BUILDING", "RENDERING", "DONE", "PAUSED", "FAILED", "DEAD"
 )  # fmt: skip
 #: Those in which there is nothing to wait for.
-AT_REST = (DONE, PAUSED, FAILED, DEAD)
+AT_REST = (WAITING, DONE, PAUSED, FAILED, DEAD)
 
 _STATUS_BYTES = 16 * PAGE - 256
 _SLOT_COUNT = 2
@@ -34,9 +34,8 @@ _PIXEL_BYTES = 16
 
 _BLOCK = np.dtype(
     [
-        # Number of the last update that was read, of the last that is worked on, and of looks at them.
+        # Number of the last update that was read, and of signs of life.
         ("received", np.int64),
-        ("taken", np.int64),
         ("beat", np.int64),
         # Pictures that are whole, and the one that is being written: its number, where it lies and how large it is.
         ("image", np.int64),
@@ -67,6 +66,7 @@ class Status:
     remaining : float or None [s]
     notices : list of (subject, problem, fallback)
     guiding : str, what guiding has come to
+    update : int, number of the newest update that all this is about
     """
 
     state: str = STARTING
@@ -76,6 +76,7 @@ class Status:
     remaining: float | None = None
     notices: list[tuple[str, str, str]] = field(default_factory=list)
     guiding: str = ""
+    update: int = 0
 
 
 @dataclass
@@ -144,10 +145,6 @@ class Block:
         """Say that an update has been read: the memory that it lay in may be written again."""
         self._block["received"] = number
 
-    def take(self, number: int) -> None:
-        """Say which update is worked on."""
-        self._block["taken"] = number
-
     def beat(self) -> None:
         """Say that the process's main thread is alive."""
         self._block["beat"] += 1
@@ -157,7 +154,7 @@ class Block:
         notices = list(status.notices)
         text = json.dumps(asdict(status)).encode()
         while len(text) > _STATUS_BYTES and notices:
-            notices.pop()
+            del notices[-max(len(notices) // 8, 1) :]
             text = json.dumps(asdict(status) | {"notices": notices}).encode()
         bytes_ = np.frombuffer(text[:_STATUS_BYTES], np.uint8)
         self._block["status_checksum"] = 0
@@ -204,9 +201,9 @@ class Block:
         return int(self._block["received"][0])
 
     @property
-    def life(self) -> tuple[int, int]:
-        """Changes as long as the process's main thread is alive and has work."""
-        return int(self._block["beat"][0]), int(self._block["taken"][0])
+    def beat_count(self) -> int:
+        """Grows as long as the process's main thread is alive and has work."""
+        return int(self._block["beat"][0])
 
     @property
     def image_number(self) -> int:

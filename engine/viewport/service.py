@@ -27,7 +27,7 @@ from engine.render.report import Progress
 from engine.render.session import Session
 from engine.scene.description import Notice
 from engine.viewport.pacing import PACE, Pacing
-from engine.viewport.protocol import BUILDING, COMPILING, DONE, FAILED, PAUSED, RENDERING, Block, Status
+from engine.viewport.protocol import BUILDING, COMPILING, DONE, FAILED, PAUSED, RENDERING, WAITING, Block, Status
 from engine.viewport.transfer import Receiver
 from engine.viewport.view import Update, View
 
@@ -107,7 +107,6 @@ class Service:
             self.block.beat()
             update, self._number = self._inbox.take()
             started = time.perf_counter()
-            self.block.take(self._number)
             self._state = self._state.then(update)
             # Held by the state alone: a scene that is replaced is freed before the next is built.
             scene_changed, update = update.scene is not None, Update()
@@ -115,6 +114,7 @@ class Service:
                 self._tell(PAUSED, "Paused")
                 continue
             if self._state.view is None or self._state.settings is None or self._state.scene is None:
+                self._tell(WAITING, "")
                 continue
             try:
                 self._render(self._state.view, scene_changed, started)
@@ -215,8 +215,9 @@ class Service:
         self, state: str, message: str, *, sample: int = 0, samples: int = 0, remaining: float | None = None
     ) -> None:
         self._status = replace(
-            self._status, state=state, message=message, sample=sample, samples=samples, remaining=remaining
-        )
+            self._status, state=state, message=message, sample=sample, samples=samples, remaining=remaining,
+            update=self._number,
+        )  # fmt: skip
         self.block.write_status(self._status)
         self._told = time.monotonic()
 
