@@ -19,6 +19,7 @@ def _use_extension_folder() -> None:
 def _modules() -> list:  # type: ignore[type-arg]
     from . import (
         engine,
+        last_render,
         learned_fields,
         log,
         operators,
@@ -32,7 +33,8 @@ def _modules() -> list:  # type: ignore[type-arg]
     from .viewport import windows
 
     return [
-        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, preferences, warm_up, windows
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, preferences,
+        warm_up, windows,
     ]  # fmt: skip
 
 

@@ -29,19 +29,21 @@ def format_count(value: float) -> str:
 
 
 def status_line(progress: Any) -> str:
-    """One line: samples, time remaining, rays a second, or the message while something else happens.
+    """One line: samples, share of noisy pixels, time remaining, rays a second, or what else happens or has ended it.
 
     Parameters
     ----------
     progress : object
         What `Session` hands to `on_progress`: `message`, `sample`, `samples`, `elapsed` and `remaining` [s],
-        `rays_per_second`.
+        `rays_per_second`, `noisy_share` (of the pixels, None where nothing is known of noise).
     """
     parts = []
     if progress.message:
         parts.append(progress.message)
     if progress.sample:
         parts.append(f"Sample {progress.sample}/{progress.samples}")
+        if progress.noisy_share is not None:
+            parts.append(f"{100.0 * progress.noisy_share:.3g}% of pixels left")
         parts.append(f"Remaining {format_duration(progress.remaining)}")
         parts.append(f"{format_count(progress.rays_per_second)}rays/s")
     elif progress.elapsed >= 1.0:

@@ -19,6 +19,7 @@ _KINDS = {bool: BoolProperty, int: IntProperty, float: FloatProperty, str: Strin
 _UNITS = {"s": {"unit": "TIME_ABSOLUTE"}, "pixels": {"subtype": "PIXEL"}}
 #: How far sliders go, and how numbers are shown.
 _LOOKS: dict[str, dict[str, Any]] = {
+    "adaptive_threshold": {"precision": 4},
     "time_limit": {"step": 100},
     "sequence_samples": {"soft_max": 4096},
     "light_sampling_threshold": {"precision": 4},

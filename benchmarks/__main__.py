@@ -43,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     run = add("run", "speed and error of every rival", 64, 3, "out/benchmarks")
     run.add_argument("--rivals", nargs="+", default=["cycles", "OFF"], help="cycles, cycles-guided, OFF, ...")
     run.add_argument("--seconds", type=float, default=0.0, help="stop by time instead of samples")
+    run.add_argument(
+        "--noise-threshold", type=float, default=0.0, help="stop sampling pixels whose noise is below (0 = none)"
+    )
     run.add_argument("--first-seed", type=int, default=1, help="renders of the same seed are not independent")
     run.add_argument(
         "--no-nee", action="store_true", help="without light sampling (ours only); results go into OUT/no-nee"
@@ -122,7 +125,7 @@ def main(arguments: list[str] | None = None) -> int:
                 if run(
                     _scenes(chosen, SHORT_SET),
                     [find_rival(name, settings) for name in chosen.rivals],
-                    Budget(chosen.samples, chosen.seconds),
+                    Budget(chosen.samples, chosen.seconds, chosen.noise_threshold),
                     chosen.seeds,
                     references=chosen.references,
                     isolate=chosen.isolate,

@@ -56,6 +56,17 @@ def read_exr(path: Path | str, layer: str = "Combined") -> tuple[Float32Array, d
     raise ValueError(f"{path} has no layer {layer!r}")
 
 
+def read_sample_counts(path: Path | str) -> Float32Array:
+    """Samples of each pixel of a multi-layer file, float32 (height, width); Cycles' are shares of what it went through.
+
+    Raises
+    ------
+    ValueError
+        If it has no such pass.
+    """
+    return read_exr(path, "Sample Count")[0][..., 0]
+
+
 def write_exr(path: Path | str, pixels: Float32Array) -> None:
     """Write float32 (height, width, 3 or 4) as a plain EXR."""
     import OpenEXR

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import environment
-from benchmarks.images import Float32Array, read_exr
+from benchmarks.images import Float32Array, read_exr, read_sample_counts
 from benchmarks.light_paths import light_paths
 from benchmarks.rivals import Budget, Rival
 from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
@@ -44,6 +44,7 @@ class RenderRecord:
     samples_asked: int
     seconds_asked: float
     threads: int
+    noise_threshold: float = 0.0
     settings: dict[str, Any] = field(default_factory=dict)
     samples: float = 0.0
     wall_seconds: float = 0.0
@@ -63,7 +64,7 @@ class RenderRecord:
         """Whether a finished render answers what `other` asks: same scene, size, budget, settings, seed, versions."""
         keys = (
             "scene", "scene_hash", "rival", "seed", "width", "height", "samples_asked", "seconds_asked", "threads",
-            "settings",
+            "noise_threshold", "settings",
         )  # fmt: skip
         if any(getattr(self, key) != getattr(other, key) for key in keys):
             return False
@@ -96,6 +97,8 @@ class _SampleWatch:
 def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, exr: Path) -> Render:
     """Render the open scene, write EXR and JSON.
 
+    With a noise threshold the EXR has the samples of each pixel too (`read_sample_counts`), and the record their mean.
+
     Raises
     ------
     RuntimeError
@@ -105,14 +108,11 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
 
     rival.configure(scene, budget, record.seed, record.threads)
     settings = scene.render.image_settings
+    has_counts = budget.noise_threshold > 0.0
     if hasattr(settings, "media_type"):
-        settings.media_type = "IMAGE"
-    settings.file_format, settings.color_mode, settings.color_depth, settings.exr_codec = (
-        "OPEN_EXR",
-        "RGBA",
-        "32",
-        "ZIP",
-    )
+        settings.media_type = "MULTI_LAYER_IMAGE" if has_counts else "IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER" if has_counts else "OPEN_EXR"
+    settings.color_mode, settings.color_depth, settings.exr_codec = "RGBA", "32", "ZIP"
     exr.parent.mkdir(parents=True, exist_ok=True)
 
     watch = _SampleWatch()
@@ -133,8 +133,10 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
     record.render_seconds, record.compile_seconds = measured.render_seconds, measured.compile_seconds
     record.export_seconds = max(wall_seconds - measured.render_seconds - measured.compile_seconds, 0.0)
     record.first_image_seconds = measured.first_image - start
-    record.samples = measured.samples
-    record.samples_per_second = measured.samples * image.shape[0] * image.shape[1] / max(measured.render_seconds, 1e-6)
+    # Cycles' pass has shares of the samples that it went through.
+    most = 1.0 if rival.is_ours else float(watch.largest)
+    record.samples = most * float(read_sample_counts(exr).mean()) if has_counts else measured.samples
+    record.samples_per_second = record.samples * image.shape[0] * image.shape[1] / max(measured.render_seconds, 1e-6)
     record.rays, record.details = measured.rays or {}, measured.details or {}
     record.date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     exr.with_suffix(".json").write_text(json.dumps(asdict(record), indent=1) + "\n", encoding="utf-8")
@@ -224,6 +226,7 @@ def render_scene(
                 samples_asked=0 if budget.seconds else budget.samples,
                 seconds_asked=budget.seconds,
                 threads=threads or environment.thread_count(),
+                noise_threshold=budget.noise_threshold,
                 settings=rival.settings,
                 environment=environment.describe(),
                 light_paths=light_paths(scene, rival.settings),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who renders: Cycles without and with path guiding, and NEURALGUIDE by guiding method.
 
-All get the light paths, filter, clamps and roulette rule of the scene's Cycles settings, no adaptive sampling, no
-denoising, no persistent data, the same threads.
+All get the light paths, filter, clamps and roulette rule of the scene's Cycles settings, no denoising, no persistent
+data, the same threads; a noise threshold only where the budget has one.
 """
 
 from __future__ import annotations
@@ -43,13 +43,18 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Budget:
-    """When a render stops: after `samples` per pixel, or after `seconds` of tracing if that is not 0."""
+    """When a render stops: after `samples` per pixel, or after `seconds` of tracing if that is not 0.
+
+    With a `noise_threshold` above 0 pixels stop sooner, as Cycles' setting of the name says.
+    """
 
     samples: int = 64
     seconds: float = 0.0
+    noise_threshold: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self.seconds:g}s" if self.seconds else f"{self.samples}spp"
+        limit = f"{self.seconds:g}s" if self.seconds else f"{self.samples}spp"
+        return f"{limit}_noise{self.noise_threshold:g}" if self.noise_threshold else limit
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,9 @@ def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> No
     cycles.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
     cycles.time_limit = budget.seconds
     cycles.seed, cycles.use_animated_seed = seed, False
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.use_denoising = False
+    cycles.use_adaptive_sampling = budget.noise_threshold > 0.0
+    cycles.adaptive_threshold, cycles.adaptive_min_samples = budget.noise_threshold, 0
     render = scene.render
     render.threads_mode = "FIXED"
     render.threads = threads
@@ -104,6 +111,7 @@ def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> No
     render.use_single_layer = True
     for layer in scene.view_layers:
         layer.samples = 0
+        layer.cycles.pass_debug_sample_count = budget.noise_threshold > 0.0
 
 
 def _configure_cycles(is_guided: bool) -> Callable[[Any, Budget, int, int], None]:
@@ -143,7 +151,8 @@ def _measure_cycles(
                 return human_seconds(str(value))
         raise ValueError(f"Cycles left no {field} in the file's metadata")
 
-    samples = float(samples_seen) if budget.seconds else float(budget.samples)
+    # With a noise threshold the mean is in the pass: `render_once` puts it there.
+    samples = float(samples_seen) if budget.seconds or budget.noise_threshold else float(budget.samples)
     details = {"synchronization_seconds": stamp(".synchronization_time")}
     return Measurement(max(stamp(".render_time"), 0.005), samples=samples, details=details)
 
@@ -164,6 +173,8 @@ def _configure_ours(settings: Mapping[str, Any]) -> Callable[[Any, Budget, int, 
         # its settings to the next.
         for name in {*SHARED_SETTINGS, "threads", *varied} - settings.keys():
             setting_owner(scene, name).property_unset(name)
+        for layer in scene.view_layers:
+            layer.neuralguide.use_pass_sample_count = budget.noise_threshold > 0.0
         # Each render for itself.
         scene.neuralguide.keep_learned, scene.neuralguide.field_path = False, ""
         for name, value in settings.items():
@@ -183,6 +194,7 @@ def _measure_ours(
     report = outcome.report
     details = {
         "build_seconds": report.build_seconds,
+        "ended_by": report.ended_by,
         "stage_seconds": dict(report.stage_seconds),
         "reject_count": report.reject_count,
         "guiding": list(report.guiding.lines),

@@ -62,13 +62,14 @@ class Host:
         self.scene = settled
         return is_changed
 
-    def show(self, view: View, settings: RenderSettings, *, is_paused: bool) -> bool:
+    def show(self, view: View, settings: RenderSettings, *, denoises_from: int = 1, is_paused: bool) -> bool:
         """Send what differs from what the process has; whether anything does."""
         sent, scene = self._sent, self.scene
         update = Update(
             view=view if view.differs(sent.view) else None,
             scene=scene if scene is not sent.scene else None,
             settings=settings if settings != sent.settings else None,
+            denoises_from=denoises_from if denoises_from != sent.denoises_from else None,
             is_paused=is_paused if is_paused != sent.is_paused else None,
         )
         if update == Update():

@@ -14,7 +14,7 @@ from .camera import read_view
 from .classify import Change, Touched, classify
 from .drawing import Canvas
 from .host import Host, acquire, release
-from .settings import is_paused, preview_settings
+from .settings import denoises_from, is_paused, preview_settings
 
 if TYPE_CHECKING:
     import bpy
@@ -131,7 +131,9 @@ class WindowView:
             return
         if self.host.scene is None or not self.host.start():
             return
-        self.host.show(view, self._settings, is_paused=is_paused(scene))
+        self.host.show(
+            view, self._settings, denoises_from=denoises_from(scene), is_paused=is_paused(scene)
+        )
 
     def tick(self) -> tuple[bool, bool]:
         """Look at the process: whether the window is to be drawn again, and whether more will come soon."""

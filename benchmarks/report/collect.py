@@ -110,7 +110,8 @@ def collect(folder: Path, references: Path | None = None) -> tuple[list[SceneRes
     for render in sorted(renders, key=lambda r: r.record.date):
         r = render.record
         group = groups.setdefault((r.scene, r.scene_hash, r.width, r.height, r.threads), {})
-        budget = Budget(1, r.seconds_asked) if r.seconds_asked else Budget(r.samples_asked)
+        limit = (1, r.seconds_asked) if r.seconds_asked else (r.samples_asked, 0.0)
+        budget = Budget(*limit, r.noise_threshold)
         group[rival_label(r), budget, r.seed] = render
     scenes = []
     for (scene, scene_hash, width, height, threads), found in sorted(groups.items()):

@@ -19,10 +19,11 @@ from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
+from engine.render.adaptive import ActivePixels, Tile
 from engine.render.batch import Batch, Statistics
 from engine.render.film import Film
-from engine.render.report import Progress
-from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Task
+from engine.render.report import ENDINGS, Progress
+from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tracer import Tracer
 from engine.scene.description import Frame
@@ -41,7 +42,7 @@ def _grid(row_count: int, column_count: int) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-def tiles_of(frame: Frame) -> list[tuple[np.ndarray, np.ndarray]]:
+def tiles_of(frame: Frame) -> list[Tile]:
     """Pixels (column, row in the full image) and film indices of each tile of the region."""
     x0, y0, x1, y1 = frame.region
     width = x1 - x0
@@ -84,7 +85,8 @@ class Job:
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
         self.film_lock = threading.Lock()
-        self.cancelled = False
+        #: Of `ENDINGS`, once it is known.
+        self.ended_by = ""
         self.has_image = False
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
@@ -93,8 +95,13 @@ class Job:
         self._strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self._strata > 1 else 0
-        self._schedule: Schedule = PlainSchedule(len(self._tiles), samples, stratum=self._whole)
+        #: Which pixels go on, where there is a noise threshold.
+        self._active: ActivePixels | None = None
+        if settings.use_adaptive_sampling:
+            self._active = ActivePixels(settings, film, frame.exposure, self._tiles)
+        self._schedule: Schedule
         self._iterations: Iterations | None = None
+        self._steps: Steps | None = None
         self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
@@ -103,8 +110,10 @@ class Job:
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
-            self._schedule = self._iterations = Iterations(len(self._tiles), samples, strata)
-            self._iterations.begin(self.learner.parts)
+            self._schedule = self._iterations = Iterations(samples, strata)
+            self._iterations.begin(self.learner.parts, len(self._tiles))
+        else:
+            self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
         self._before = Statistics()
         self._queue_changed = threading.Condition()
@@ -115,7 +124,9 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = pixel_count * samples
+        self._total_paths = float(pixel_count * samples)
+        self._sample = 0
+        self._fraction = 0.0
         self._created = time.perf_counter()
         self._render_start: float | None = None
 
@@ -171,6 +182,7 @@ class Job:
     def join(self) -> None:
         """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""
         self._pool.shutdown(wait=not (self._stop and self.is_preparing))
+        self.ended_by = self.ended_by or "SAMPLES"
         if self._render_start is not None:
             self.render_seconds = time.perf_counter() - self._render_start
 
@@ -182,23 +194,30 @@ class Job:
         return total
 
     def progress(self) -> Progress:
-        """Where it stands now."""
+        """Where it stands now. With a noise threshold nobody knows how long it takes before the first look."""
         now = time.perf_counter()
         elapsed = now - (self._render_start or self._created)
-        fraction = self._finished_paths / max(self._total_paths, 1)
-        limit = self.settings.time_limit
-        remaining = None
+        samples, limit, active = self.samples, self.settings.time_limit, self._active
         if self._render_start is None:
-            return Progress(0.0, 0, self.settings.samples, elapsed, None, 0.0, _PREPARING)
-        if fraction > 0.0:
+            return Progress(0.0, 0, samples, elapsed, None, 0.0, _PREPARING)
+        fraction = min(self._finished_paths / max(self._total_paths, 1.0), 1.0)
+        sample = int(fraction * samples) if active is None else self._sample
+        remaining = None
+        if fraction > 0.0 and (active is None or active.has_looked):
             remaining = elapsed * (1.0 - fraction) / fraction
         if limit:
             remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
             fraction = max(fraction, min(elapsed / limit, 1.0))
+        # What is expected after a look may be more than what was before.
+        self._fraction = max(self._fraction, fraction)
         rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
-        sample = int(self._finished_paths / max(self._total_paths, 1) * self.samples)
-        speed = rays / max(elapsed, 1e-6)
-        return Progress(min(fraction, 1.0), sample, self.samples, elapsed, remaining, speed, "Rendering")
+        message = ENDINGS[self.ended_by] if self.ended_by else "Rendering"
+        share = None
+        if active is not None and active.has_looked:
+            share = active.count / max(self.film.width * self.film.height, 1)
+        return Progress(
+            self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share
+        )
 
     def _prepare(self) -> None:
         tracer = self.tracer
@@ -227,7 +246,8 @@ class Job:
         with self._queue_changed:
             while not self._schedule.has_task and self._busy and not self._stop:
                 self._queue_changed.wait(0.5)
-            if self._time_is_up():
+            if self._time_is_up() and self._schedule.has_task:
+                self.ended_by = "TIME_LIMIT"
                 self._schedule.clear()
             if self._stop or not self._schedule.has_task:
                 return None
@@ -245,7 +265,7 @@ class Job:
                         is_waiting = self._schedule.finish(task)
                     if is_waiting:
                         # One thread only: the others find no task.
-                        self._finish_iteration()
+                        self._begin_next()
                 with self._queue_changed:
                     self._busy -= 1
                     if not task.is_first or not self._schedule.lacks_first_tasks:
@@ -271,15 +291,56 @@ class Job:
             else:
                 self.film.merge(unit.film_index, sums, weight)
             self._finished_paths += len(unit.pixels) * unit.sample_count
+            self._sample = max(self._sample, unit.sample_first + unit.sample_count)
             if self.learner is not None:
                 self.learner.compare(unit, sums, batch.unit_costs)
 
+    def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
+        """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
+        samples, active = self.samples, self._active
+        if active is None:
+            self._schedule = PlainSchedule(len(self._tiles), samples, first, count, self._whole)
+        else:
+            self._schedule = self._steps = Steps(samples, active.rule.next_look, first, count, self._whole)
+            self._steps.begin(len(self._tiles))
+
+    def _begin_next(self) -> None:
+        """After the last unit of an iteration or a step: look at the picture, learn, and begin the next.
+
+        The other threads wait meanwhile.
+        """
+        if self._is_learning:
+            self._finish_iteration()
+            return
+        steps, active = self._steps, self._active
+        assert steps is not None and active is not None
+        if steps.is_last or self._look(steps.next_sample):
+            return
+        self._tiles = active.tiles
+        with self._queue_changed:
+            steps.begin(len(self._tiles))
+
+    def _look(self, samples: int) -> bool:
+        """Drop the pixels that have converged, if it is time to look; True if there are no others."""
+        active = self._active
+        if active is None or not active.is_due(samples):
+            return False
+        active.look(samples)
+        self._total_paths = self._finished_paths + active.expected_paths
+        if active.count == 0:
+            self.ended_by = "NOISE_THRESHOLD"
+        return active.count == 0
+
     def _finish_iteration(self) -> None:
-        """After the last unit of an iteration: learn, and begin the next. The other threads wait meanwhile."""
+        """After the last unit of an iteration."""
         learner, iterations = self.learner, self._iterations
         assert learner is not None and iterations is not None and self._render_start is not None
+        samples = iterations.next_sample
         following = iterations.plan(time.perf_counter() - self._render_start)
-        is_last = following is None or self._time_is_up()
+        time_is_up = self._time_is_up()
+        if following is not None and time_is_up:
+            self.ended_by = "TIME_LIMIT"
+        is_last = following is None or time_is_up or self._look(samples)
         if self._stop or (is_last and not learner.wants_last):
             return
         units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
@@ -289,18 +350,19 @@ class Job:
             learner.take_last(units)
             return
         assert following is not None and self.tracer.guidance is not None
+        if self._active is not None:
+            self._tiles = self._active.tiles
+            learner.narrow(self._active.count, self._active.expected_paths)
         self.tracer.guidance = learner.learn(
             units, self.tracer.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
             self._costs_since(), following, is_whole=iterations.is_whole,
         )
         with self._queue_changed:
             if learner.is_over:
-                # Nobody waits for anybody from here on.
-                self._schedule = PlainSchedule(
-                    len(self._tiles), self.samples, following[0], LARGEST_TASK_SAMPLES, self._whole
-                )
+                # Nobody waits for anybody from here on, but for a look at the picture.
+                self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
             else:
-                iterations.begin(learner.parts)
+                iterations.begin(learner.parts, len(self._tiles))
 
     def _costs_since(self) -> IterationCosts:
         """What the threads have counted since this was last asked."""

@@ -19,9 +19,22 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 
+#: What ends a render, and how that is said.
+ENDINGS = {
+    "SAMPLES": "All samples taken",
+    "NOISE_THRESHOLD": "Noise threshold reached",
+    "TIME_LIMIT": "Time limit reached",
+    "CANCEL": "Cancelled",
+}
+
+
 @dataclass(frozen=True)
 class Progress:
-    """Where a render stands. `remaining` is in seconds, None while unknown."""
+    """Where a render stands. `remaining` is in seconds, None while unknown.
+
+    `noisy_share` is the share of the pixels that a noise threshold has left, None without one, or while nobody has
+    looked.
+    """
 
     fraction: float
     sample: int
@@ -30,6 +43,7 @@ class Progress:
     remaining: float | None
     rays_per_second: float
     message: str
+    noisy_share: float | None = None
 
 
 @dataclass
@@ -41,6 +55,7 @@ class RenderReport:
     compile_seconds: float = 0.0  # kernels, the first time ever
     prepare_seconds: float = 0.0  # kernels: loading from the cache
     render_seconds: float = 0.0
+    denoise_seconds: float = 0.0  # after the render's end, not part of `render_seconds`
     sample_count: float = 0.0  # mean per pixel
     path_count: int = 0
     rays: dict[str, int] = field(default_factory=dict)
@@ -53,8 +68,13 @@ class RenderReport:
     #: Shares of the paths that ended in the radiance cache, or could have: after one scattering, after two, later.
     cached_shares: tuple[float, ...] = ()
     is_spectral: bool = False  # paths had wavelengths
-    cancelled: bool = False
+    ended_by: str = "SAMPLES"  # of ENDINGS
     guiding: GuidingReport = field(default_factory=GuidingReport)
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether a user has ended the render."""
+        return self.ended_by == "CANCEL"
 
 
 @dataclass

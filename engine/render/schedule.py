@@ -3,13 +3,14 @@
 
 A task is a tile by a range of samples. Tasks of one tile follow each other in the order of their samples; those of
 different tiles can be done at the same time. A guided render goes in iterations: all tiles' tasks of one, then
-learning, then the next; once guiding is given up it goes on as an unguided one.
+learning, then the next; once guiding is given up it goes on as an unguided one. With a noise threshold an unguided
+render goes in steps, between which somebody looks at the picture and drops pixels.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -75,7 +76,7 @@ class Schedule(Protocol):
         """Hand out no more of what waits."""
 
     def finish(self, task: Task) -> bool:
-        """Take note of a finished task; True if the schedule waits for `Iterations.begin`."""
+        """Take note of a finished task; True if the schedule waits for `begin`, which `PlainSchedule` never does."""
 
 
 class PlainSchedule:
@@ -117,19 +118,73 @@ class PlainSchedule:
         return False
 
 
+class Steps:
+    """Steps, each of all tiles; between two of them somebody looks at the picture, and says which tiles there are.
+
+    Parameters
+    ----------
+    samples : int
+    next_look : callable (samples a pixel so far) -> int
+        Samples a pixel at the end of the step that begins there; more than `samples` are never taken.
+    first, count : int
+        Sample to begin with, and samples of the first task.
+    stratum : int
+    """
+
+    def __init__(
+        self, samples: int, next_look: Callable[[int], int], first: int = 0, count: int = 1, stratum: int = 0
+    ) -> None:
+        self._samples = samples
+        self._next_look = next_look
+        self._count = count
+        self._stratum = stratum
+        self._unfinished = 0
+        self._tasks = PlainSchedule(0, 0)
+        self.next_sample = first
+
+    def begin(self, tile_count: int) -> None:
+        """Hand out the next step."""
+        first, self.next_sample = self.next_sample, min(self._next_look(self.next_sample), self._samples)
+        self._tasks = PlainSchedule(tile_count, self.next_sample, first, self._count, self._stratum)
+        self._count = LARGEST_TASK_SAMPLES
+        self._unfinished = tile_count
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the samples are used up by the end of the step."""
+        return self.next_sample >= self._samples
+
+    @property
+    def has_task(self) -> bool:
+        return self._tasks.has_task
+
+    @property
+    def lacks_first_tasks(self) -> bool:
+        return self._tasks.lacks_first_tasks
+
+    def take(self) -> Task:
+        return self._tasks.take()
+
+    def clear(self) -> None:
+        self._tasks.clear()
+
+    def finish(self, task: Task) -> bool:
+        self._tasks.finish(task)
+        self._unfinished -= sum(task.part[:2]) == self.next_sample
+        return not self._unfinished
+
+
 class Iterations:
     """Iterations, each of all tiles; between two of them somebody learns, and says how the next is divided.
 
     Parameters
     ----------
-    tile_count : int
     samples : int
     strata : StrataSchedule, optional
         Which stratum an iteration belongs to, and how long it is; without, lengths go by index.
     """
 
-    def __init__(self, tile_count: int, samples: int, strata: StrataSchedule | None = None) -> None:
-        self._tile_count = tile_count
+    def __init__(self, samples: int, strata: StrataSchedule | None = None) -> None:
         self._strata = strata
         self._stratum = 0 if strata is None else ALL_STRATA
         self._ranges: list[tuple[int, int]] = []
@@ -173,11 +228,16 @@ class Iterations:
         self._step += 1
         return self._ranges[self._step]
 
-    def begin(self, parts: Sequence[Part]) -> None:
-        """Hand out the iteration that was planned, divided so."""
+    def begin(self, parts: Sequence[Part], tile_count: int) -> None:
+        """Hand out the iteration that was planned, divided so, of so many tiles."""
         self._parts = list(parts)
-        self._unfinished = self._tile_count
-        self._waiting.extend((tile, 0) for tile in range(self._tile_count))
+        self._unfinished = tile_count
+        self._waiting.extend((tile, 0) for tile in range(tile_count))
+
+    @property
+    def next_sample(self) -> int:
+        """Samples a pixel by the end of the iteration."""
+        return sum(self._ranges[self._step])
 
     @property
     def has_task(self) -> bool:

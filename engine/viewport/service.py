@@ -23,9 +23,11 @@ from engine.array_types import Float32Array
 from engine.guiding.saved.learned import LearnedField
 from engine.processes.memory import SharedMemory
 from engine.processes.parent import leave_with_parent, step_back
+from engine.render.denoising import Denoising
 from engine.render.report import Progress
 from engine.render.session import Session
 from engine.scene.description import Notice
+from engine.settings import RenderSettings
 from engine.viewport.pacing import PACE, Pacing
 from engine.viewport.protocol import BUILDING, COMPILING, DONE, FAILED, PAUSED, RENDERING, WAITING, Block, Status
 from engine.viewport.transfer import Receiver
@@ -33,6 +35,9 @@ from engine.viewport.view import Update, View
 
 #: Of coarse pictures there is but one, at the end.
 _COARSE_PACE = replace(PACE, times=(), interval=1e9, longest=1e9)
+#: Least time from one denoising to the next [s], and that time over the time that the last one took.
+_DENOISE_SECONDS = 1.0
+_DENOISE_PATIENCE = 3.0
 #: Time between two looks at how far a render is [s].
 _STATUS_SECONDS = 0.1
 
@@ -89,6 +94,10 @@ class Service:
         self._field: LearnedField | None = None
         #: The last whole picture of this update, for pixels of a finer one that have no sample yet.
         self._coarse: tuple[Float32Array, int] | None = None
+        self._denoising = Denoising(RenderSettings(use_denoising=False), 1)
+        #: When the picture of this update may be denoised next, and whether it was.
+        self._next_denoising = 0.0
+        self._is_denoised = False
 
     def listen(self, stream: BinaryIO) -> None:
         """Read messages until there are no more (thread)."""
@@ -131,6 +140,7 @@ class Service:
         session = self._load(view, scene_changed)
         x0, y0, x1, y1 = view.region
         self._coarse = None
+        self._is_denoised = False
         dividers = self._pacing.dividers(x1 - x0, y1 - y0)
         for divider in dividers:
             # The first picture comes whatever follows: who moves on and on would never see one.
@@ -145,9 +155,9 @@ class Service:
             result = session.render(
                 samples=1, start=self._field, pace=_COARSE_PACE, on_progress=self._on_progress,
                 should_cancel=lambda is_first=is_first: not is_first and self._inbox.has_news,  # type: ignore[misc]
-                shows_cancelled=False,
+                passes=self._passes, shows_cancelled=False,
             )
-            if result.report.cancelled:
+            if result.report.ended_by == "CANCEL":
                 return
             tracing = result.report.render_seconds
             self._show(result.passes, view, divider)
@@ -162,11 +172,14 @@ class Service:
         settings, scene = self._state.settings, self._state.scene
         assert settings is not None and scene is not None
         session = self._session
+        # The session would denoise coarse pictures and last ones only.
+        own = replace(settings, use_denoising=False)
         if session is None:
-            session = self._session = Session(settings)
-        if session.settings != settings:
-            session.settings = settings
+            session = self._session = Session(own)
+        if session.settings != own:
+            session.settings = own
             scene_changed = True
+        self._denoising = Denoising(settings, session.thread_count)
         if scene_changed or session.scene is None:
             camera, frame = view.at(1)
             self._status.notices = []
@@ -189,13 +202,14 @@ class Service:
 
         result = session.render(
             start=self._field, keep=True, pace=PACE, on_progress=self._on_progress, on_image=on_image,
-            should_cancel=should_cancel, passes=("Combined", "Sample Count"), shows_cancelled=False,
+            should_cancel=should_cancel, passes=self._passes, shows_cancelled=False,
         )
         if result.learned is not None:
             self._field = result.learned
-        self._note(result.report.notices)
+        self._note([*result.report.notices, *self._denoising.notices])
         self._status.guiding = "; ".join(result.report.guiding.lines)
-        if not result.report.cancelled:
+        if result.report.ended_by != "CANCEL":
+            self._next_denoising = 0.0
             self._show(result.passes, view, 1)
             self._tell(DONE, "Done", sample=round(result.report.sample_count), samples=self._status.samples)
 
@@ -205,9 +219,34 @@ class Service:
         if divider > 1:
             x0, y0 = x0 // divider * divider, y0 // divider * divider
             x1, y1 = x0 + pixels.shape[1] * divider, y0 + pixels.shape[0] * divider
-        elif self._coarse is not None:
-            fill_unsampled(pixels, images["Sample Count"], *self._coarse, (x0, y0))
+        else:
+            count = images["Sample Count"]
+            if self._denoising.is_on and count.min() > 0.0 and count.mean() >= (self._state.denoises_from or 1):
+                if not self._denoise(images):
+                    return
+                pixels = images["Combined"]
+            elif self._coarse is not None:
+                fill_unsampled(pixels, count, *self._coarse, (x0, y0))
         self.block.write_image(pixels, (x0, y0, x1, y1), divider, self._number)
+
+    def _denoise(self, images: dict[str, Float32Array]) -> bool:
+        """Denoise, but not all the time; whether there is something to show.
+
+        A picture that was denoised is not followed by a noisy one.
+        """
+        now = time.monotonic()
+        if now < self._next_denoising:
+            return not self._is_denoised
+        if not self._denoising.run(images, lambda: self._inbox.has_news):
+            return False
+        self._is_denoised = True
+        self._next_denoising = now + max(_DENOISE_SECONDS, _DENOISE_PATIENCE * self._denoising.seconds)
+        return True
+
+    @property
+    def _passes(self) -> frozenset[str]:
+        """Of every picture: kernels are linked for what is asked of them."""
+        return frozenset({"Combined", "Sample Count"}) | self._denoising.passes
 
     # Telling the host
 

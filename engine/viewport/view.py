@@ -97,13 +97,15 @@ class Update:
 
     view : View
     scene : SceneDescription, whose camera and frame do not count
-    settings : RenderSettings, `samples` those of the view
+    settings : RenderSettings, samples, noise threshold and denoising those of the view
+    denoises_from : int, samples a pixel before which nothing is denoised
     is_paused : bool, whether the process is to wait
     """
 
     view: View | None = None
     scene: SceneDescription | None = None
     settings: RenderSettings | None = None
+    denoises_from: int | None = None
     is_paused: bool | None = None
 
     def then(self, later: Update) -> Update:

@@ -9,8 +9,31 @@ from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
+from engine.state.film import LIGHT_PARTS
 from engine.state.lanes import RGB
-from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_USES_CACHE
+from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT, UNIT_USES_CACHE
+
+#: Every second bit of a sample's index.
+_CLASS_BITS = np.uint32(0xAAAAAAAA)
+
+
+@kernel
+def is_in_half(sample):
+    """Whether a sample belongs to the half by which the picture's noise is told: bool.
+
+    It does where an odd number of the index's odd bits are set. Each aligned group of four samples has two of them, and
+    both halves of a scrambled Sobol sequence are about as well spread as the whole, which odd and even indices are not.
+
+    References
+    ----------
+    Christensen et al. 2018, "Progressive Multi-Jittered Sample Sequences", section 10.2.1; Cycles' choice as well.
+    """
+    bits = np.uint32(np.uint32(sample) & _CLASS_BITS)
+    bits = np.uint32(bits ^ (bits >> np.uint32(16)))
+    bits = np.uint32(bits ^ (bits >> np.uint32(8)))
+    bits = np.uint32(bits ^ (bits >> np.uint32(4)))
+    bits = np.uint32(bits ^ (bits >> np.uint32(2)))
+    return bits & np.uint32(2) != np.uint32(0)
 
 
 @kernel
@@ -40,11 +63,24 @@ def _take_cached(spectrum, paths, cached, lane, film, scale):
 
 
 @kernel
+def _keep_parts(spectrum, paths, passes, lane, film):
+    """Add a path's parts to the film; `passes.value` is scratch."""
+    pixel, count = paths.pixel[lane], len(paths.channels)
+    for part in range(passes.parts.shape[1] // count):
+        for c in range(count):
+            passes.value[0, c] = passes.parts[lane, part * count + c]
+        color = to_rgb(spectrum, paths, lane, passes.value, 0)
+        for c in range(RGB):
+            film.light[pixel, LIGHT_PARTS + RGB * part + c] += color[c]
+
+
+@kernel
 def accumulate(scene, unit, work, queue):
     """Keep living lanes in the queue; add the others to the film and free them.
 
     A sample with a NaN or infinite channel counts as black and as a reject. A path that measures the radiance cache
-    counts as it would have ended there; what that lacked goes to the film's residual.
+    counts as it would have ended there; what that lacked goes to the film's residual. A film that has a half gets half
+    of the samples there too.
 
     Parameters
     ----------
@@ -54,8 +90,9 @@ def accumulate(scene, unit, work, queue):
     spectrum, paths, film = scene.spectrum, work.paths, unit.film
     active, active_count = queue.lanes, queue.count[0]
     free, free_count = work.free.lanes, work.free.count[0]
-    uses_cache = unit.header[UNIT_USES_CACHE] != 0
+    uses_cache, splits_light = unit.header[UNIT_USES_CACHE] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
     residual_scale = np.float32(2.0**32 / max(unit.header[UNIT_MEASURE_THRESHOLD], 1))
+    has_half = film.half.shape[0] > 0
     kept = 0
     reject_count = 0
     for k in range(active_count):
@@ -71,6 +108,9 @@ def accumulate(scene, unit, work, queue):
         finite = True
         for c in range(len(paths.channels)):
             finite = finite and math.isfinite(paths.radiance[lane, c])
+        is_halved = has_half and is_in_half(paths.sample[lane])
+        if is_halved:
+            film.half_weight[pixel] += np.float32(1.0)
         if finite and uses_cache and work.cached.is_measured[lane] != 0:
             _take_cached(spectrum, paths, work.cached, lane, film, residual_scale)
         if finite:
@@ -79,7 +119,11 @@ def accumulate(scene, unit, work, queue):
                 value = color[c]
                 film.radiance[pixel, c] += value
                 film.square[pixel, c] += value * value
+                if is_halved:
+                    film.half[pixel, c] += value
             film.alpha[pixel] += paths.alpha[lane]
+            if splits_light:
+                _keep_parts(spectrum, paths, work.passes, lane, film)
         else:
             reject_count += 1
         film.count[pixel] += 1

@@ -229,13 +229,14 @@ def test_settings_it_has_not_are_said_once_a_job_and_stand_in_the_file(
     import bpy
 
     scene = cube_scene
-    assert scene.cycles.use_adaptive_sampling and scene.cycles.use_denoising  # as in every new scene
+    assert scene.cycles.use_denoising  # as in every new scene
+    scene.cycles.use_fast_gi = True
     scene.render.use_stamp_frame = True
     scene.frame_start, scene.frame_end = 1, 2
     scene.render.filepath = str(tmp_path / "frame_####.exr")
     bpy.ops.render.render(animation=True)
     shown = "".join(capfd.readouterr())
-    for words in ("Scene: a noise threshold is not supported (Cycles' is 0.01)", "Scene: denoising is not supported"):
+    for words in ("Scene: fast global illumination is not supported", "Scene: denoising is not supported"):
         assert shown.count(f"NeuralGuide: Warning: {words}") == 1
     for frame in (1, 2):
         with OpenEXR.File(str(tmp_path / f"frame_000{frame}.exr")) as file:
@@ -257,4 +258,5 @@ def test_the_file_says_how_it_was_made(cube_scene: Any, fake: FakeEngine, tmp_pa
     with OpenEXR.File(str(tmp_path / "image.exr")) as file:
         header = dict(file.header())
     assert header["neuralguide.ViewLayer.samples"] == "4"
+    assert header["neuralguide.ViewLayer.ended_by"] == "All samples taken"
     assert header["neuralguide.ViewLayer.rays"] == "1000"

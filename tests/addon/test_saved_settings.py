@@ -136,6 +136,7 @@ def test_a_file_from_before_keeps_its_picture(name: str, blender: Any, tmp_path:
     settings = settings_of(scene)
     assert not scene.neuralguide.use_cycles_settings
     assert (settings.samples, settings.clamp_indirect, settings.diffuse_bounces) == (128, 0.0, 4)
+    assert not settings.use_adaptive_sampling
     assert settings.max_bounces == (7 if name == "max_bounces" else 12)
     # Saved and opened again it is the same.
     blender.ops.wm.save_as_mainfile(filepath=str(tmp_path / "new.blend"))

@@ -16,7 +16,7 @@ from engine.settings import EXPERIMENT_SECTIONS, SETTINGS, RenderSettings
 from tests.helpers.fake_engine import FakeEngine
 
 #: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
-DEFAULTS = RenderSettings(guiding_method="AUTO", samples=4096, clamp_indirect=10.0)
+DEFAULTS = RenderSettings(guiding_method="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True)
 
 #: Name of ours: owner below the scene, name there, a value that is not the default.
 CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
@@ -334,8 +334,6 @@ def test_layer_samples_follow_cycles_rule(rule: str, follows: bool, expected: An
 
 
 UNSUPPORTED = {
-    "noise threshold": ("cycles", "use_adaptive_sampling", True),
-    "denoising": ("cycles", "use_denoising", True),
     "subset of samples": ("cycles", "use_sample_subset", True),
     "in one way only": ("cycles", "direct_light_sampling_type", "FORWARD_PATH_TRACING"),
     "transparent glass": ("cycles", "film_transparent_glass", True),

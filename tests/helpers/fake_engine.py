@@ -102,7 +102,8 @@ class FakeSession:
         self.fake.asked_passes.append(passes)
         self.should_cancel = should_cancel
         progress = SimpleNamespace(
-            fraction=0.5, sample=2, samples=4, elapsed=1.0, remaining=75.0, rays_per_second=1.25e6, message="Rendering"
+            fraction=0.5, sample=2, samples=4, elapsed=1.0, remaining=75.0, rays_per_second=1.25e6, message="Rendering",
+            noisy_share=None,
         )
         on_progress(progress)
         on_image(self.images(passes))
@@ -121,7 +122,8 @@ class FakeSession:
             record_reject_count=0,
             record_drop_count=0,
             peak_memory=2**20,
-            cancelled=should_cancel(),
+            cancelled=(cancelled := should_cancel()),
+            ended_by="CANCEL" if cancelled else "SAMPLES",
             notices=self.fake.notices,
         )
         learned = self.fake.learned if keep else None

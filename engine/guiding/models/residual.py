@@ -156,6 +156,40 @@ def with_residual(
     return np.maximum(cached + known_residual(sums, variance, shape), np.float32(0.0))
 
 
+class ResidualNoise(NamedTuple):
+    """What `known_residual` knows, and how well.
+
+    known : float32 (P, 3)
+    difference : float32 (P, 3)
+        By how much `known` is more than what the first half of the paths alone would say, each band kept alike.
+    lacking : float32 (P,), root mean square over channels of what is not kept, as far as the halves tell
+    """
+
+    known: np.ndarray
+    difference: np.ndarray
+    lacking: np.ndarray
+
+
+def residual_noise(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> ResidualNoise:
+    """What is known, its noise, and what is not known, by pixel.
+
+    Parameters
+    ----------
+    sums, variance, shape : see `known_residual`
+    """
+    known, difference, squared = np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.zeros((1, 1, 1))
+    for band in _bands(sums, variance, shape):
+        kept, signal = _kept(*band)
+        known = _with_band(known, kept, band)
+        difference = _expand(difference, kept.shape) + kept[..., None] * (0.5 * (band.second - band.first))
+        lacking = (1.0 - kept) ** 2 * np.maximum(signal, 0.0)
+        squared = _expand(squared, kept.shape) + lacking[..., None]
+    return ResidualNoise(
+        known.reshape(-1, 3).astype(np.float32), difference.reshape(-1, 3).astype(np.float32),
+        np.sqrt(squared).ravel().astype(np.float32),
+    )
+
+
 class ResidualError(NamedTuple):
     """What `known_residual` knows, and errors of an image with it, weighted means over pixels.
 

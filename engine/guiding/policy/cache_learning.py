@@ -50,7 +50,7 @@ _REHEARSED_RECORDS = 16
 
 
 def _variance_gain(mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
-    """By how much the variance of one sample of a pixel would be larger without the cache, weighted mean over pixels.
+    """By how much the variance of the pixels would be larger without the cache, weighted mean.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def _variance_gain(mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray,
     square_gain : float32 (P,)
         See `FilmTile.square_gain`, of one sample.
     weights : float32 (P,)
-        See `pixel_weights`.
+        See `pixel_weights`, by what the variance of a pixel's mean is of that of one sample.
     """
     gain = (square_gain - (known * (known + 2.0 * mean)).mean(axis=1)) * weights
     low, high = np.percentile(gain, (_CUT_PERCENT, 100.0 - _CUT_PERCENT))
@@ -104,6 +104,10 @@ class CacheLearner:
         """Whether there is nothing to learn any more, so that the render need not go in iterations."""
         return self.is_given_up
 
+    def narrow(self, pixel_count: int, _expected_paths: float) -> None:
+        """Take how many pixels the next iteration has."""
+        self._budget.paths_per_sample = pixel_count
+
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
         CellModel().learn(allocate_taught_records(_REHEARSED_RECORDS))
@@ -146,8 +150,9 @@ class CacheLearner:
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
-        of_mean = float(np.median(sums.weight_squared / weight[:, 0] ** 2))
-        cached = image_variance(sample_variance(mean, sums.square / weight), weights) * of_mean
+        # Of variances of single samples: a noise threshold gives pixels different numbers of them.
+        of_samples = weights * (sums.weight_squared / weight[:, 0] ** 2)
+        cached = image_variance(sample_variance(mean, sums.square / weight), of_samples)
         error = residual_error(sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, size, weights)
         # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
         # cached image has less noise than its samples tell where they are well spread.
@@ -157,8 +162,7 @@ class CacheLearner:
         self.report.cache_bias = math.sqrt(error.bias_squared)
         if next_sample < EARLY_SAMPLES:
             return
-        gain = _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, weights)
-        whole = cached + gain * of_mean
+        whole = cached + _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, of_samples)
         lacking = max(error.bias_squared - _DOUBT * error.bias_noise, 0.0)
         ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
         said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())

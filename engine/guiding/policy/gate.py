@@ -63,6 +63,10 @@ class Gate:
     def _is_undecided(self) -> bool:
         return self._judges_on or not self._is_kept
 
+    def expect(self, samples: float) -> None:
+        """Take how many samples all pixels are still to get on average, as far as their noise tells."""
+        self._horizon.expected_samples = samples
+
     def begin(self, next_sample: int, region_count: int) -> None:
         """Begin training if the render is long enough; once guiding is settled. The field has so many regions."""
         if self.predictor.has_begun or next_sample < FIRST_SAMPLE or not self._horizon.is_long(next_sample):

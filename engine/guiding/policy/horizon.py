@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 from engine.settings import RenderSettings
@@ -28,6 +29,8 @@ class Horizon:
     def __init__(
         self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool, caution: float = 1.0
     ) -> None:
+        #: Mean samples of all pixels to come, as far as their noise tells; nothing is known before the first look.
+        self.expected_samples = 0.0 if settings.use_adaptive_sampling else math.inf
         self._caution = caution
         self._settings = settings
         self._paths_per_sample = paths_per_sample
@@ -39,7 +42,7 @@ class Horizon:
         left = float(self._settings.samples - next_sample)
         if self._uses_clock and self._settings.time_limit > 0.0:
             left = min(left, next_sample * (self._settings.time_limit / max(self._elapsed, 1e-9) - 1.0))
-        return max(left, 0.0)
+        return max(min(left, self.expected_samples), 0.0)
 
     def is_long(self, next_sample: int) -> bool:
         """Whether what is left is worth training for."""

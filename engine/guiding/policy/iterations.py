@@ -52,18 +52,19 @@ class RecordBudget:
     Parameters
     ----------
     paths_per_sample : int
-        Pixels of the image.
+        Pixels that are rendered.
     unit_pixels : int
         Of the largest unit of work, whose records must fit (`RECORD_ROWS`): what does not is dropped.
 
     Attributes
     ----------
+    paths_per_sample : int
     records_per_path : float
         Of paths that are recorded, as far as is known.
     """
 
     def __init__(self, paths_per_sample: int, unit_pixels: int) -> None:
-        self._paths_per_sample = paths_per_sample
+        self.paths_per_sample = paths_per_sample
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
 
@@ -75,7 +76,7 @@ class RecordBudget:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
         expected = self.records_per_path * samples
         share = min(
-            RECORDS_PER_ITERATION / max(expected * self._paths_per_sample, 1.0),
+            RECORDS_PER_ITERATION / max(expected * self.paths_per_sample, 1.0),
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)

@@ -211,6 +211,12 @@ class Learner:
     def _with_cache(self, guidance: Guidance) -> Guidance:
         return guidance if self._cache is None else self._cache.complete(guidance)
 
+    def narrow(self, pixel_count: int, expected_paths: float) -> None:
+        """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
+        self._budget.paths_per_sample = pixel_count
+        if self._gate is not None:
+            self._gate.expect(expected_paths / max(self._paths_per_sample, 1))
+
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular.
 

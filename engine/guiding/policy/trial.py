@@ -131,9 +131,12 @@ class NewestVariance:
         self._weight = np.zeros(pixel_count, np.float32)
         self._weight_squared = np.zeros(pixel_count, np.float32)
         self._moments: np.ndarray | None = None
+        #: Pixels with samples of the iteration in work: others have converged, and nothing more is spent on them.
+        self._is_sampled = np.zeros(pixel_count, np.bool_)
 
     def add(self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int) -> None:
         """Take a unit's sums, as `SampleMoments.add`."""
+        self._is_sampled[pixels] = True
         if self._moments is None:
             self._moments = np.zeros((2, len(self._weight), radiance.shape[1]), np.float32)
         self._moments[0, pixels] += radiance[: len(pixels)]
@@ -147,18 +150,19 @@ class NewestVariance:
         Returns
         -------
         float64 (P,)
-            NaN where fewer than two samples are known.
+            NaN where fewer than two samples are known, and where the iteration had none.
         """
         if self._moments is None:
             return np.full(len(self._weight), np.nan)
         weight = self._weight.astype(np.float64)
-        known = np.where(weight > 0.0, weight, np.nan)[:, None]
+        known = np.where(self._is_sampled & (weight > 0.0), weight, np.nan)[:, None]
         # The mean is taken from the same samples; about as many independent ones there are as weight^2 / squares.
         left = 1.0 - self._weight_squared / known[:, 0] ** 2
         variance = sample_variance(*(self._moments / known)) / np.where(left > _LEAST_LEFT, left, np.nan)
         self._moments *= np.float32(_DECAY)
         self._weight *= np.float32(_DECAY)
         self._weight_squared *= np.float32(_DECAY**2)
+        self._is_sampled[:] = False
         return variance
 
 

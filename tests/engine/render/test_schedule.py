@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from engine.guiding.policy.trial import Part
-from engine.render.schedule import Iterations, PlainSchedule, Schedule, Task
+from engine.render.schedule import Iterations, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataSchedule
 from engine.settings import RenderSettings
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN
@@ -67,8 +67,8 @@ def test_first_tasks_are_handed_out_before_any_second() -> None:
 @pytest.mark.parametrize("workers", [1, 3])
 def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers: int) -> None:
     samples, planned = 63, []
-    iterations = Iterations(TILES, samples)
-    iterations.begin([Part(0, 1, CURRENT)])
+    iterations = Iterations(samples)
+    iterations.begin([Part(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule | None:
         following = iterations.plan(0.0)
@@ -78,7 +78,7 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
         first, count = following
         plain = count // 4
         parts = [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
-        iterations.begin(parts if plain else [Part(first, count, CHALLENGER)])
+        iterations.begin(parts if plain else [Part(first, count, CHALLENGER)], TILES)
         return iterations
 
     done = run(iterations, workers, learn)
@@ -93,15 +93,15 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
 @pytest.mark.parametrize("workers", [1, 4])
 def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) -> None:
     samples = 200
-    iterations = Iterations(TILES, samples)
-    iterations.begin([Part(0, 1, CURRENT)])
+    iterations = Iterations(samples)
+    iterations.begin([Part(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule:
         following = iterations.plan(0.0)
         assert following is not None
         if following[0] >= 15:
             return PlainSchedule(TILES, samples, following[0], 64)
-        iterations.begin([Part(*following, CURRENT)])
+        iterations.begin([Part(*following, CURRENT)], TILES)
         return iterations
 
     done = run(iterations, workers, learn)
@@ -110,17 +110,40 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
     assert not any(task.is_first for task in done if task.part.first_sample)
 
 
+@pytest.mark.parametrize("workers", [1, 4])
+def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
+    """Tasks of the first step, up to the first look, grow as an unguided render's; later steps are one task."""
+    steps = Steps(120, lambda samples: max(80, samples + 16))
+    steps.begin(TILES)
+    ends, tile_counts = [], []
+
+    def look() -> Schedule | None:
+        ends.append(steps.next_sample)
+        tile_counts.append(TILES - len(ends))
+        if steps.is_last:
+            return None
+        steps.begin(tile_counts[-1])
+        return steps
+
+    done = run(steps, workers, look)
+    assert ends == [80, 96, 112, 120]
+    check_samples([task for task in done if task.part.first_sample < 80], 80)
+    counts = [task.part.sample_count for task in done if task.tile == 0]
+    assert counts == [1, 4, 16, 59, 16, 16, 8]
+    assert [sum(task.part.first_sample == end for task in done) for end in ends[:-1]] == tile_counts[:-1]
+
+
 def test_strata_follow_each_other_after_a_first_pass_over_all() -> None:
     settings = RenderSettings(samples=256, guiding_method="NPM", strata=4)
-    iterations = Iterations(TILES, settings.samples, StrataSchedule(settings, 4))
+    iterations = Iterations(settings.samples, StrataSchedule(settings, 4))
     assert iterations.is_whole and iterations.stratum == ALL_STRATA
-    iterations.begin([Part(0, 1, CURRENT)])
+    iterations.begin([Part(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule | None:
         following = iterations.plan(0.0)
         if following is None:
             return None
-        iterations.begin([Part(*following, CURRENT)])
+        iterations.begin([Part(*following, CURRENT)], TILES)
         return iterations
 
     done = run(iterations, 2, learn)

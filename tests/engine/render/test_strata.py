@@ -18,7 +18,7 @@ from engine.render.session import Session
 from engine.render.strata import StrataFilm, StrataSchedule, strata_count
 from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile, allocate_tile
+from engine.state.film import FilmLayout, FilmTile, allocate_tile
 from engine.state.unit import ALL_STRATA
 from tests.helpers.seeded_renders import render_seeds
 from tests.helpers.small_scenes import emitter_scene
@@ -106,7 +106,7 @@ def test_the_first_samples_of_a_pixel_lie_in_all_strata(count):
 
 
 def random_tile(rng, rows):
-    tile = allocate_tile(rows, 3, True)
+    tile = allocate_tile(rows, 3, FilmLayout(use_features=True, use_half=True))
     for column in tile:
         column[...] = rng.uniform(0.5, 2.0, column.shape)
     tile.count[:] = rng.integers(1, 5, rows)
@@ -115,7 +115,7 @@ def random_tile(rng, rows):
 
 def test_the_film_is_the_mean_of_the_strata():
     rng = np.random.default_rng(1)
-    film = StrataFilm(5, 4, 4, use_features=True)
+    film = StrataFilm(5, 4, 4, FilmLayout(use_features=True, use_half=True))
     pixels = np.array([3, 19, 7])
     tile = random_tile(rng, 12)
     by_pixel = film.merge_stratum(pixels, tile, 0.5, ALL_STRATA)
@@ -123,16 +123,18 @@ def test_the_film_is_the_mean_of_the_strata():
     late = random_tile(rng, 8)
     film.merge_stratum(pixels, late, 1.0, 2)
 
-    def mean(name):
+    def mean(name, counts="count"):
         values = getattr(tile, name).reshape(3, 4, -1) * 0.5
-        weights = tile.count.reshape(3, 4, 1) * 0.5
+        weights = getattr(tile, counts).reshape(3, 4, 1) * 0.5
         values[:, 2] += getattr(late, name).reshape(8, -1)[:3]
-        weights[:, 2] += late.count[:3, None]
+        weights[:, 2] += getattr(late, counts)[:3, None]
         return (values / weights).mean(axis=1)
 
     for name in ("radiance", "square", "alpha", "features"):
         found = getattr(film.sums, name)[pixels].reshape(3, -1) / film.sums.weight[pixels, None]
         np.testing.assert_allclose(found, mean(name), rtol=1e-5)
+    half = film.sums.half[pixels] / film.sums.half_weight[pixels, None]
+    np.testing.assert_allclose(half, mean("half", "half_weight"), rtol=1e-5)
     assert np.array_equal(film.sums.count[pixels], tile.count.reshape(3, 4).sum(axis=1) + late.count[:3])
     assert film.sums.weight.sum() == pytest.approx(film.sums.weight[pixels].sum())
     np.testing.assert_array_equal(film.sums.points[pixels], tile.points.reshape(3, 4, -1)[:, 0])
@@ -142,7 +144,7 @@ def test_the_film_is_the_mean_of_the_strata():
 
 def test_strata_without_samples_are_left_out():
     film = StrataFilm(2, 1, 4)
-    tile: FilmTile = allocate_tile(8, 3, False)
+    tile: FilmTile = allocate_tile(8, 3)
     tile.radiance[:, 0] = np.arange(8)
     tile.count[:] = 0, 1, 1, 0, 0, 0, 0, 1
     tile.radiance[tile.count == 0] = 0.0
@@ -195,7 +197,7 @@ def test_what_is_not_whole_would_be_seen(untrained, monkeypatch):
     merge_stratum = StrataFilm.merge_stratum
 
     def plain(film, pixels, tile, weight, stratum):
-        aside = StrataFilm(film.width, film.height, 8, use_features=film.use_features)
+        aside = StrataFilm(film.width, film.height, 8, film.layout)
         summed = merge_stratum(aside, pixels, tile, weight, stratum)
         film.merge(pixels, summed, weight)
         return summed

@@ -33,7 +33,7 @@ def samples(rng: np.random.Generator, spread: float, count: int) -> np.ndarray:
 
 def sums_of(values: np.ndarray) -> FilmTile:
     """A unit of all pixels."""
-    tile = allocate_tile(PIXELS, 3, False)
+    tile = allocate_tile(PIXELS, 3)
     tile.radiance[:], tile.square[:] = values.sum(axis=0), (values**2).sum(axis=0)
     tile.weight[:] = tile.count[:] = tile.weight_squared[:] = len(values)
     return tile
@@ -101,3 +101,17 @@ def test_looks_forget() -> None:
     unit = sums_of(samples(rng, 2.0, 2))
     few.add(np.arange(PIXELS), unit.radiance, unit.square, 2)
     assert few.look().mean() == pytest.approx(4.0, rel=0.05)
+
+
+def test_pixels_without_new_samples_are_left_out() -> None:
+    """They have converged; what their variance was says nothing of what is still to be rendered."""
+    rng = np.random.default_rng(5)
+    newest = NewestVariance(PIXELS)
+    unit = sums_of(samples(rng, 3.0, 8))
+    newest.add(np.arange(PIXELS), unit.radiance, unit.square, 8)
+    assert np.isfinite(newest.look()).all()
+    few = np.arange(0, PIXELS, 3)
+    unit = sums_of(samples(rng, 1.0, 64))
+    newest.add(few, unit.radiance[few], unit.square[few], 64)
+    variance = newest.look()
+    assert np.array_equal(np.flatnonzero(np.isfinite(variance)), few)
