@@ -44,10 +44,8 @@ class Host:
         self._sent = Update()
         self._started = -1e9
 
-    def start(self) -> bool:
-        """Have a process, which knows nothing of what the last one knew; False where one has just been tried."""
-        if self.process.is_alive:
-            return True
+    def _start(self) -> bool:
+        """Start a process, which knows nothing of what the last one knew; False where one has just been tried."""
         now = time.monotonic()
         if now - self._started < _RESTART_SECONDS:
             return False
@@ -63,18 +61,22 @@ class Host:
         return is_changed
 
     def show(self, view: View, settings: RenderSettings, *, denoises_from: int = 1, is_paused: bool) -> bool:
-        """Send what differs from what the process has; whether anything does."""
-        sent, scene = self._sent, self.scene
-        update = Update(
-            view=view if view.differs(sent.view) else None,
-            scene=scene if scene is not sent.scene else None,
-            settings=settings if settings != sent.settings else None,
-            denoises_from=denoises_from if denoises_from != sent.denoises_from else None,
-            is_paused=is_paused if is_paused != sent.is_paused else None,
-        )
+        """Send what differs from what the process has; whether anything does.
+
+        Where a process has ended by itself another one is started with the next change, and not before: users are to
+        read why, and what ended it may do so again.
+        """
+        if self.scene is None:
+            return False
+        wanted = Update(view, self.scene, settings, denoises_from, is_paused)
+        update = _difference(self._sent, wanted)
+        if not self.process.is_alive:
+            if update == Update() or not self._start():
+                return False
+            update = wanted
         if update == Update():
             return False
-        self._sent = sent.then(update)
+        self._sent = wanted
         self.process.send(update)
         return True
 
@@ -83,6 +85,17 @@ class Host:
         if self._sent.scene is not None:
             self._sent = replace(self._sent, is_paused=True)
             self.process.send(Update(is_paused=True))
+
+
+def _difference(sent: Update, wanted: Update) -> Update:
+    """What the process lacks."""
+    return Update(
+        view=wanted.view if wanted.view is not None and wanted.view.differs(sent.view) else None,
+        scene=wanted.scene if wanted.scene is not sent.scene else None,
+        settings=wanted.settings if wanted.settings != sent.settings else None,
+        denoises_from=wanted.denoises_from if wanted.denoises_from != sent.denoises_from else None,
+        is_paused=wanted.is_paused if wanted.is_paused != sent.is_paused else None,
+    )
 
 
 def settle(old: SceneDescription | None, new: SceneDescription) -> tuple[SceneDescription, bool]:

@@ -129,8 +129,6 @@ class WindowView:
         self._size = size
         if now - self._resized < _RESIZE_SECONDS:
             return
-        if self.host.scene is None or not self.host.start():
-            return
         self.host.show(
             view, self._settings, denoises_from=denoises_from(scene), is_paused=is_paused(scene)
         )
@@ -151,7 +149,7 @@ class WindowView:
             return self._problem
         status = self.host.process.status
         if status.state == DEAD and status.message:
-            return f"{status.message}. Move the view to start it again"
+            return f"{status.message}. Any change starts it again"
         if status.state == FAILED:
             return status.message
         if status.state == DONE:

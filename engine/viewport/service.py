@@ -15,6 +15,7 @@ import threading
 import time
 import traceback
 from dataclasses import replace
+from functools import partial
 from typing import Any, BinaryIO, TextIO
 
 import numpy as np
@@ -201,7 +202,8 @@ class Service:
             return self._inbox.has_news and (has_image or not is_first)
 
         result = session.render(
-            start=self._field, keep=True, pace=PACE, on_progress=self._on_progress, on_image=on_image,
+            start=self._field, keep=True, pace=PACE, on_progress=partial(self._on_progress, is_fine=True),
+            on_image=on_image,
             should_cancel=should_cancel, passes=self._passes, shows_cancelled=False,
         )
         if result.learned is not None:
@@ -270,11 +272,11 @@ class Service:
         if time.monotonic() - self._told > _STATUS_SECONDS:
             self._tell(COMPILING if "ompiling" in progress.message else BUILDING, progress.message)
 
-    def _on_progress(self, progress: Progress) -> None:
+    def _on_progress(self, progress: Progress, *, is_fine: bool = False) -> None:
         self.block.beat()
         if time.monotonic() - self._told > _STATUS_SECONDS or self._status.state != RENDERING:
             self._tell(
-                RENDERING, progress.message, sample=progress.sample, samples=progress.samples,
+                RENDERING, progress.message, sample=progress.sample if is_fine else 0, samples=progress.samples,
                 remaining=progress.remaining,
             )  # fmt: skip
 
