@@ -7,9 +7,10 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from engine.scene.content import same_content
-from engine.viewport.protocol import DEAD, DONE, FAILED, RENDERING, Status
+from engine.viewport.protocol import DEAD, FAILED, RENDERING, Status
 
 from ..export import ExportCache, ExportContext, Window, export_scene
+from ..log import logger
 from .camera import read_view
 from .classify import Change, Touched, classify
 from .drawing import Canvas
@@ -40,7 +41,8 @@ class WindowView:
         self._problem = ""
         self._resized = 0.0
         self._size: tuple[int, int] | None = None
-        self._is_new = True
+        #: Notices that the terminal has, and the log of whoever started Blender from one.
+        self._told: set[tuple[str, str, str]] = set()
 
     def close(self) -> None:
         """The window is gone, or shows something else."""
@@ -138,6 +140,10 @@ class WindowView:
         process = self.host.process
         before = process.status
         status = process.poll()
+        for notice in status.notices:
+            if notice not in self._told:
+                self._told.add(notice)
+                logger.warning("%s: %s; %s", *notice)
         is_resizing = time.monotonic() - self._resized < 2.0 * _RESIZE_SECONDS
         redraw = process.has_image or is_resizing or not same_content(_visible(before), _visible(status))
         return redraw, process.is_waiting or is_resizing
@@ -152,11 +158,14 @@ class WindowView:
             return f"{status.message}. Any change starts it again"
         if status.state == FAILED:
             return status.message
-        if status.state == DONE:
-            return f"Done | Sample {status.sample}/{status.samples}"
-        if status.state == RENDERING and status.sample:
-            return f"Sample {status.sample}/{status.samples}"
-        return status.message
+        parts = [status.message] if status.state != RENDERING or not status.sample else []
+        if status.sample:
+            parts.append(f"Sample {status.sample}/{status.samples}")
+        if status.notices:
+            subject, problem, _ = status.notices[0]
+            more = len(status.notices) - 1
+            parts.append(f"{subject}: {problem}" + (f" (and {more} more: see the terminal)" if more else ""))
+        return " | ".join(part for part in parts if part)
 
 
 def _visible(status: Status) -> tuple[Any, ...]:
