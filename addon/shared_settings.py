@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 #: Name in `scene.neuralguide` and in `RenderSettings`: owner below the scene, and the name there.
 SHARED_SETTINGS: dict[str, tuple[str, str]] = {
     "samples": ("cycles", "samples"),
+    "preview_samples": ("cycles", "preview_samples"),
     "use_adaptive_sampling": ("cycles", "use_adaptive_sampling"),
     "adaptive_threshold": ("cycles", "adaptive_threshold"),
     "adaptive_min_samples": ("cycles", "adaptive_min_samples"),
