@@ -279,7 +279,7 @@ def test_what_ended_a_render_is_told():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["OFF", "VMM"])
 def test_no_bias_is_seen(method):
-    """Significance 1e-4 (`benchmarks.bias`), at Cycles' own least samples; with four samples the bias is found."""
+    """Significance 1e-4 (`benchmarks.bias`), at Cycles' own least samples."""
     settings = {"scene": lamps_scene, "samples": 512, "passes": ("Combined",)}
 
     def images(seeds, method=method, **changes):
