@@ -19,6 +19,7 @@ def _use_extension_folder() -> None:
 def _modules() -> list:  # type: ignore[type-arg]
     from . import (
         engine,
+        last_render,
         learned_fields,
         log,
         operators,
@@ -30,7 +31,10 @@ def _modules() -> list:  # type: ignore[type-arg]
         warm_up,
     )
 
-    return [log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, preferences, warm_up]
+    return [
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, preferences,
+        warm_up,
+    ]  # fmt: skip
 
 
 _registered: list = []  # type: ignore[type-arg]

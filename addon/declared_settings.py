@@ -12,7 +12,10 @@ from typing import Any
 from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
 
 #: Sections of a user's settings; panels in ui.py have the same names.
-SECTIONS = ("Sampling", "Guiding", "Learned Field", "Lights", "Advanced", "Light Paths", "Film", "Performance")
+SECTIONS = (
+    "Sampling", "Denoising", "Lights", "Advanced", "Guiding", "Trial and Training", "Learned Field", "Light Paths",
+    "Film", "Performance",
+)  # fmt: skip
 #: The property of `scene.neuralguide` that holds the settings for experiments.
 EXPERIMENT = "experiment"
 
@@ -28,19 +31,19 @@ _ADDON_SETTINGS = (
         "Train a neural mixture once for all frames from the scene's first to its last one, when the first"
         " of them is rendered, instead of anew in every frame. It tells the frames apart by the Mixture's Encoding"
         " (experiment.mixture_u)",
-        "Guiding",
+        "Trial and Training",
     ),
     Setting(
         "sequence_samples", 256, "Sequence Samples",
         "Paths traced for every pixel (of large pictures: of a smaller copy) to train the field, of all"
         " frames together: up to 32 spread over the sequence. They are no part of any picture",
-        "Guiding", minimum=1, maximum=MAX_SAMPLES,
+        "Trial and Training", minimum=1, maximum=MAX_SAMPLES,
     ),
     Setting(
-        "keep_learned", True, "Keep in Memory",
+        "keep_learned", True, "Keep Learned",
         "A render starts from what the last one has learned, as long as lights, materials and geometry stay the same."
         " The noise then differs from render to render",
-        "Learned Field",
+        "Guiding",
     ),
     Setting(
         "field_path", "", "File",

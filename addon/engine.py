@@ -18,7 +18,7 @@ from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
-from .shared_settings import layer_samples
+from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ cancel_hooks: list[Callable[[], bool]] = []
 class Outcome:
     """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'.
 
-    `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was.
+    `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was. `notices` are those of the
+    settings and of the scene.
     """
 
     scene: str
@@ -42,6 +43,7 @@ class Outcome:
     message: str = ""
     report: Any = None
     first_image: float = math.nan
+    notices: tuple[Notice, ...] = ()
 
 
 #: The latest outcomes, oldest first. Blender's operator cannot tell: it says FINISHED when an engine raised.
@@ -94,7 +96,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
         """Tell Blender which passes there will be; without it only Combined exists."""
-        for item in passes.requested_passes(view_layer):
+        for item in passes.requested_passes(scene, view_layer):
             self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
 
     def update(self, _data: bpy.types.BlendData, depsgraph: bpy.types.Depsgraph) -> None:
@@ -125,8 +127,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
         scene = depsgraph.scene_eval
         settings = render_settings(scene)
-        samples = layer_samples(scene, depsgraph.view_layer_eval, settings.samples)
-        self._settings = settings = dataclasses.replace(settings, samples=samples)
+        layer = depsgraph.view_layer_eval
+        self._settings = settings = dataclasses.replace(
+            settings,
+            samples=layer_samples(scene, layer, settings.samples),
+            use_denoising=layer_is_denoised(scene, layer, settings.use_denoising),
+        )
         self._fields = FieldPlan(depsgraph, settings)
         if self._export_cache is None:
             self._export_cache = ExportCache()
@@ -160,7 +166,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
             return
         self._pending = pending
-        layer = depsgraph.view_layer_eval
         self._notices = unsupported_settings(scene, layer)
         if self._plan is not None:
             self._notices += self._plan.notices
@@ -220,7 +225,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             if (target.resolution_x, target.resolution_y) != (x1 - x0, y1 - y0):
                 # Blender rounds borders its own way, and its word counts.
                 description.frame.region = (x0, y0, x0 + target.resolution_x, y0 + target.resolution_y)
-            wanted = {item.name: item for item in passes.requested_passes(depsgraph.view_layer_eval)}
+            requested = passes.requested_passes(depsgraph.scene_eval, depsgraph.view_layer_eval)
+            wanted = {item.name: item for item in requested}
 
             def on_image(images: Any) -> None:
                 nonlocal keep
@@ -290,7 +296,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         global _outcome_count
         scene = depsgraph.scene
         name = depsgraph.view_layer_eval.name
-        outcomes.append(Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image))
+        notices = (*self._notices, *(report.notices if report is not None else ()))
+        outcomes.append(
+            Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image, notices)
+        )
         _outcome_count += 1
 
     def _note_image(self) -> None:
@@ -322,6 +331,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
             f"peak memory {megabytes:.0f} MiB"
         )
+        if report.denoise_seconds:
+            logger.info(f"denoised in {format_duration(report.denoise_seconds)}")
         for line in report.guiding.lines:
             logger.info(line)
         if report.reject_count:
@@ -334,6 +345,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("ended_by", ENDINGS[report.ended_by]),
             ("samples", f"{report.sample_count:.6g}"),
             ("render_time", f"{report.render_seconds:.3f}"),
+            ("denoise_time", f"{report.denoise_seconds:.3f}"),
             ("build_time", f"{report.build_seconds:.3f}"),
             ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
             ("rays", str(ray_count)),

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
 
@@ -29,6 +30,13 @@ class RenderPass(NamedTuple):
 _RENAMED = is_since(RENAMED_PASSES)
 
 COMBINED = RenderPass("Combined", "Combined", "RGBA", "COLOR")
+NOISY = RenderPass("Noisy Image", "Noisy Image", "RGBA", "COLOR")
+#: What Cycles' Denoising Data asks for.
+DENOISING = (
+    RenderPass("Denoising Normal", "Denoising Normal", "XYZ", "VECTOR"),
+    RenderPass("Denoising Albedo", "Denoising Albedo", "RGB", "COLOR"),
+    RenderPass("Denoising Depth", "Denoising Depth", "Z", "VALUE"),
+)
 
 #: (property of the view layer, is it ours or Blender's, pass)
 OPTIONAL = (
@@ -50,14 +58,46 @@ OPTIONAL = (
     ("use_pass_guiding_benefit", True, RenderPass("Guiding Benefit", "Guiding Benefit", "X", "VALUE")),
 )
 
+#: Passes of light taken apart, by Blender's switch: the engine's name, and Blender's before it renamed them.
+_LIGHT_NAMES = {
+    f"use_pass_{lobes.lower()}_{light.lower()}": (f"{lobes} {light}", f"{old}{light[:3]}")
+    for lobes, old in (("Diffuse", "Diff"), ("Glossy", "Gloss"), ("Transmission", "Trans"))
+    for light in ("Direct", "Indirect", "Color")
+}
+LIGHT = {
+    switch: RenderPass(name, name if _RENAMED else old.replace("Color", "Col"), "RGB", "COLOR")
+    for switch, (name, old) in _LIGHT_NAMES.items()
+}
+#: The same among Cycles' own settings of a view layer.
+CYCLES_LIGHT = {
+    "use_pass_volume_direct": RenderPass(
+        "Volume Direct", "Volume Direct" if _RENAMED else "VolumeDir", "RGB", "COLOR"
+    ),
+    "use_pass_volume_indirect": RenderPass(
+        "Volume Indirect", "Volume Indirect" if _RENAMED else "VolumeInd", "RGB", "COLOR"
+    ),
+}
 
-def requested_passes(view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
-    """The passes `view_layer` asks for, Combined first."""
+
+def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
+    """The passes that a view layer of `scene` asks for, Combined first."""
     yield COMBINED
+    if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
+        yield NOISY
+    if getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
+        yield from DENOISING
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):
             yield render_pass
+    cycles = getattr(view_layer, "cycles", None)
+    for owner, table in ((view_layer, LIGHT), (cycles, CYCLES_LIGHT)):
+        for switch, render_pass in table.items():
+            if getattr(owner, switch, False):
+                yield render_pass
+    for group in getattr(view_layer, "lightgroups", ()):
+        name = f"Combined_{group.name}"
+        yield RenderPass(name, name, "RGB", "COLOR")
 
 
 def write_pass(target: bpy.types.RenderPass, pixels: npt.NDArray[np.float32]) -> None:
@@ -108,15 +148,6 @@ UNSUPPORTED = {
     "use_pass_mist": "Mist",
     "use_pass_vector": "Vector",
     "use_pass_uv": "UV",
-    "use_pass_diffuse_direct": "Diffuse Direct",
-    "use_pass_diffuse_indirect": "Diffuse Indirect",
-    "use_pass_diffuse_color": "Diffuse Color",
-    "use_pass_glossy_direct": "Glossy Direct",
-    "use_pass_glossy_indirect": "Glossy Indirect",
-    "use_pass_glossy_color": "Glossy Color",
-    "use_pass_transmission_direct": "Transmission Direct",
-    "use_pass_transmission_indirect": "Transmission Indirect",
-    "use_pass_transmission_color": "Transmission Color",
     "use_pass_ambient_occlusion": "Ambient Occlusion",
     "use_pass_shadow": "Shadow",
     "use_pass_cryptomatte_object": "Cryptomatte Object",
@@ -129,13 +160,10 @@ UNSUPPORTED = {
 }
 #: The same among Cycles' own settings of a view layer.
 UNSUPPORTED_CYCLES = {
-    "use_pass_volume_direct": "Volume Direct",
-    "use_pass_volume_indirect": "Volume Indirect",
     "use_pass_volume_scatter": "Volume Scatter",
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
     "use_pass_shadow_catcher": "Shadow Catcher",
-    "denoising_store_passes": "Denoising Data",
     "pass_render_time": "Render Time",
 }
 
@@ -145,5 +173,4 @@ def unsupported_passes(view_layer: bpy.types.ViewLayer) -> list[str]:
     found = [name for switch, name in UNSUPPORTED.items() if getattr(view_layer, switch, False)]
     cycles = getattr(view_layer, "cycles", None)
     found += [name for switch, name in UNSUPPORTED_CYCLES.items() if getattr(cycles, switch, False)]
-    found += [f"Light Group {group.name}" for group in getattr(view_layer, "lightgroups", ())]
     return found + [f"AOV {aov.name}" for aov in view_layer.aovs]

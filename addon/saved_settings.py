@@ -19,7 +19,7 @@ import bpy
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, setting_owner
 
 #: Defaults of scenes from before they could follow Cycles, which are others now.
-_FORMER_DEFAULTS = {"samples": 128, "clamp_indirect": 0.0, "use_adaptive_sampling": False}
+_FORMER_DEFAULTS = {"samples": 128, "clamp_indirect": 0.0, "use_denoising": False, "use_adaptive_sampling": False}
 
 
 def _stored(scene: bpy.types.Scene) -> Any:

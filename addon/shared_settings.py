@@ -39,6 +39,10 @@ SHARED_SETTINGS: dict[str, tuple[str, str]] = {
     "filter_width": ("cycles", "filter_width"),
     "film_exposure": ("cycles", "film_exposure"),
     "film_transparent": ("render", "film_transparent"),
+    "use_denoising": ("cycles", "use_denoising"),
+    "denoising_input_passes": ("cycles", "denoising_input_passes"),
+    "denoising_prefilter": ("cycles", "denoising_prefilter"),
+    "denoising_quality": ("cycles", "denoising_quality"),
 }
 
 
@@ -97,6 +101,17 @@ def layer_samples(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, sampl
     if own <= 0 or rule == "IGNORE":
         return samples
     return min(own, samples) if rule == "BOUNDED" else own
+
+
+def layer_is_denoised(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, is_denoised: bool) -> bool:
+    """Whether a view layer is denoised: where the scene is, unless Cycles' switch of the layer is off.
+
+    Parameters
+    ----------
+    is_denoised : bool
+        Of the scene.
+    """
+    return is_denoised and (not follows_cycles(scene) or view_layer.cycles.use_denoising)
 
 
 def thread_count(scene: bpy.types.Scene) -> int:

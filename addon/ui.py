@@ -8,9 +8,10 @@ from typing import Any
 
 import bpy
 
+from engine.denoise.library import problem as denoiser_problem
 from engine.settings import EXPERIMENT_SECTIONS
 
-from . import learned_fields, preferences, warm_up
+from . import last_render, learned_fields, preferences, warm_up
 from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
@@ -120,30 +121,70 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
             _draw_shared(threshold, scene, name)
         for name in ("samples", "time_limit"):
             _draw_shared(column, scene, name)
-        column.prop(settings, "guiding_method")
-        column.prop(settings, "radiance_cache")
         column.prop(settings, "spectral")
 
 
+class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What takes the noise out of the finished picture."""
+
+    bl_label = "Denoise"
+    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the switch."""
+        row = self.layout.row()
+        row.active = not denoiser_problem()
+        _draw_shared(row, context.scene, "use_denoising", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        scene, problem = context.scene, denoiser_problem()
+        column = self._column()
+        if problem:
+            # A label is one line.
+            for part in problem.split(": "):
+                column.label(text=part)
+        column.active = not problem and setting_value(scene, "use_denoising")
+        names = ["denoising_input_passes", "denoising_quality"]
+        if setting_value(scene, "denoising_input_passes") != "RGB":
+            names.insert(1, "denoising_prefilter")
+        for name in names:
+            _draw_shared(column, scene, name)
+
+
 class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """How what was learned is used."""
+    """What is learned, what it is used for, and what the last render made of it."""
 
     bl_label = "Guiding"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        _draw_section(self._column(), context.scene, "Guiding")
+        sentence = last_render.guiding_sentence(context.scene)
+        if sentence:
+            last_render.draw_text(self.layout, context, f"Last render: {sentence}")
+
+
+class NEURALGUIDE_PT_training(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """How guiding is tried, trained and repeated."""
+
+    bl_label = "Trial and Training"
+    bl_parent_id = "NEURALGUIDE_PT_guiding"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         column = self._column()
         column.active = context.scene.neuralguide.guiding_method != "OFF"
-        _draw_section(column, context.scene, "Guiding")
+        _draw_section(column, context.scene, "Trial and Training")
 
 
 class NEURALGUIDE_PT_learned_field(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """What becomes of what a render has learned."""
 
     bl_label = "Learned Field"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
+    bl_parent_id = "NEURALGUIDE_PT_guiding"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -343,6 +384,8 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
             ("use_pass_material_index", "Material Index"),
         ):
             data.prop(layer, name, text=text)
+        if hasattr(layer, "cycles"):
+            data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
@@ -421,10 +464,12 @@ _borrowed: list[type[bpy.types.Panel]] = []
 
 _classes = (
     NEURALGUIDE_PT_sampling,
-    NEURALGUIDE_PT_guiding,
-    NEURALGUIDE_PT_learned_field,
+    NEURALGUIDE_PT_denoising,
     NEURALGUIDE_PT_sampling_lights,
     NEURALGUIDE_PT_sampling_advanced,
+    NEURALGUIDE_PT_guiding,
+    NEURALGUIDE_PT_training,
+    NEURALGUIDE_PT_learned_field,
     NEURALGUIDE_PT_light_paths,
     NEURALGUIDE_PT_motion_blur,
     NEURALGUIDE_PT_motion_blur_curve,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .shared_settings import follows_cycles, setting_value
+from .shared_settings import follows_cycles, layer_is_denoised, setting_value
 from .versions import read_setting
 
 if TYPE_CHECKING:
@@ -21,12 +21,19 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
     if not follows_cycles(scene):
         return []
     cycles = scene.cycles
+    is_denoised = layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising"))
     found = []
     for is_asked, problem, fallback in (
         (
-            cycles.use_denoising and view_layer.cycles.use_denoising,
-            "denoising is not supported",
-            "the picture as it was sampled",
+            is_denoised and cycles.denoiser == "OPTIX",
+            "denoising by OptiX is not supported",
+            "Open Image Denoise takes the noise out",
+        ),
+        (
+            # Where it is on by default nobody has asked.
+            is_denoised and cycles.is_property_set("denoising_use_gpu") and cycles.denoising_use_gpu,
+            "denoising on the GPU is not supported",
+            "the CPU denoises",
         ),
         (
             getattr(cycles, "use_sample_subset", False),  # Blender 3.4 has none

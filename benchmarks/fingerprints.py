@@ -183,7 +183,7 @@ def _describe(scene_name: str, pixels: int, frames: tuple[float, ...]) -> list[S
     addon.register()
     scene = open_scene(SceneSource(BUILTIN + scene_name), pixels)
     for mesh in bpy.data.meshes:
-        # The demo's room has spheres of Blender's own.
+        # The evening room has spheres of Blender's own.
         sort_faces(mesh)
     if not frames:
         return [export_scene(bpy.context.evaluated_depsgraph_get())]

@@ -151,7 +151,7 @@ def look(
         raise ValueError(f"pixel {pixel[0]} {pixel[1]}: the image is {frame.width} x {frame.height}")
     tracer = Tracer(scene, settings)
     tracer.guidance = guidance
-    batch = Batch(scene.shaders, 1, settings, use_features=False, is_guided=True)
+    batch = Batch(scene.shaders, 1, settings, is_guided=True)
     # Networks are asked at the point itself.
     lookups = 1 if SOURCES[settings.source].is_network else _LOOKUPS
     lanes = tracer.look_at(batch, pixel, lookups)

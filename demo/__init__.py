@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo: a scene worth looking at, built from what Blender ships, and a script that renders it."""
+"""The demo: a room rendered by NeuralGuide and by Cycles in the same seconds, and by how much they are off."""

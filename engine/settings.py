@@ -184,13 +184,13 @@ class RenderSettings:
         minimum=0, unit="s",
     )
     guiding_method: str = _declare(
-        "OFF", "Guiding", "How directions are chosen where light is hard to find", "Sampling", scene_default="AUTO",
+        "OFF", "Guiding", "How directions are chosen where light is hard to find", "Guiding", scene_default="AUTO",
         choices=_METHOD_CHOICES,
     )
     radiance_cache: str = _declare(
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
-        "Sampling",
+        "Guiding",
         choices=(
             Choice("OFF", "Unbiased", "Paths find all light themselves"),
             Choice("FAST", "Fast", "Biased: what was not learned is left out. For previews"),
@@ -208,18 +208,49 @@ class RenderSettings:
             Choice("OFF", "Off", "Never: what disperses light does not"),
         ),
     )
+    use_denoising: bool = _declare(
+        False, "Denoise",
+        "Take the noise out of the finished picture. The picture as it was sampled is the pass Noisy Image",
+        "Denoising", scene_default=True,
+    )
+    denoising_input_passes: str = _declare(
+        "RGB_ALBEDO_NORMAL", "Passes", "What the denoiser tells detail from noise by, besides the picture",
+        "Denoising",
+        choices=(
+            Choice("RGB", "None", "The picture alone"),
+            Choice("RGB_ALBEDO", "Albedo", "The colours of surfaces"),
+            Choice("RGB_ALBEDO_NORMAL", "Albedo and Normal", "The colours of surfaces, and where they face"),
+        ),
+    )
+    denoising_prefilter: str = _declare(
+        "ACCURATE", "Prefilter", "What is done with albedo and normal, which have noise too", "Denoising",
+        choices=(
+            Choice("NONE", "None", "Nothing: they are taken to be free of noise"),
+            Choice("FAST", "Fast", "They are denoised together with the picture"),
+            Choice("ACCURATE", "Accurate", "They are denoised first, which takes longer"),
+        ),
+    )
+    denoising_quality: str = _declare(
+        "HIGH", "Quality", "How much time the denoiser takes", "Denoising",
+        choices=(
+            Choice("HIGH", "High", "As well as possible"),
+            Choice("BALANCED", "Balanced", "Nearly as well, in less time"),
+            Choice("FAST", "Fast", "In the least time, for previews"),
+        ),
+    )
     guiding_trial: bool = _declare(
         True, "Trial", "Render a few samples without guiding too, and go on without it where it does not pay",
-        "Guiding",
+        "Trial and Training",
     )
     training_share: float = _declare(
-        0.25, "Training Share", "Share of the processors' time that training a network may take", "Guiding",
+        0.25, "Training Share", "Share of the processors' time that training a network may take",
+        "Trial and Training",
         minimum=0.01, maximum=1,
     )
     deterministic: bool = _declare(
         False, "Deterministic",
         "The same image every time: rendering waits for the training of networks and does not read the clock",
-        "Guiding",
+        "Trial and Training",
     )
     light_sampling_threshold: float = _declare(
         0.01, "Light Threshold", "Skip, at random, light samples dimmer than this (0 = skip none)", "Lights", minimum=0,

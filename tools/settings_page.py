@@ -58,14 +58,15 @@ off, or `deterministic` on, to have the same image each time.
 #: Said under a section's table.
 _NOTES = {
     "Sampling": """\
-Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
-directions and take one (they resample). Networks do not pay on a processor at equal time
-([figures](results/do-networks-pay.md)).
-
 With `spectral` `'ON'` colours have smooth spectra everywhere and white light is D65. Reflections of colours in
 colours differ a little from those of red, green and blue ([figures](results/wavelengths.md)).
 """,
     "Guiding": """\
+Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
+directions and take one (they resample). Networks do not pay on a processor at equal time
+([figures](results/do-networks-pay.md)).
+""",
+    "Trial and Training": """\
 `sequence_field` is for animations in which lights move and can be found by guiding only. It hardly pays in frames
 between those of training if much changes from one of these to the next ([figures](results/sequences.md)).
 

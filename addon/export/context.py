@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import bpy
@@ -98,6 +99,16 @@ class ExportContext:
     def notice(self, subject: str, problem: str, fallback: str) -> None:
         """Record once that something is not exported as it is."""
         self._notices[Notice(subject, problem, fallback)] = None
+
+    @cached_property
+    def light_groups(self) -> tuple[str, ...]:
+        """Names of the view layer's light groups."""
+        return tuple(group.name for group in getattr(self.view_layer, "lightgroups", ()))
+
+    def light_group(self, owner: bpy.types.Object | bpy.types.World) -> int:
+        """Which of them an object's or the world's light belongs to, -1 = none."""
+        name = getattr(owner, "lightgroup", "")
+        return self.light_groups.index(name) if name in self.light_groups else -1
 
     @property
     def notices(self) -> list[Notice]:

@@ -74,6 +74,8 @@ class Appearance:
     #: Shadow Terminator Geometry Offset.
     terminator_offset: float
     is_instance: bool
+    #: Index into the view layer's light groups, -1 = none.
+    light_group: int
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
@@ -209,6 +211,7 @@ def _classify(
             is_holdout=is_holdout,
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
+            light_group=context.light_group(shown),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )

@@ -117,6 +117,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         shutter=None if shutter is None else (shutter.time(-1.0), shutter.time(1.0)),
         shutter_curve=curve,
         rolling_shutter_duration=rolling,
+        light_groups=context.light_groups,
     )
     if shutter is not None:
         add_motion(context, clock, shutter, description, appearances, chosen, camera_object)
@@ -222,6 +223,7 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )
     return meshes, instances, chosen
 

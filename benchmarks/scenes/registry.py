@@ -85,6 +85,6 @@ def source_hash() -> str:
     """Hash of every builder's source: the identity of built-in scenes."""
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    for file in [*sorted(here.glob("*.py")), *sorted((here.parents[1] / "demo").glob("*.py"))]:
+    for file in sorted(here.rglob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()

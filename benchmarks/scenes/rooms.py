@@ -12,15 +12,25 @@ from benchmarks.scenes.studio import add_object, box, camera, diffuse, emitter, 
 
 @scene("evening-room", samples=256)
 def evening_room() -> None:
-    """The demo's room, whose lamps are all out of sight."""
+    """A furnished room whose lamps are all out of sight."""
     import bpy
 
     import addon
-    from demo.build_scene import build
+    from benchmarks.scenes.interiors.evening_room import build
 
     addon.register()
     build(256, 144)
     bpy.context.scene.cycles.sample_clamp_indirect = 0.0
+
+
+@scene("study", samples=256)
+def study() -> None:
+    """A furnished room that lamps in a cove and behind a door light by way of its ceiling: the demo's."""
+    import addon
+    from benchmarks.scenes.interiors.study import build
+
+    addon.register()
+    build(256, 144, 256)
 
 
 def _torus(around: int = 96, across: int = 48, radius: float = 0.75, thickness: float = 0.28) -> Any:

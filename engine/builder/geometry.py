@@ -253,6 +253,7 @@ def _assemble(
     table[:, layout.INSTANCE_PASS_INDEX] = instances.pass_index
     table[:, layout.INSTANCE_VISIBILITY] = visibility
     table[:, layout.INSTANCE_FLAGS] = flags
+    table[:, layout.INSTANCE_LIGHT_GROUP] = -1 if instances.light_group is None else instances.light_group
     values[:, layout.VALUE_RANDOM] = instances.random
     values[:, layout.VALUE_COLOR : layout.VALUE_COLOR + 4] = instances.color
     values[:, layout.VALUE_GENERATED : layout.VALUE_GENERATED + 3] = instances.dupli_generated

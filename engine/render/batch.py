@@ -20,13 +20,15 @@ from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile, allocate_tile
+from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile, allocate_tile
 from engine.state.lanes import (
     LANE_COUNT,
     RGB,
     allocate_cached_lanes,
     allocate_closures,
+    allocate_feature_lanes,
     allocate_guided_lanes,
+    allocate_light_pass_lanes,
     allocate_light_samples,
     allocate_paths,
     allocate_points,
@@ -116,8 +118,8 @@ class Batch:
     pixel_count : int
         Most rows that a unit has on the film.
     settings : RenderSettings
-    use_features : bool
-        Whether the film has the features.
+    layout : FilmLayout
+        Which sums the film has.
     is_guided : bool
         Whether there is room for what guides paths.
     records : bool
@@ -125,8 +127,8 @@ class Batch:
     """
 
     def __init__(
-        self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, *, use_features: bool,
-        is_guided: bool = False, records: bool = False,
+        self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT,
+        *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
@@ -156,16 +158,16 @@ class Batch:
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
+            features=allocate_feature_lanes(lanes if layout.use_denoising else 1),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
+            passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
             taught=allocate_taught_records(TAUGHT_ROWS if records and uses_cache else 1),
         )
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
-        self.film: FilmTile = allocate_tile(
-            pixel_count, RGB, use_features, settings.radiance_cache == "CONVERGING", settings.use_adaptive_sampling
-        )
+        self.film: FilmTile = allocate_tile(pixel_count, RGB, layout)
         self.no_weight = np.zeros(pixel_count, np.float32)
         self.statistics = Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.

@@ -8,10 +8,17 @@ still in flight of a cancelled unit would favour short paths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
+from engine.render.light_passes import LIGHT_PASSES, light_images, light_part_count
+from engine.settings import RenderSettings
 from engine.state.film import (
+    DENOISING_ALBEDO,
+    DENOISING_DEPTH,
+    DENOISING_NORMAL,
     FEATURE_ALBEDO,
     FEATURE_CANDIDATES,
     FEATURE_EMISSION,
@@ -22,12 +29,15 @@ from engine.state.film import (
     FIRST_MATERIAL_INDEX,
     FIRST_OBJECT_INDEX,
     FIRST_POSITION,
+    PLAIN_LAYOUT,
+    FilmLayout,
     FilmTile,
     allocate_tile,
 )
 
 PASS_NAMES = (
     "Combined",
+    "Noisy Image",
     "Depth",
     "Normal",
     "Position",
@@ -40,21 +50,45 @@ PASS_NAMES = (
     "Variance",
     "Candidate Count",
     "Guiding Benefit",
+    *LIGHT_PASSES,
+    "Denoising Albedo",
+    "Denoising Normal",
+    "Denoising Depth",
 )
-#: Passes that need the features; without any, they are neither computed nor stored.
-FEATURE_PASSES = frozenset(PASS_NAMES) - {"Combined", "Sample Count", "Variance"}
+#: Passes for denoisers, and where they are in their sums: column and width.
+_DENOISING_COLUMNS = {
+    "Denoising Albedo": (DENOISING_ALBEDO, 3),
+    "Denoising Normal": (DENOISING_NORMAL, 3),
+    "Denoising Depth": (DENOISING_DEPTH, 1),
+}
+DENOISING_PASSES = frozenset(_DENOISING_COLUMNS)
+#: Passes that need the features; without any, they are neither computed nor stored. Others have sums of their own.
+FEATURE_PASSES = frozenset(PASS_NAMES) - {
+    "Combined", "Noisy Image", "Sample Count", "Variance", *LIGHT_PASSES, *DENOISING_PASSES
+}  # fmt: skip
+
+
+def film_layout(passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = ()) -> FilmLayout:
+    """What a film needs for these passes and settings, of a scene with these light groups."""
+    part_count = light_part_count(passes, light_groups)
+    return FilmLayout(
+        use_features=bool(passes & FEATURE_PASSES),
+        use_residual=settings.radiance_cache == "CONVERGING",
+        use_half=settings.use_adaptive_sampling,
+        use_denoising=bool(passes & DENOISING_PASSES),
+        light_part_count=part_count,
+        light_groups=tuple(light_groups) if part_count else (),
+    )
 
 
 class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
     def __init__(
-        self, width: int, height: int, *, channel_count: int = 3, use_features: bool = False,
-        use_residual: bool = False, use_half: bool = False,
+        self, width: int, height: int, layout: FilmLayout = PLAIN_LAYOUT, *, channel_count: int = 3
     ) -> None:
-        self.width, self.height = width, height
-        self.use_features = use_features
-        self.sums = allocate_tile(width * height, channel_count, use_features, use_residual, use_half)
+        self.width, self.height, self.layout = width, height, layout
+        self.sums = allocate_tile(width * height, channel_count, layout)
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -66,9 +100,11 @@ class Film:
         self.sums.radiance[pixels] += tile.radiance[: len(pixels)] * factor
         self.sums.square[pixels] += tile.square[: len(pixels)] * factor
         self.sums.alpha[pixels] += tile.alpha[: len(pixels)] * factor
-        if self.use_features:
+        if self.layout.use_features:
             self.sums.features[pixels] += tile.features[: len(pixels)] * factor
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        if len(self.sums.denoising):
+            self.sums.denoising[pixels] += tile.denoising[: len(pixels)] * factor
         if len(self.sums.residual):
             self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
             self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
@@ -77,6 +113,8 @@ class Film:
         if len(self.sums.half):
             self.sums.half[pixels] += tile.half[: len(pixels)] * factor
             self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
+        if len(self.sums.light):
+            self.sums.light[pixels] += tile.light[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
@@ -93,17 +131,19 @@ class Film:
         Parameters
         ----------
         names : set of str
-            From PASS_NAMES; `'Combined'` is always made.
+            From PASS_NAMES, and passes of light groups; `'Combined'` is always made.
         exposure : float
             Factor on radiance.
 
         Returns
         -------
         dict of float32 (height, width, channels), row 0 at the bottom, scene-linear
-            Combined has premultiplied alpha. Variance is that of the pixel's mean, per channel, after exposure.
+            Combined has premultiplied alpha; Noisy Image is the same, for whoever denoises Combined later. Variance is
+            that of the pixel's mean, per channel, after exposure.
             Candidate Count is the mean number of candidates at the first surface, 0 where it was not guided; Guiding
             Benefit the second moment of its light with BSDF sampling over that with guiding, as estimated, 1 where it
-            was not guided. Both count all samples, those of iterations that knew nothing too.
+            was not guided. Both count all samples, those of iterations that knew nothing too. Passes for denoisers are
+            as Cycles has them (`engine.wavefront.write_denoising`).
         """
         shape = (self.height, self.width)
         count = self.sums.count.astype(np.float32)
@@ -125,6 +165,8 @@ class Film:
         alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
+        if "Noisy Image" in names:
+            images["Noisy Image"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:
@@ -134,7 +176,19 @@ class Film:
             of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
             spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
-        if self.use_features:
+        for name, (column, width) in _DENOISING_COLUMNS.items():
+            if name in names and len(self.sums.denoising):
+                image = self.sums.denoising[:, column : column + width] * scale
+                images[name] = image.reshape(*shape, width)
+        if len(self.sums.light):
+            residual = whole - mean if len(self.sums.residual) else None
+            images |= {
+                name: image.reshape(*shape, 3)
+                for name, image in light_images(
+                    names, self.layout.light_groups, self.sums.light * scale, residual, exposure
+                ).items()
+            }
+        if self.layout.use_features:
             features = self.sums.features * scale
             for name, column, factor in (
                 ("Normal", FEATURE_NORMAL, 1.0),

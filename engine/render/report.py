@@ -55,6 +55,7 @@ class RenderReport:
     compile_seconds: float = 0.0  # kernels, the first time ever
     prepare_seconds: float = 0.0  # kernels: loading from the cache
     render_seconds: float = 0.0
+    denoise_seconds: float = 0.0  # after the render's end, not part of `render_seconds`
     sample_count: float = 0.0  # mean per pixel
     path_count: int = 0
     rays: dict[str, int] = field(default_factory=dict)

@@ -19,8 +19,10 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
-from engine.render.film import FEATURE_PASSES, Film
+from engine.render.denoising import Denoising
+from engine.render.film import Film, film_layout
 from engine.render.job import Job
+from engine.render.light_passes import group_pass
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
@@ -29,12 +31,14 @@ from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
+from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
 from engine.wavefront.columns import CACHED_DEPTHS
 
 #: Said while there is nothing to show yet.
 _COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
+_DENOISING = "Denoising"
 #: How often the main thread looks for a cancel [s].
 _POLL_SECONDS = 0.05
 #: Time until the first image, from there to the second, and the growth of that interval.
@@ -174,12 +178,12 @@ class Session:
             raise
         return future.result()
 
-    def _take_tracer(self, scene: Scene, settings: RenderSettings, use_features: bool) -> Tracer:
+    def _take_tracer(self, scene: Scene, settings: RenderSettings, layout: FilmLayout) -> Tracer:
         """The tracer of the last render, ready for this one; a new one for the first."""
         if self._tracer is None:
-            self._tracer = Tracer(scene, settings, use_features=use_features)
+            self._tracer = Tracer(scene, settings, layout)
         else:
-            self._tracer.take(scene, settings, use_features=use_features)
+            self._tracer.take(scene, settings, layout)
         return self._tracer
 
     def close(self) -> None:
@@ -207,8 +211,9 @@ class Session:
         on_progress, on_image, should_cancel : callable, optional
             Called in this thread only. `on_image` gets passes soon after the start and then at widening intervals; of
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
+            Only the result of a render that went to its end is denoised.
         passes : iterable of str
-            Of `film.PASS_NAMES`.
+            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -235,15 +240,20 @@ class Session:
         if settings.channel_count > RGB:
             # Cells know no wavelengths.
             settings = replace(settings, radiance_cache="OFF")
+        names = frozenset(passes)
+        groups = scene.description.light_groups
+        if names.intersection(map(group_pass, groups)):
+            # Nor light groups.
+            settings = replace(settings, radiance_cache="OFF")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
-        names = frozenset(passes)
         frame = scene.description.frame
-        use_features = bool(names & FEATURE_PASSES)
-        film, strata = _make_film(frame, settings, use_features=use_features)
+        denoising = Denoising(settings, self.thread_count)
+        layout = film_layout(names | denoising.passes, settings, groups)
+        film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, use_features)
+        tracer = self._take_tracer(scene, settings, layout)
         tracer.ray_observer = ray_observer
         job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
 
@@ -263,14 +273,22 @@ class Session:
                 self._tracer = None
             if job.learner is not None:
                 job.learner.close()
+        result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
+        if denoising.is_on and job.ended_by != "CANCEL":
+            if on_progress is not None:
+                on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
+            if not denoising.run(result_passes, should_cancel):
+                job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
         report = self._report(job, scene, settings)
-        report.notices += dropped
+        report.denoise_seconds = denoising.seconds
+        report.notices += dropped + denoising.notices
         learned = None
         if keep and isinstance(job.learner, Learner):
             learned = job.learner.learned(self.light_digest)
-        return RenderResult(images(), report, tracer.guidance, learned)
+        wanted = {name: image for name, image in result_passes.items() if name in names or name == "Combined"}
+        return RenderResult(wanted, report, tracer.guidance, learned)
 
     @property
     def light_digest(self) -> str:
@@ -302,7 +320,8 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        return [Notice("Radiance cache", "knows no wavelengths", "paths find all light themselves")]
+        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups"
+        return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
@@ -319,7 +338,8 @@ class Session:
                 guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
             guiding.chosen = "OFF"
-            guiding.lines = ["chose to render without guiding: so few samples are over before it could pay"]
+            guiding.sentence = "chose to render without guiding: so few samples are over before it could pay"
+            guiding.lines = [guiding.sentence]
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
@@ -345,17 +365,13 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, *, use_features: bool) -> tuple[Film, int]:
+def _make_film(frame: Frame, settings: RenderSettings, layout: FilmLayout) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
-    options = {
-        "use_features": use_features, "use_residual": settings.radiance_cache == "CONVERGING",
-        "use_half": settings.use_adaptive_sampling,
-    }  # fmt: skip
-    film = Film(x1 - x0, y1 - y0, **options)
+    film = Film(x1 - x0, y1 - y0, layout)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, **options)
+        film = StrataFilm(x1 - x0, y1 - y0, strata, layout)
     return film, strata
 
 

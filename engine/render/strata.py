@@ -18,14 +18,12 @@ Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", section 4.2.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from engine.methods import SOURCES
 from engine.render.film import Film
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile
+from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile
 from engine.state.unit import ALL_STRATA
 
 #: Samples a pixel of a stratum, on average, and memory of all strata's sums [bytes]: with less, there are fewer strata.
@@ -71,9 +69,9 @@ class StrataFilm(Film):
         The same of each stratum alone, one image above the other.
     """
 
-    def __init__(self, width: int, height: int, strata: int, **options: Any) -> None:
-        super().__init__(width, height, **options)
-        self.by_stratum = Film(width, height * strata, **options)
+    def __init__(self, width: int, height: int, strata: int, layout: FilmLayout = PLAIN_LAYOUT) -> None:
+        super().__init__(width, height, layout)
+        self.by_stratum = Film(width, height * strata, layout)
         #: Index of each stratum's first pixel in it.
         self._first = np.arange(strata) * (width * height)
 
@@ -91,7 +89,7 @@ class StrataFilm(Film):
         else:
             self.by_stratum.merge(pixels + self._first[stratum], tile, weight)
         first = self.sums.count[pixels] == 0
-        if self.use_features:
+        if self.layout.use_features:
             self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
         self._combine(pixels)
         return tile
@@ -131,7 +129,11 @@ class StrataFilm(Film):
             whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
         if len(whole.half):
             whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
-        if self.use_features:
+        if len(whole.denoising):
+            whole.denoising[pixels] = (sums.denoising[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.light):
+            whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
+        if self.layout.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
 
     def _halves(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

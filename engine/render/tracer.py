@@ -25,6 +25,7 @@ from engine.runtime.stage_table import StageTable
 from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_LENS_RADIUS
+from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import RGB
 from engine.state.lights import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
 from engine.state.shaders import (
@@ -44,6 +45,7 @@ from engine.wavefront.columns import (
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
+    SCENE_WORLD_GROUP,
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
@@ -57,8 +59,10 @@ from engine.wavefront.columns import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
     VERTICES,
@@ -83,20 +87,20 @@ class Tracer:
     has been learned; None: nothing yet, or nothing asked for.
     """
 
-    def __init__(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def __init__(self, scene: Scene, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT) -> None:
         self._batches: list[Batch] = []
         self._batch_key: object = None
         #: What the kernels in the table are linked for: types, and which stages have something to do.
         self._linked_for: object = None
         self._python_loop = in_python(trace_rounds)
-        self.take(scene, settings, use_features=use_features)
+        self.take(scene, settings, layout)
 
-    def take(self, scene: Scene, settings: RenderSettings, *, use_features: bool = False) -> None:
+    def take(self, scene: Scene, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT) -> None:
         """Be ready to trace this scene with these settings; what was learned is forgotten."""
         channel_count = settings.channel_count
         self.seed = settings.seed
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
-        self.use_features = use_features
+        self.layout = layout
         header = scene.lights.header
         has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
         self.mode = MODE_CLOSURES
@@ -111,6 +115,7 @@ class Tracer:
         numbers[SCENE_WIDTH] = scene.description.frame.width
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
+        numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
         numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
         numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
@@ -156,12 +161,12 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        key = (count, pixel_count, is_guided, records, self.use_features, settings)
+        key = (count, pixel_count, is_guided, records, self.layout, settings)
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
                 Batch(
-                    shaders, pixel_count, settings, use_features=self.use_features, is_guided=is_guided, records=records
+                    shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records,
                 )
                 for _ in range(count)
             ]
@@ -175,7 +180,8 @@ class Tracer:
         _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, batch.has_records, batch.uses_cache, self.use_features,
+            batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
+            self.layout.use_denoising, self.layout.light_part_count > 0,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -329,7 +335,9 @@ class Tracer:
         header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
         header[UNIT_SHADER_MODE] = self.mode
-        header[UNIT_USE_FEATURES] = self.use_features
+        header[UNIT_USE_FEATURES] = self.layout.use_features
+        header[UNIT_USE_DENOISING] = self.layout.use_denoising
+        header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

@@ -223,6 +223,8 @@ class Instances:
     #: Of the instances that move while the shutter is open, by index: object to world at evenly spaced times from its
     #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
     motion: dict[int, Float32Array] = field(default_factory=dict)
+    #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
+    light_group: Int32Array | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -284,6 +286,8 @@ class Light:
     graph: NodeGraph | None = None
     random: float = 0.0
     temperature: float = 0.0
+    #: Index into `SceneDescription.light_groups`, -1 = none; so of the world.
+    light_group: int = -1
 
 
 @dataclass
@@ -301,6 +305,7 @@ class World:
     max_bounces: int = 1024
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
+    light_group: int = -1
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -382,6 +387,8 @@ class SceneDescription:
     #: Share of the shutter's time in which a row of the image is exposed, 0 to 1, of the top row the first part and of
     #: the bottom row the last; 1: all rows all the time.
     rolling_shutter_duration: float = 1.0
+    #: Names of the view layer's light groups.
+    light_groups: tuple[str, ...] = ()
 
     @property
     def is_moving(self) -> bool:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from engine.runtime.bundle import Bundle
@@ -16,12 +18,25 @@ FEATURE_CANDIDATES = 12
 FEATURE_GUIDING_BENEFIT = 13  # less one
 FEATURE_WIDTH = 14
 
+# Columns of the sums for denoisers (`engine.wavefront.write_denoising`).
+DENOISING_ALBEDO = 0
+DENOISING_NORMAL = 3
+DENOISING_DEPTH = 6
+DENOISING_WIDTH = 7
+
 # Columns of the single-sample features: those that averaging would make meaningless.
 FIRST_DEPTH = 0
 FIRST_POSITION = 1
 FIRST_OBJECT_INDEX = 4
 FIRST_MATERIAL_INDEX = 5
 FIRST_WIDTH = 6
+
+# Columns of FilmTile.light, RGB each: what the first surface that is not transparent reflects and lets through, then
+# parts of the radiance (`engine.state.lanes.LightPassLanes`), those of light groups last.
+LIGHT_DIFFUSE_COLOR = 0
+LIGHT_GLOSSY_COLOR = 3
+LIGHT_TRANSMISSION_COLOR = 6
+LIGHT_PARTS = 9
 
 #: Depth where nothing was hit, as Cycles writes it.
 NO_DEPTH = np.float32(1e10)
@@ -45,7 +60,12 @@ class FilmTile(Bundle):
     ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
     half : float32 (P or 0, C), as `radiance`, of about half of the samples (`engine.wavefront.accumulate.is_in_half`)
     half_weight : float32 (P or 0,), as `weight`, of those
+    denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
+    light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
     """
+
+    #: There are as many light groups as the user likes.
+    _dynamic = frozenset({"light"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -61,13 +81,34 @@ class FilmTile(Bundle):
     ended: np.ndarray
     half: np.ndarray
     half_weight: np.ndarray
+    denoising: np.ndarray
+    light: np.ndarray
 
 
-def allocate_tile(
-    pixel_count: int, channel_count: int, use_features: bool, use_residual: bool = False, use_half: bool = False
-) -> FilmTile:
+@dataclass(frozen=True)
+class FilmLayout:
+    """Which sums a film has besides those of radiance, alpha and weights. What it has not takes no memory."""
+
+    use_features: bool = False
+    #: Of a radiance cache that converges.
+    use_residual: bool = False
+    #: For a noise threshold.
+    use_half: bool = False
+    use_denoising: bool = False
+    #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
+    light_part_count: int = 0
+    light_groups: tuple[str, ...] = ()
+
+
+PLAIN_LAYOUT = FilmLayout()
+
+
+def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLAIN_LAYOUT) -> FilmTile:
     """Zeroed sums for `pixel_count` pixels."""
-    feature_count = pixel_count if use_features else 0
+    feature_count = pixel_count if layout.use_features else 0
+    residual_count = pixel_count if layout.use_residual else 0
+    half_count = pixel_count if layout.use_half else 0
+    light_count = pixel_count if layout.light_part_count else 0
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
         np.zeros((pixel_count, channel_count), np.float32),
@@ -77,10 +118,12 @@ def allocate_tile(
         np.zeros(pixel_count, np.int32),
         np.zeros((feature_count, FEATURE_WIDTH), np.float32),
         np.zeros((feature_count, FIRST_WIDTH), np.float32),
-        np.zeros((pixel_count if use_residual else 0, 2 * channel_count), np.float32),
-        np.zeros(pixel_count if use_residual else 0, np.float32),
-        np.zeros(pixel_count if use_residual else 0, np.float32),
-        np.zeros(pixel_count if use_residual else 0, np.float32),
-        np.zeros((pixel_count if use_half else 0, channel_count), np.float32),
-        np.zeros(pixel_count if use_half else 0, np.float32),
+        np.zeros((residual_count, 2 * channel_count), np.float32),
+        np.zeros(residual_count, np.float32),
+        np.zeros(residual_count, np.float32),
+        np.zeros(residual_count, np.float32),
+        np.zeros((half_count, channel_count), np.float32),
+        np.zeros(half_count, np.float32),
+        np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
+        np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
     )

@@ -445,6 +445,69 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
     )
 
 
+# Parts that a path's light is taken apart into, by what it came by at the first surface (`LightPassLanes.parts`).
+PART_DIFFUSE = 0  # direct, then indirect light, and so on
+PART_GLOSSY = 2
+PART_TRANSMISSION = 4
+#: The parts of light groups follow.
+PART_GROUPS = 6
+
+
+class LightPassLanes(Bundle):
+    """Light taken apart, L lanes; without light passes there are no parts.
+
+    share : float32 (L, 2 C), of diffuse lobes, then of glossy ones, in what the path carries since the first surface
+        that has scattered it, or in that surface's light sample; transmission has the rest
+    parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
+    group : int32 (L,), light group of the lane's light sample, -1 = none
+    is_open : uint8 (L,), 0 once the path's light counts no more: it measures what the radiance cache lacks
+    value : float32 (3, C), a thread's scratch: of diffuse, glossy and transmission lobes
+    color : float32 (3, 3), likewise, in RGB
+    """
+
+    #: There are as many light groups as the user likes.
+    _dynamic = frozenset({"parts"})
+
+    share: Float32Array
+    parts: Float32Array
+    group: Int32Array
+    is_open: Uint8Array
+    value: Float32Array
+    color: Float32Array
+
+
+def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: int) -> LightPassLanes:
+    """Zeroed `LightPassLanes`; without parts none of them has lanes."""
+    lanes = lane_count if part_count else 0
+    return LightPassLanes(
+        share=np.zeros((lanes, 2 * channel_count), np.float32),
+        parts=np.zeros((lanes, channel_count * part_count), np.float32),
+        group=np.full(lanes, -1, np.int32),
+        is_open=np.zeros(lanes, np.uint8),
+        value=np.zeros((3, value_width(channel_count)), np.float32),
+        color=np.zeros((3, RGB), np.float32),
+    )
+
+
+#: FeatureLanes.throughput of a path whose features have been written.
+FEATURES_DONE = np.float32(-1.0)
+
+
+class FeatureLanes(Bundle):
+    """What a path knows of the features for denoisers, L lanes, or one where there are none.
+
+    throughput : float32 (L, 3), product of the albedos of the specular surfaces it has met, RGB; the first is
+        FEATURES_DONE once it has met another one
+    """
+
+    throughput: Float32Array
+
+
+def allocate_feature_lanes(lane_count: int) -> FeatureLanes:
+    """Zeroed `FeatureLanes` for `lane_count` lanes."""
+    return FeatureLanes(np.zeros((lane_count, RGB), np.float32))
+
+
 class LightSamples(Bundle):
     """One light sample a lane, between choosing it and connecting to it.
 

@@ -9,7 +9,7 @@ import numpy as np
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import background_pdf
 from engine.kernels.path_depths import store_depths
-from engine.kernels.radiance import add_emission, power_heuristic
+from engine.kernels.radiance import add_emission, add_seen, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_ENVIRONMENT, FIRST_DEPTH, NO_DEPTH
@@ -39,7 +39,13 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.shaders import VALUE_EMISSION
-from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    UNIT_USE_DENOISING,
+    UNIT_USE_FEATURES,
+)
 
 
 @kernel
@@ -100,6 +106,7 @@ def shade_background(scene, unit, work, queue):
     visibility = scene.header[SCENE_WORLD_VISIBILITY]
     paths, closures, film = work.paths, work.closures, unit.film
     use_features = unit.header[UNIT_USE_FEATURES] != 0
+    use_denoising = unit.header[UNIT_USE_DENOISING] != 0
     missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
         lane = missed[k]
@@ -123,8 +130,11 @@ def shade_background(scene, unit, work, queue):
                     load(paths.direction, lane),
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
-            add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
+            share = add_emission(
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
             )
+            if use_denoising:
+                add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
         if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
             film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH

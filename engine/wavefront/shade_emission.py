@@ -9,11 +9,11 @@ from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_emission, power_heuristic
+from engine.kernels.radiance import add_emission, add_seen, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     CLOSURE_WIDTH,
     RAY_MIS_HAD_TRANSMISSION,
@@ -22,7 +22,7 @@ from engine.state.lanes import (
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT_BACKGROUND,
 )
-from engine.wavefront.columns import UNIT_USE_FEATURES
+from engine.wavefront.columns import UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
 
 @kernel
@@ -48,6 +48,7 @@ def shade_emission(scene, unit, work, queue):
     lights, geometry, spectrum, options = scene.lights, scene.geometry, scene.spectrum, scene.options
     paths, closures, film = work.paths, work.closures, unit.film
     use_features = unit.header[UNIT_USE_FEATURES] != 0
+    use_denoising = unit.header[UNIT_USE_DENOISING] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -89,9 +90,12 @@ def shade_emission(scene, unit, work, queue):
                 )
                 if pdf > 0.0:
                     weight = power_heuristic(paths.mis_pdf[lane], pdf)
-            add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_EMISSION, use_features
+            share = add_emission(
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,
             )
+            if use_denoising:
+                add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
         if flags & RAY_TERMINATE_ON_NEXT_SURFACE:
             paths.alive[lane] = 0
             continue

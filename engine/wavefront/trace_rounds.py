@@ -18,6 +18,8 @@ from engine.wavefront.columns import (
     UNIT_IS_GUIDED,
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
+    UNIT_SPLITS_LIGHT,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
 )
@@ -74,6 +76,9 @@ def _sample_lights(stages, scene, unit, guidance, work):
         mark(clock, CLOCK.guide_lights)
     stages.connect_lights(scene, unit, work, work.lit)
     mark(clock, CLOCK.connect_lights)
+    if unit.header[UNIT_SPLITS_LIGHT] != 0:
+        stages.split_sampled(scene, unit, work, work.lit)
+        mark(clock, CLOCK.split_light)
     _trace_shadows(stages, scene, unit, work)
 
 
@@ -108,6 +113,12 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     if use_features:
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        stages.write_denoising(scene, unit, work, work.surface)
+        mark(clock, CLOCK.write_denoising)
+    if unit.header[UNIT_SPLITS_LIGHT] != 0:
+        stages.write_colors(scene, unit, work, work.surface)
+        mark(clock, CLOCK.split_light)
     if is_spectral:
         stages.upsample_closures(scene, unit, work, work.surface)
         mark(clock, CLOCK.upsample)
@@ -164,6 +175,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_source)
         if work.several.count[0] > 0:
             _resample(stages, scene, unit, guidance, radiance, work)
+        if unit.header[UNIT_SPLITS_LIGHT] != 0:
+            stages.split_scattered(scene, unit, work, work.surface)
+            mark(clock, CLOCK.split_light)
         if unit.header[UNIT_USES_CACHE] != 0:
             stages.follow_footprints(scene, unit, work, work.surface)
             mark(clock, CLOCK.end_in_cache)

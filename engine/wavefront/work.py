@@ -18,7 +18,17 @@ from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
-from engine.state.lanes import CachedLanes, Closures, GuidedLanes, LightSamples, PathState, ShadePoints, ShadowRays
+from engine.state.lanes import (
+    CachedLanes,
+    Closures,
+    FeatureLanes,
+    GuidedLanes,
+    LightPassLanes,
+    LightSamples,
+    PathState,
+    ShadePoints,
+    ShadowRays,
+)
 from engine.state.lights import LightArrays
 from engine.state.shaders import ShaderArrays
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
@@ -119,6 +129,7 @@ class Work(Bundle):
     single, several : guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
+    passes : light taken apart, for passes of it
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
@@ -153,6 +164,8 @@ class Work(Bundle):
     light_shaded: Closures
     guided: GuidedLanes
     cached: CachedLanes
+    features: FeatureLanes
+    passes: LightPassLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

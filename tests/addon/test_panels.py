@@ -24,7 +24,7 @@ class Layout:
     def column(self, **_look: Any) -> Layout:
         return self
 
-    row = column
+    row = box = column
 
     def label(self, **_look: Any) -> None:
         pass

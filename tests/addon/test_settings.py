@@ -347,7 +347,6 @@ def test_layer_samples_follow_cycles_rule(rule: str, follows: bool, expected: An
 
 
 UNSUPPORTED = {
-    "denoising": ("cycles", "use_denoising", True),
     "subset of samples": ("cycles", "use_sample_subset", True),
     "in one way only": ("cycles", "direct_light_sampling_type", "FORWARD_PATH_TRACING"),
     "transparent glass": ("cycles", "film_transparent_glass", True),

@@ -59,6 +59,8 @@ class GuidingReport:
     cache_stopped_at: int = 0
 
     lines: list[str] = field(default_factory=list)
+    #: The one of them that says what guiding came to; '' where there was nothing to decide.
+    sentence: str = ""
 
     def describe_cache(self, cached_shares: Sequence[float]) -> None:
         """Add a line on the radiance cache, in which these shares of the paths ended: after one scattering, after two,
@@ -91,12 +93,14 @@ class GuidingReport:
         if self.lost_before:
             self.lines.append(f"guiding did not pay in earlier renders ({self.lost_before}): learned anew")
         if METHODS[self.method].rungs:
-            self.lines.append(self._choice())
+            self.sentence = self._choice()
         elif self.stopped_at:
-            self.lines.append(
+            self.sentence = (
                 f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
                 f"{self.stopped_at + 1} on are not guided"
             )
+        if self.sentence:
+            self.lines.append(self.sentence)
         if self.trials:
             self.lines.append("compared: " + "; ".join(self.trials))
         if self.source:

@@ -13,6 +13,7 @@ from engine.kernels.bsdf.diffuse import add_diffuse as add_diffuse
 from engine.kernels.bsdf.evaluate import DELTA_LOBES as DELTA_LOBES
 from engine.kernels.bsdf.evaluate import EVERY_LOBE as EVERY_LOBE
 from engine.kernels.bsdf.evaluate import ROUGH_LOBES as ROUGH_LOBES
+from engine.kernels.bsdf.evaluate import add_albedo as add_albedo
 from engine.kernels.bsdf.evaluate import albedo as albedo
 from engine.kernels.bsdf.evaluate import eval_bsdf as eval_bsdf
 from engine.kernels.bsdf.evaluate import sample_among as sample_among
@@ -33,6 +34,11 @@ from engine.kernels.bsdf.no_lobes import add_transparent as add_transparent
 from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
 from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar as add_oren_nayar
+from engine.kernels.bsdf.parts import DIFFUSE_LOBES as DIFFUSE_LOBES
+from engine.kernels.bsdf.parts import GLOSSY_LOBES as GLOSSY_LOBES
+from engine.kernels.bsdf.parts import TRANSMISSIVE_LOBES as TRANSMISSIVE_LOBES
+from engine.kernels.bsdf.parts import albedo_parts as albedo_parts
+from engine.kernels.bsdf.parts import share_lobes as share_lobes
 from engine.kernels.bsdf.principled import PrincipledInputs as PrincipledInputs
 from engine.kernels.bsdf.principled import add_principled as add_principled
 from engine.kernels.bsdf.tables import BsdfTables as BsdfTables

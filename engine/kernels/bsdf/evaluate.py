@@ -68,6 +68,23 @@ def is_visible(kind, visibility):
     return visibility & RAY_TRANSMIT != 0
 
 
+@kernel(forceinline=True)
+def eval_lobe_of(kinds, param, channels, lane, i, wo, wi, visibility, sampled, out, row):
+    """Add f |cos| of a lane's lobe `i`, if it is not delta, to out[row] and return its density; see `eval_lobes`."""
+    kind = kinds[lane, i]
+    n = read3(param, lane, i, CLOSURE_N)
+    factor = 1.0
+    if param[lane, i, BUMP] != 0.0:
+        factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
+    if not is_visible(kind, visibility):
+        factor = 0.0
+    if kind <= LAST_DIFFUSE:
+        return eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
+    if kind <= LAST_MICROFACET:
+        return eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+    return 0.0
+
+
 @kernel
 def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled, u, out, row):
     """Write f |cos| of a lane's non-delta lobes into out[row]; return the mixture's pdf and a lobe picked by it.
@@ -82,20 +99,11 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
     pdf = 0.0
     weight_sum = 0.0
     for i in range(count):
-        kind = kinds[lane, i]
         sample_weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         weight_sum += sample_weight
-        n = read3(param, lane, i, CLOSURE_N)
-        factor = 1.0
-        if param[lane, i, BUMP] != 0.0:
-            factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
-        if not is_visible(kind, visibility):
-            factor = 0.0
-        lobe_pdf = 0.0
-        if kind <= LAST_DIFFUSE:
-            lobe_pdf = sample_weight * eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
-        elif kind <= LAST_MICROFACET:
-            lobe_pdf = sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+        lobe_pdf = sample_weight * eval_lobe_of(
+            kinds, param, channels, lane, i, wo, wi, visibility, sampled, out, row
+        )
         pdf += lobe_pdf
         if u >= 0.0 and lobe_pdf > 0.0:
             # One number decides all picks: what is left of it after each is uniform again.
@@ -305,24 +313,29 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
 
 
 @kernel
+def add_albedo(closures, tables, lane, i, wo, out, row):
+    """Add the estimated directional albedo of a lane's lobe `i` to out[row]."""
+    param = closures.param
+    kind = closures.kind[lane, i]
+    is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
+    reflected = 1.0
+    refracted = 1.0
+    if is_microfacet:
+        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
+    for c in range(len(closures.channels)):
+        share = 1.0
+        if is_microfacet:
+            share = reflected_albedo(param, lane, i, kind, reflected, c)
+            if kind >= REFRACTION:
+                share += lobe_color(param, lane, i, kind, refracted, True, c)
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share
+
+
+@kernel
 def albedo(closures, tables, lane, wo, out, row):
     """Write the estimated directional albedo of all lobes into out[row]; transparent closures are left out."""
-    param = closures.param
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
     for i in range(closures.count[lane]):
-        kind = closures.kind[lane, i]
-        if kind == TRANSPARENT:
-            continue
-        is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
-        reflected = 1.0
-        refracted = 1.0
-        if is_microfacet:
-            reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
-        for c in range(len(closures.channels)):
-            share = 1.0
-            if is_microfacet:
-                share = reflected_albedo(param, lane, i, kind, reflected, c)
-                if kind >= REFRACTION:
-                    share += lobe_color(param, lane, i, kind, refracted, True, c)
-            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * share
+        if closures.kind[lane, i] != TRANSPARENT:
+            add_albedo(closures, tables, lane, i, wo, out, row)

@@ -17,6 +17,7 @@ from engine.render.job import tiles_of
 from engine.render.session import Session
 from engine.scene.description import Frame, Light, World
 from engine.settings import RenderSettings
+from engine.state.film import FilmLayout
 from engine.wavefront.accumulate import is_in_half
 from tests.helpers.seeded_renders import render
 from tests.helpers.small_scenes import corner_scene, floor_scene
@@ -56,7 +57,7 @@ def test_four_samples_in_a_row_have_two_in_the_half():
 
 def film_of(mean, half, *, samples=64, shape=SIZE):
     """A film whose pixels have these means, of all samples and of the half."""
-    film = Film(*shape, use_half=True)
+    film = Film(*shape, FilmLayout(use_half=True))
     film.sums.count[:] = film.sums.weight[:] = samples
     film.sums.half_weight[:] = samples / 2
     film.sums.radiance[:] = samples * np.asarray(mean)

@@ -130,8 +130,9 @@ def test_the_image_is_the_same_for_any_number_of_threads(method):
 
 def test_variances_are_those_of_cached_samples():
     """About their own mean, not about the mean with what they lack."""
-    image = film.Film(1, 1, use_residual=True)
-    tile = film.allocate_tile(1, 3, use_features=False, use_residual=True)
+    layout = film.FilmLayout(use_residual=True)
+    image = film.Film(1, 1, layout)
+    tile = film.allocate_tile(1, 3, layout)
     tile.radiance[:], tile.square[:], tile.count[:], tile.residual[:] = 20.0, 50.0, 10, 50.0
     image.merge(np.zeros(1, np.int64), tile)
     passes = image.passes({"Variance"}, exposure=1.0)

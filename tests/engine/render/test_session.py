@@ -294,7 +294,7 @@ def test_film_statistics():
     film = Film(2, 1)
     values = np.array([1.0, 3.0, 5.0, 7.0], np.float32)
     for part in (values[:1], values[1:]):
-        tile = allocate_tile(2, 3, False)
+        tile = allocate_tile(2, 3)
         tile.radiance[:] = part.sum()
         tile.square[:] = (part**2).sum()
         tile.count[:] = len(part)

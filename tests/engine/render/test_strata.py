@@ -18,7 +18,7 @@ from engine.render.session import Session
 from engine.render.strata import StrataFilm, StrataSchedule, strata_count
 from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile, allocate_tile
+from engine.state.film import FilmLayout, FilmTile, allocate_tile
 from engine.state.unit import ALL_STRATA
 from tests.helpers.seeded_renders import render_seeds
 from tests.helpers.small_scenes import emitter_scene
@@ -106,7 +106,7 @@ def test_the_first_samples_of_a_pixel_lie_in_all_strata(count):
 
 
 def random_tile(rng, rows):
-    tile = allocate_tile(rows, 3, True, use_half=True)
+    tile = allocate_tile(rows, 3, FilmLayout(use_features=True, use_half=True))
     for column in tile:
         column[...] = rng.uniform(0.5, 2.0, column.shape)
     tile.count[:] = rng.integers(1, 5, rows)
@@ -115,7 +115,7 @@ def random_tile(rng, rows):
 
 def test_the_film_is_the_mean_of_the_strata():
     rng = np.random.default_rng(1)
-    film = StrataFilm(5, 4, 4, use_features=True, use_half=True)
+    film = StrataFilm(5, 4, 4, FilmLayout(use_features=True, use_half=True))
     pixels = np.array([3, 19, 7])
     tile = random_tile(rng, 12)
     by_pixel = film.merge_stratum(pixels, tile, 0.5, ALL_STRATA)
@@ -144,7 +144,7 @@ def test_the_film_is_the_mean_of_the_strata():
 
 def test_strata_without_samples_are_left_out():
     film = StrataFilm(2, 1, 4)
-    tile: FilmTile = allocate_tile(8, 3, False)
+    tile: FilmTile = allocate_tile(8, 3)
     tile.radiance[:, 0] = np.arange(8)
     tile.count[:] = 0, 1, 1, 0, 0, 0, 0, 1
     tile.radiance[tile.count == 0] = 0.0
@@ -197,7 +197,7 @@ def test_what_is_not_whole_would_be_seen(untrained, monkeypatch):
     merge_stratum = StrataFilm.merge_stratum
 
     def plain(film, pixels, tile, weight, stratum):
-        aside = StrataFilm(film.width, film.height, 8, use_features=film.use_features)
+        aside = StrataFilm(film.width, film.height, 8, film.layout)
         summed = merge_stratum(aside, pixels, tile, weight, stratum)
         film.merge(pixels, summed, weight)
         return summed

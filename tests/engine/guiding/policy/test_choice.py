@@ -23,7 +23,7 @@ WEIGHTS = np.ones(1, np.float32)
 def unit_of(part: Part, variance: float) -> tuple[Unit, FilmTile]:
     """A unit of one pixel whose samples have mean zero and this variance."""
     unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), part.first_sample, part.sample_count, part.arm)
-    tile = allocate_tile(1, 3, False)
+    tile = allocate_tile(1, 3)
     tile.square[:] = variance * part.sample_count
     return unit, tile
 

@@ -33,7 +33,7 @@ def samples(rng: np.random.Generator, spread: float, count: int) -> np.ndarray:
 
 def sums_of(values: np.ndarray) -> FilmTile:
     """A unit of all pixels."""
-    tile = allocate_tile(PIXELS, 3, False)
+    tile = allocate_tile(PIXELS, 3)
     tile.radiance[:], tile.square[:] = values.sum(axis=0), (values**2).sum(axis=0)
     tile.weight[:] = tile.count[:] = tile.weight_squared[:] = len(values)
     return tile

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of the demo, procedural throughout."""
+"""Materials of rooms, procedural throughout."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class _Graph:
         self.tree = self.material.node_tree
         self.shader = next(node for node in self.tree.nodes if node.type == "BSDF_PRINCIPLED")
 
-    def add(self, kind: str, inputs: dict[str, Any] | None = None, **properties: Any) -> Any:
-        """Add a node; an input may be a value or the output socket of another node."""
+    def add(self, kind: str, inputs: dict[Any, Any] | None = None, **properties: Any) -> Any:
+        """Add a node; an input, by name or number, may be a value or the output socket of another node."""
         node = self.tree.nodes.new(kind)
         for name, value in properties.items():
             setattr(node, name, value)
         self.connect(node, inputs or {})
         return node
 
-    def connect(self, node: Any, inputs: dict[str, Any]) -> None:
+    def connect(self, node: Any, inputs: dict[Any, Any]) -> None:
         """Set or link inputs of a node."""
         for name, value in inputs.items():
             if isinstance(value, bpy.types.NodeSocket):
@@ -38,6 +38,11 @@ class _Graph:
     def set(self, **inputs: Any) -> None:
         """Set or link inputs of the Principled BSDF; underscores stand for spaces."""
         self.connect(self.shader, {name.replace("_", " "): value for name, value in inputs.items()})
+
+    def math(self, operation: str, first: Any, second: Any) -> Any:
+        """A sum, difference or product of values or sockets."""
+        node = self.add("ShaderNodeMath", {0: first, 1: second}, operation=operation)
+        return node.outputs["Value"]
 
     def ramp(self, factor: Any, stops: list[tuple[float, Color]]) -> Any:
         """A colour ramp."""
@@ -131,4 +136,64 @@ def lamp(name: str, temperature: float, strength: float) -> bpy.types.Material:
     graph = _Graph(name)
     color = graph.add("ShaderNodeBlackbody", {"Temperature": temperature}).outputs["Color"]
     graph.set(Base_Color=(0.0, 0.0, 0.0, 1.0), Emission_Color=color, Emission_Strength=strength)
+    return graph.material
+
+
+def planks() -> bpy.types.Material:
+    """A floor of oiled oak planks along the object's y axis, each of a shade of its own."""
+    graph = _Graph("Oak planks")
+    place = graph.add("ShaderNodeTexCoord").outputs["Object"]
+    turned = graph.add("ShaderNodeMapping", {"Vector": place, "Rotation": (0.0, 0.0, 1.5708)}).outputs["Vector"]
+    plank = graph.add(
+        "ShaderNodeTexBrick",
+        {
+            "Vector": turned, "Color1": (0.0, 0.0, 0.0, 1.0), "Color2": (1.0, 1.0, 1.0, 1.0),
+            "Mortar": (0.0, 0.0, 0.0, 1.0), "Scale": 1.0, "Mortar Size": 0.003, "Brick Width": 1.6, "Row Height": 0.16,
+        },
+        offset=0.37,
+    )  # fmt: skip
+    stretched = graph.add("ShaderNodeMapping", {"Vector": turned, "Scale": (0.9, 9.0, 9.0)}).outputs["Vector"]
+    grain = graph.add("ShaderNodeTexNoise", {"Vector": stretched, "Scale": 2.4, "Detail": 7.0, "Distortion": 0.5})
+    shade = graph.math("MULTIPLY", plank.outputs["Color"], 0.35)
+    is_wood = graph.math("SUBTRACT", 1.0, plank.outputs["Fac"])
+    value = graph.math("MULTIPLY", graph.math("ADD", grain.outputs["Fac"], shade), is_wood)
+    stops = [
+        (0.0, (0.05, 0.025, 0.012)), (0.35, (0.20, 0.10, 0.045)), (0.65, (0.36, 0.20, 0.095)),
+        (0.95, (0.50, 0.31, 0.16)),
+    ]  # fmt: skip
+    graph.set(Base_Color=graph.ramp(value, stops), Roughness=0.32)
+    return graph.material
+
+
+def cloth(name: str, color: Color) -> bpy.types.Material:
+    """Woven cloth."""
+    graph = _Graph(name)
+    place = graph.add("ShaderNodeTexCoord").outputs["Object"]
+    weave = graph.add("ShaderNodeTexNoise", {"Vector": place, "Scale": 160.0, "Detail": 2.0})
+    bump = graph.add("ShaderNodeBump", {"Height": weave.outputs["Fac"], "Strength": 0.3, "Distance": 0.004})
+    graph.set(Base_Color=(*color, 1.0), Roughness=0.95, Sheen_Weight=0.4, Normal=bump.outputs["Normal"])
+    return graph.material
+
+
+def paint(name: str, color: Color, roughness: float = 0.4) -> bpy.types.Material:
+    """Enamel or porcelain: one colour under a soft shine."""
+    graph = _Graph(name)
+    graph.set(Base_Color=(*color, 1.0), Roughness=roughness)
+    return graph.material
+
+
+def canvas() -> bpy.types.Material:
+    """A painting: bands of a hilly evening, from a noise that is cut by height."""
+    graph = _Graph("Canvas")
+    place = graph.add("ShaderNodeTexCoord").outputs["Generated"]
+    axes = graph.add("ShaderNodeSeparateXYZ", {"Vector": place})
+    stretched = graph.add("ShaderNodeMapping", {"Vector": place, "Scale": (2.6, 1.0, 0.9)}).outputs["Vector"]
+    hills = graph.add("ShaderNodeTexNoise", {"Vector": stretched, "Scale": 1.5, "Detail": 3.0})
+    height = graph.math("ADD", axes.outputs["Z"], graph.math("MULTIPLY", hills.outputs["Fac"], 0.55))
+    bands = [
+        (0.00, (0.015, 0.045, 0.06)), (0.42, (0.03, 0.10, 0.12)), (0.56, (0.10, 0.23, 0.22)),
+        (0.70, (0.42, 0.40, 0.24)), (0.80, (0.80, 0.42, 0.14)), (0.95, (0.85, 0.62, 0.36)), (1.0, (0.52, 0.62, 0.66)),
+    ]  # fmt: skip
+    graph.set(Base_Color=graph.ramp(height, bands), Roughness=0.6)
+    graph.shader.id_data.nodes["Color Ramp"].color_ramp.interpolation = "CONSTANT"
     return graph.material

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Denoising the picture of a render that is over: what the film must hold for it, and when it is given up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+
+import numpy as np
+
+from engine.denoise import library
+from engine.denoise.filter import denoise
+from engine.scene.description import Notice
+from engine.settings import RenderSettings
+
+#: How often the caller's thread looks for a cancel [s].
+_POLL_SECONDS = 0.05
+_FALLBACK = "the picture is as it was sampled"
+#: What helps the denoiser, by `RenderSettings.denoising_input_passes`: the filter's name, and the film's pass.
+_INPUTS = {
+    "RGB": {},
+    "RGB_ALBEDO": {"albedo": "Denoising Albedo"},
+    "RGB_ALBEDO_NORMAL": {"albedo": "Denoising Albedo", "normal": "Denoising Normal"},
+}
+
+
+class Denoising:
+    """Denoising of one render.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+    threads : int
+        Those that trace.
+
+    Attributes
+    ----------
+    passes : frozenset of str
+        What the film is to hold for it; none where nothing is denoised.
+    seconds : float
+        How long it took.
+    notices : list of Notice
+        Why it was not done, though it was asked for.
+    """
+
+    def __init__(self, settings: RenderSettings, threads: int) -> None:
+        self._settings = settings
+        self._threads = threads
+        self.seconds = 0.0
+        self.notices: list[Notice] = []
+        self._inputs: dict[str, str] = {}
+        problem = library.problem() if settings.use_denoising else ""
+        if problem:
+            self.notices.append(Notice("Denoising", problem, _FALLBACK))
+        self.is_on = settings.use_denoising and not problem
+        if self.is_on:
+            self._inputs = _INPUTS[settings.denoising_input_passes]
+        self.passes = frozenset(self._inputs.values())
+
+    def run(self, images: dict[str, np.ndarray], should_cancel: Callable[[], bool] | None) -> bool:
+        """Replace Combined by the denoised picture; alpha stays.
+
+        Parameters
+        ----------
+        images : dict
+            As `Film.passes` returns them, of `passes` and more.
+        should_cancel : callable, optional
+            Called in this thread only, often.
+
+        Returns
+        -------
+        bool
+            False: it was cancelled, and the picture is as it was.
+        """
+        start = time.perf_counter()
+        is_cancelled = threading.Event()
+        noisy = images["Combined"]
+        # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
+        with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
+            future = pool.submit(
+                denoise,
+                noisy,
+                **{name: images[pass_name] for name, pass_name in self._inputs.items()},
+                quality=self._settings.denoising_quality,
+                prefilter=self._settings.denoising_prefilter,
+                threads=self._threads,
+                should_cancel=is_cancelled.is_set,
+            )
+            while not wait((future,), _POLL_SECONDS).done:
+                if should_cancel is not None and should_cancel():
+                    is_cancelled.set()
+        self.seconds = time.perf_counter() - start
+        try:
+            denoised = future.result()
+        except library.DenoiserFailed as error:
+            self.notices.append(Notice("Denoising", str(error), _FALLBACK))
+            return True
+        if denoised is None:
+            return False
+        images["Combined"] = np.concatenate((denoised, noisy[..., 3:]), axis=2)
+        return True

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel of the last render: what was said, once each, and the objects that it was said of."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from engine.guiding.models.report import GuidingReport
+
+
+@pytest.fixture
+def named(blender: Any) -> Any:
+    """A scene with objects, a material and a lamp to be named."""
+    scene = blender.context.scene
+    mesh = blender.data.meshes.new("Box data")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    mesh.materials.append(blender.data.materials.new("Glass"))
+    for name in ("Box", "Box twin"):
+        scene.collection.objects.link(blender.data.objects.new(name, mesh))
+    lamp = blender.data.lights.new("Lamp data", "POINT")
+    scene.collection.objects.link(blender.data.objects.new("Lamp", lamp))
+    blender.context.view_layer.update()
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("subject", "names"),
+    [
+        ("Box", ["Box"]),
+        ("object Box", ["Box"]),
+        ("Box twin / Glass / Wave Texture", ["Box twin"]),
+        ("Glass / Wave Texture", ["Box", "Box twin"]),
+        ("mesh Box data", ["Box", "Box twin"]),
+        ("light Lamp", ["Lamp"]),
+        ("Lamp data", ["Lamp"]),
+        ("Learned field", []),
+    ],
+)
+def test_a_subject_leads_to_its_objects(named: Any, subject: str, names: list[str]) -> None:
+    from addon.last_render import objects_of
+
+    assert [item.name for item in objects_of(named, subject)] == names
+
+
+def test_one_click_selects_what_a_message_is_about(named: Any, blender: Any) -> None:
+    bpy = blender
+    assert bpy.ops.neuralguide.select_subject(subject="Glass / Wave Texture") == {"FINISHED"}
+    assert [item.name for item in named.objects if item.select_get()] == ["Box", "Box twin"]
+    assert bpy.context.view_layer.objects.active.name == "Box"
+    assert bpy.ops.neuralguide.select_subject(subject="Lamp") == {"FINISHED"}
+    assert [item.name for item in named.objects if item.select_get()] == ["Lamp"]
+    assert bpy.ops.neuralguide.select_subject(subject="nothing") == {"CANCELLED"}
+
+
+def test_the_last_render_alone_counts(blender: Any, forget_outcomes: None) -> None:
+    from addon import engine, last_render
+    from engine.scene.description import Notice
+
+    scene = blender.context.scene
+    assert last_render.last_outcomes(scene) == [] and last_render.guiding_sentence(scene) == ""
+    old, new, both = (Notice(subject, "is odd", "it is even") for subject in ("Old", "New", "Both"))
+    guiding = GuidingReport(sentence="chose plain mixtures")
+    report = SimpleNamespace(guiding=guiding, sample_count=8.0, render_seconds=1.0)
+    for layer, frame, notices in (("A", 1, (old,)), ("A", 2, (new, both)), ("B", 2, (both,))):
+        engine.outcomes.append(
+            engine.Outcome(scene.name, layer, frame, "FINISHED", report=report, notices=notices)
+        )
+    engine.outcomes.append(engine.Outcome("another scene", "A", 2, "FINISHED", notices=(old,)))
+    assert [outcome.view_layer for outcome in last_render.last_outcomes(scene)] == ["A", "B"]
+    assert last_render.last_notices(scene) == [new, both]
+    assert last_render.guiding_sentence(scene) == "chose plain mixtures"
+
+
+def test_a_render_leaves_what_it_said_for_the_panel(cube_scene: Any, forget_outcomes: None) -> None:
+    import bpy
+
+    from addon import last_render
+
+    cube = cube_scene.objects["Cube"]
+    cube.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    cube.particle_systems[0].settings.type = "HAIR"
+    cube_scene.neuralguide.guiding_method = "AUTO"
+    bpy.ops.render.render()
+    (outcome,) = last_render.last_outcomes(cube_scene)
+    assert outcome.status == "FINISHED" and outcome.notices == tuple(last_render.last_notices(cube_scene))
+    assert "without guiding" in last_render.guiding_sentence(cube_scene)
+    subjects = [notice.subject for notice in outcome.notices]
+    assert any(last_render.objects_of(cube_scene, subject) == [cube] for subject in subjects), subjects
+
+
+def test_long_texts_are_wrapped_to_the_region() -> None:
+    from addon.last_render import wrapped
+
+    text = "words " * 40
+    narrow = wrapped(text, SimpleNamespace(width=200))
+    wide = wrapped(text, SimpleNamespace(width=800))
+    assert len(narrow) > len(wide) > 1
+    assert " ".join(wide) == " ".join(narrow) == text.strip()

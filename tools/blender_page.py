@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`python -m tools.blender_page` writes docs/blender.md: which of Cycles' settings work, by the panel they are in.
+
+`tools.cycles_settings` says what becomes of each setting. Labels are those of the Blender that runs; a test sees that
+no setting is missing there, and that what is said to work is read by the add-on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tools.cycles_settings import PANELS, Row
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "blender.md"
+
+_HEAD = """\
+# Cycles' interface: what works, what does not
+
+NeuralGuide shows Cycles' own panels and reads Cycles' own settings, so that a scene made for Cycles renders as it is.
+This page says for each of these settings what becomes of it. `python -m tools.blender_page` writes it.
+[differences.md](differences.md) says where pictures differ although a setting works.
+
+- **works**: it means what it means in Cycles.
+- **said**: it is not supported, and a message after the render says so where it would make a difference.
+- **no need**: there is nothing here that it could change.
+- **no**: it is not supported. It would not change the picture, or differences.md says what is shown instead.
+"""
+
+
+def owners() -> dict[str, Any]:
+    """Types of Cycles' settings in the running Blender, by what has them."""
+    import bpy
+
+    scene = bpy.context.scene
+    found = {
+        "scene.cycles": scene.cycles, "scene.cycles_curves": scene.cycles_curves,
+        "view_layer.cycles": scene.view_layers[0].cycles,
+    }  # fmt: skip
+    for owner, collection, arguments in (
+        ("object", "objects", (None,)), ("light", "lights", ("POINT",)), ("material", "materials", ()),
+        ("world", "worlds", ()),
+    ):  # fmt: skip
+        item = getattr(bpy.data, collection).new("Cycles' settings", *arguments)
+        found[f"{owner}.cycles"] = item.cycles
+    return {name: group.bl_rna.properties for name, group in found.items()}
+
+
+def settings_of(properties: Any) -> list[str]:
+    """Names of a group's settings."""
+    return [item.identifier for item in properties if item.identifier not in ("rna_type", "name")]
+
+
+def _row(owner: str, row: Row, properties: Any) -> str:
+    label = properties[row.name].name if row.name in properties else row.name
+    return f"| {label} | `{owner}.{row.name}` | {row.verdict} | {row.note} |"
+
+
+def _panels() -> Iterator[str]:
+    known = owners()
+    for title, owner, rows in PANELS:
+        shown = [row for row in rows if row.name in known[owner] or row.is_newer]
+        yield f"\n## {title}\n"
+        yield "| setting | property | here | |\n|---|---|---|---|"
+        yield from (_row(owner, row, known[owner]) for row in shown)
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join([_HEAD.rstrip("\n"), *_panels()]) + "\n"
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    main()

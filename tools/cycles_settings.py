@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What becomes of each of Cycles' settings, by the panel in which Blender shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Row(NamedTuple):
+    """A setting of Cycles: 'works', 'said' (a message says that it does not), 'no need' or 'no', and why.
+
+    `is_newer`: Blender 5.0 does not have it yet.
+    """
+
+    name: str
+    verdict: str
+    note: str = ""
+    is_newer: bool = False
+
+
+def _rows(verdict: str, names: str, note: str = "", is_newer: bool = False) -> Iterable[Row]:
+    return (Row(name, verdict, note, is_newer) for name in names.split())
+
+
+_GUIDING = "NeuralGuide guides by its own settings (panel Guiding)"
+_VOLUMES = "there are no volumes yet"
+_GPU = "only the CPU renders"
+
+#: (title of the panel, what has the settings, rows)
+PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
+    (
+        "Sampling", "scene.cycles",
+        (
+            *_rows("works", "samples time_limit"),
+            *_rows("works", "use_adaptive_sampling adaptive_threshold adaptive_min_samples"),
+            *_rows("works", "preview_samples use_preview_adaptive_sampling preview_adaptive_threshold"),
+            *_rows("works", "preview_adaptive_min_samples"),
+            *_rows("no", "preview_pause"),
+            *_rows("said", "use_sample_subset"),
+            *_rows("no", "sample_offset sample_subset_length", "belong to the subset of samples"),
+            *_rows("works", "use_layer_samples light_sampling_threshold seed use_animated_seed"),
+            *_rows("no need", "sampling_pattern", "always Owen-scrambled Sobol numbers"),
+            *_rows("no", "scrambling_distance preview_scrambling_distance auto_scrambling_distance"),
+            *_rows("no need", "use_light_tree", "lights are always in a tree"),
+            *_rows("said", "direct_light_sampling_type"),
+            *_rows("works", "min_light_bounces min_transparent_bounces"),
+            *_rows("said", "use_pixel_jitter", is_newer=True),
+        ),
+    ),
+    (
+        "Denoise", "scene.cycles",
+        (
+            *_rows("works", "use_denoising denoising_input_passes denoising_prefilter denoising_quality"),
+            *_rows("said", "denoiser", "Open Image Denoise always"),
+            *_rows("said", "denoising_use_gpu", _GPU),
+            *_rows("works", "use_preview_denoising preview_denoising_prefilter preview_denoising_quality"),
+            *_rows("works", "preview_denoising_input_passes preview_denoising_start_sample"),
+            *_rows("no", "preview_denoiser", "Open Image Denoise always"),
+            *_rows("no", "preview_denoising_use_gpu", _GPU),
+        ),
+    ),
+    (
+        "Path Guiding", "scene.cycles",
+        (
+            *_rows("no need", "use_guiding use_deterministic_guiding guiding_distribution_type", _GUIDING),
+            *_rows("no need", "guiding_directional_sampling_type use_surface_guiding", _GUIDING),
+            *_rows("no need", "surface_guiding_probability guiding_training_samples", _GUIDING),
+            *_rows("no need", "use_guiding_direct_light use_guiding_mis_weights guiding_roughness_threshold", _GUIDING),
+            *_rows("no need", "use_volume_guiding volume_guiding_probability", _VOLUMES),
+        ),
+    ),
+    (
+        "Light Paths", "scene.cycles",
+        (
+            *_rows("works", "max_bounces diffuse_bounces glossy_bounces transmission_bounces transparent_max_bounces"),
+            *_rows("no need", "volume_bounces", _VOLUMES),
+            *_rows("works", "sample_clamp_direct sample_clamp_indirect blur_glossy"),
+            *_rows("works", "caustics_reflective caustics_refractive"),
+            *_rows("said", "use_fast_gi"),
+            *_rows("no", "fast_gi_method ao_bounces ao_bounces_render", "belong to Fast GI Approximation"),
+        ),
+    ),
+    (
+        "Volumes", "scene.cycles",
+        (*_rows("no need", "volume_biased volume_step_rate volume_preview_step_rate volume_max_steps", _VOLUMES),),
+    ),
+    (
+        "Subdivision", "scene.cycles",
+        (
+            *_rows("no", "dicing_rate preview_dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
+                   "there is no adaptive subdivision: a message names objects that have it"),
+        ),
+    ),
+    (
+        "Film", "scene.cycles",
+        (
+            *_rows("works", "film_exposure pixel_filter_type filter_width"),
+            *_rows("said", "film_transparent_glass"),
+            *_rows("no", "film_transparent_roughness", "belongs to Transparent Glass"),
+        ),
+    ),
+    ("Motion Blur", "scene.cycles", (*_rows("works", "rolling_shutter_type rolling_shutter_duration"),)),
+    (
+        "Simplify", "scene.cycles",
+        (
+            *_rows("said", "use_camera_cull use_distance_cull texture_limit_render"),
+            *_rows("no", "camera_cull_margin distance_cull_margin", "belong to culling"),
+            *_rows("no", "texture_limit", "textures have their full size"),
+            *_rows("no", "texture_resolution", "textures have their full size", True),
+            *_rows("said", "texture_resolution_render", is_newer=True),
+        ),
+    ),
+    (
+        "Performance", "scene.cycles",
+        (
+            *_rows("said", "device", _GPU),
+            *_rows("said", "shading_system"),
+            *_rows("no need", "use_auto_tile tile_size", "pictures are in memory as a whole"),
+            *_rows("no need", "debug_use_spatial_splits debug_use_hair_bvh debug_use_compact_bvh debug_bvh_time_steps",
+                   "Embree is set up by NeuralGuide"),
+            *_rows("no need", "debug_bvh_type debug_bvh_layout", "Embree is set up by NeuralGuide"),
+            *_rows("no need", "debug_use_cpu_avx2 debug_use_cpu_sse42 debug_use_cuda_adaptive_compile",
+                   "for developers of Cycles"),
+            *_rows("no need", "debug_use_optix_debug debug_use_hip_adaptive_compile debug_use_metal_adaptive_compile",
+                   "for developers of Cycles"),
+            *_rows("no need", "debug_use_texture_cache_eviction debug_texture_cache_preserve_unused",
+                   "for developers of Cycles", True),
+        ),
+    ),
+    ("Bake", "scene.cycles", (*_rows("no", "bake_type", "NeuralGuide does not bake"),)),
+    (
+        "Curves", "scene.cycles_curves",
+        (*_rows("no need", "shape subdivisions", "there is no hair: a message names objects that have it"),),
+    ),
+    (
+        "View Layer", "view_layer.cycles",
+        (
+            *_rows("works", "use_denoising denoising_store_passes use_pass_shadow_catcher"),
+            *_rows("works", "pass_debug_sample_count"),
+            *_rows("said", "pass_render_time"),
+            *_rows("said", "use_pass_volume_direct use_pass_volume_indirect use_pass_volume_scatter"),
+            *_rows("said", "use_pass_volume_transmit use_pass_volume_majorant"),
+            *_rows("no", "denoising_pass_follow_reflections denoising_pass_use_albedo_roughness_weighting", "", True),
+        ),
+    ),
+    (
+        "Object", "object.cycles",
+        (
+            *_rows("works", "use_motion_blur use_deform_motion motion_steps"),
+            *_rows("works", "shadow_terminator_geometry_offset"),
+            *_rows("said", "shadow_terminator_offset", "as if it were 0, its default"),
+            *_rows("said", "use_camera_cull use_distance_cull"),
+            *_rows("no", "ao_distance"),
+            *_rows("no", "is_caustics_caster is_caustics_receiver", "caustics are found by paths"),
+        ),
+    ),
+    (
+        "Light", "light.cycles",
+        (
+            *_rows("works", "max_bounces use_multiple_importance_sampling"),
+            *_rows("said", "is_portal is_caustics_light"),
+        ),
+    ),
+    (
+        "Material", "material.cycles",
+        (
+            *_rows("works", "emission_sampling use_bump_map_correction"),
+            *_rows("no need", "volume_sampling volume_interpolation volume_step_rate", _VOLUMES),
+        ),
+    ),
+    (
+        "World", "world.cycles",
+        (
+            *_rows("works", "sampling_method sample_map_resolution max_bounces"),
+            *_rows("said", "is_caustics_light"),
+            *_rows("works", "use_shadows", is_newer=True),
+            *_rows("no need", "volume_sampling volume_interpolation volume_step_size", _VOLUMES),
+        ),
+    ),
+)  # fmt: skip
