@@ -23,6 +23,9 @@ DEFAULTS = RenderSettings(
 #: Name of ours: owner below the scene, name there, a value that is not the default.
 CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
     "samples": ("cycles", "samples", 9),
+    "use_adaptive_sampling": ("cycles", "use_adaptive_sampling", False),
+    "adaptive_threshold": ("cycles", "adaptive_threshold", 0.25),
+    "adaptive_min_samples": ("cycles", "adaptive_min_samples", 40),
     "time_limit": ("cycles", "time_limit", 12.5),
     "seed": ("cycles", "seed", 5),
     "max_bounces": ("cycles", "max_bounces", 1),
@@ -277,6 +280,8 @@ def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, b
     for name, (owner_name, their_name, value) in CYCLES_VALUES.items():
         owner = getattr(scene, owner_name)
         before = getattr(owner, their_name)
+        if "adaptive" in name:  # of no effect on so few samples
+            continue
         scene.cycles.use_denoising = is_denoised = "denoising" in name
         if name == "time_limit":  # of so many samples that only the clock can end it
             scene.cycles.samples, value = 1 << 20, 0.2
@@ -293,6 +298,14 @@ def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, b
     scene.cycles.use_animated_seed = True
     assert np.any(render() != plain)
     np.testing.assert_array_equal(render(), render())
+    scene.cycles.samples, scene.cycles.adaptive_threshold, scene.cycles.adaptive_min_samples = 64, 0.1, 4
+    counts = [64.0]
+    for name in ("use_adaptive_sampling", "adaptive_threshold", "adaptive_min_samples"):
+        setattr(scene.cycles, name, True if name == "use_adaptive_sampling" else CYCLES_VALUES[name][2])
+        render()
+        counts.append(engine.outcomes[-1].report.sample_count)
+    # Fewer with a threshold, fewer still with a larger one; the least is 48, the next look after 40.
+    assert 64.0 > counts[1] > counts[2] and counts[3] >= 48.0, counts
 
 
 def test_an_animated_seed_differs_between_frames_and_repeats(blender: Any) -> None:
