@@ -60,6 +60,7 @@ _CYCLES_PANELS = (
     "CYCLES_WORLD_PT_settings_surface",
     "CYCLES_CAMERA_PT_dof",
     "CYCLES_CAMERA_PT_dof_aperture",
+    "CYCLES_RENDER_PT_override",  # Blender 3 and 4: later it is VIEWLAYER_PT_override
     "CYCLES_OBJECT_PT_motion_blur",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",

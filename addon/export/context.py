@@ -77,6 +77,19 @@ class ExportCache:
         return self.next_version
 
 
+@dataclass(frozen=True)
+class Window:
+    """A window that the scene is exported for, instead of a render.
+
+    is_shown : callable, whether the window shows an object
+    use_lights, use_world : bool, whether it is lit by those of the scene
+    """
+
+    is_shown: Callable[[bpy.types.Object], bool]
+    use_lights: bool = True
+    use_world: bool = True
+
+
 @dataclass
 class ExportContext:
     """One export: where from, for whom, and what was found on the way."""
@@ -96,6 +109,8 @@ class ExportContext:
     wants_vectors: bool = False
     wants_assets: bool = False
     aovs: dict[str, bool] = field(default_factory=dict)
+    #: None for renders.
+    window: Window | None = None
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)

@@ -186,6 +186,10 @@ def _classify(
         return -1
     if is_mesh and not context.view_layer.use_solid:
         return -1
+    window = context.window
+    if window is not None:
+        if not window.is_shown(item.parent if item.is_instance else shown) or not (is_mesh or window.use_lights):
+            return -1
     owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
     parent = item.parent if item.is_instance else shown
     visibility = _ray_visibility(shown)

@@ -16,7 +16,9 @@ def read_requests(context: ExportContext) -> None:
     layer = context.view_layer
     context.aovs = {aov.name: aov.type == "COLOR" for aov in layer.aovs if aov.is_valid}
     context.wants_assets = layer.use_pass_cryptomatte_asset
-    context.wants_vectors = layer.use_pass_vector and not context.is_blurred
+    # Viewports have no passes, and stay at their frame.
+    is_final = context.depsgraph.mode == "RENDER"
+    context.wants_vectors = is_final and layer.use_pass_vector and not context.is_blurred
     if layer.use_pass_vector and context.is_blurred:
         problem = "has a Vector pass, which is empty where there is motion blur"
         context.notice(f"View layer {layer.name}", problem, "zeros, as in Cycles")

@@ -380,7 +380,8 @@ TAUGHT_P = 0
 TAUGHT_NG = 3
 TAUGHT_BEFORE = 6  # throughput on arrival
 TAUGHT_RADIANCE = 9  # the path's sum then
-TAUGHT_WIDTH = 12
+TAUGHT_SIDE = 12  # of its footprint
+TAUGHT_WIDTH = 13
 
 
 class CachedLanes(Bundle):
@@ -391,7 +392,7 @@ class CachedLanes(Bundle):
         by a delta lobe or the camera
     seen : float32 [m^2], footprint of the camera's ray at the first surface; root : float32 [m], square root of the
         path's own footprint at the vertex before; arriving : float32 [m], and at the surface that it has hit
-    place : int64, tag : uint32, of the cell that is asked first
+    level : uint8, place : int64, tag : uint32, of the cell that is asked first
     is_measured : uint8, whether the path went on where it could have ended
     is_recorded : uint8, whether the path teaches the cache; has_met : uint8, whether it has met a surface that could be
         taught; may_teach : uint8, whether the one that it has hit can be
@@ -407,6 +408,7 @@ class CachedLanes(Bundle):
     seen: Float32Array
     root: Float32Array
     arriving: Float32Array
+    level: Uint8Array
     place: Int64Array
     tag: Uint32Array
     is_measured: Uint8Array
@@ -435,6 +437,7 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
                 ("arriving", real),
                 ("place", np.int64),
                 ("tag", np.uint32),
+                ("level", np.uint8),
                 ("is_measured", np.uint8),
                 ("is_recorded", np.uint8),
                 ("has_met", np.uint8),

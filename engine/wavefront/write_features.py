@@ -31,8 +31,8 @@ from engine.state.lanes import (
 def write_features(scene, unit, work, queue):
     """Write depth, position and indices (first sample only) and add normal and albedo to the film.
 
-    Surfaces that are not opaque enough leave both to what is behind them; with nothing there the first sample keeps
-    what it has written.
+    Surfaces that are not opaque enough leave both to what is behind them; with nothing there the first sample shows
+    nothing (`shade_background`), unless it was scattered.
     """
     camera, geometry, tables, pass_index = scene.camera, scene.geometry, scene.tables, scene.shaders.program_pass_index
     paths, points, closures, scratch, film = work.paths, work.points, work.shaded, work.f_cos, unit.film

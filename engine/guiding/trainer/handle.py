@@ -2,20 +2,18 @@
 """The renderer's handle on the worker that trains a network. Knows no torch, never blocks, never raises.
 
 Whatever goes wrong with the worker ends in `TrainerStatus.state == DEAD` with a message, and rendering goes on with the
-last snapshot or without one. The worker is a plain subprocess, so that it may run under another Python than the
-renderer's; when the renderer goes, however it goes, the worker's input ends, and with it the worker.
+last snapshot or without one.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import enum
 import json
 import math
 import os
-import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +25,7 @@ from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingS
 from engine.guiding.records.light import Records
 from engine.guiding.trainer import standby
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
+from engine.processes.child import ENTRY, Child
 
 
 class TrainerState(enum.Enum):
@@ -96,8 +95,6 @@ class NetworkTrainer:
     ----------
     script : Path
         What the worker runs; before `start` it may be replaced by anything that speaks the same protocol.
-    process : Popen or None
-        The worker while there is one; the trainer ends it and waits for it.
     """
 
     def __init__(
@@ -124,19 +121,18 @@ class NetworkTrainer:
         self._training_share = training_share
         self._deterministic = deterministic
         self._on_command = on_command or deterministic
-        self._interpreter = interpreter
+        self._interpreter = interpreter or sys.executable
         self._thread_count = thread_count or max(1, round(training_share * (os.cpu_count() or 1)))
         self._first = first
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
-        self.script = standby.SCRIPT
+        self.script = ENTRY
         # Guards all below; notified at every message.
         self._changed = threading.Condition()
         self._status = TrainerStatus()
         self._channel: Channel | None = None
-        self.process: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
         self._reader: threading.Thread | None = None
-        self._worker: standby.Worker | None = None
         self._free_slots = set(range(SLOT_COUNT))
         self._announced: tuple[int, int] | None = None  # slot and version of the newest snapshot not yet read
         self._trained_step = -1
@@ -165,28 +161,35 @@ class NetworkTrainer:
             self._die(f"the training worker could not be started: {error}")
 
     def _launch(self, channel: Channel) -> None:
-        worker, address = standby.take(self.script, self._interpreter), channel.address_for_others
-        if worker is None:
-            address = channel.address
-            descriptors = [address["descriptor"]] if "descriptor" in address else []
-            worker = standby.launch(self.script, self._interpreter, self._thread_count, descriptors)
-        self._worker, self.process = worker, worker.process
-        self._send(
-            **standby.introduction(),
-            kind=self.shape.kind,
-            shape=dataclasses.asdict(self.shape),  # type: ignore[call-overload]
-            settings=dataclasses.asdict(self.settings),
-            bounds=None if self._bounds is None else self._bounds.tolist(),
-            seed=self._seed,
-            deterministic=self._deterministic,
-            on_command=self._on_command,
-            training_share=self._training_share,
-            thread_count=self._thread_count,
-            goes_on=self._first is not None,
-            channel=address,
-        )
-        self._reader = threading.Thread(target=self._listen, args=(self.process,), name="training", daemon=True)
+        config = {
+            "kind": self.shape.kind,
+            "shape": dataclasses.asdict(self.shape),  # type: ignore[call-overload]
+            "settings": dataclasses.asdict(self.settings),
+            "bounds": None if self._bounds is None else self._bounds.tolist(),
+            "seed": self._seed,
+            "deterministic": self._deterministic,
+            "on_command": self._on_command,
+            "training_share": self._training_share,
+            "thread_count": self._thread_count,
+            "goes_on": self._first is not None,
+        }
+        child = standby.take(self._interpreter) if self.script == ENTRY else None
+        if child is None:
+            child = standby.launch(
+                self._interpreter, config | {"channel": channel.address}, thread_count=self._thread_count,
+                memories=(channel.memory,), script=self.script,
+            )
+        else:
+            child.send(**config, channel=channel.address_for_others)
+        self._child = child
+        self._reader = threading.Thread(target=self._listen, args=(self._child,), name="training", daemon=True)
         self._reader.start()
+
+    @property
+    def process(self) -> subprocess.Popen[bytes] | None:
+        """The worker while there is one; the trainer ends it and waits for it."""
+        child = self._child
+        return None if child is None else child.process
 
     def close(self) -> None:
         """Stop the worker and give its memory back; the trainer cannot be used again."""
@@ -204,15 +207,15 @@ class NetworkTrainer:
         with self._changed:
             if self._status.state is not TrainerState.DEAD:
                 self._set(state=TrainerState.DEAD, message=reason)
-            worker, self._worker, self.process = self._worker, None, None
+            child, self._child = self._child, None
             channel, self._channel = self._channel, None
             self._changed.notify_all()
-        if worker is not None:
-            worker.end()
+        if child is not None:
+            child.close()
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(timeout=5.0)
-        if worker is not None:
-            worker.close()
+        if child is not None:
+            child.release()
         if channel is not None:
             channel.close()
 
@@ -222,13 +225,13 @@ class NetworkTrainer:
         self._status = dataclasses.replace(self._status, **fields)
 
     def _send(self, **message: Any) -> None:
-        worker = self._worker
-        if worker is not None:
-            worker.send(**message)
+        child = self._child
+        if child is not None:
+            child.send(**message)
 
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+    def _listen(self, child: Child) -> None:
         """Take the worker's messages until it is gone (thread)."""
-        stream = process.stdout
+        stream = child.process.stdout
         assert stream is not None
         try:
             for line in stream:
@@ -236,8 +239,7 @@ class NetworkTrainer:
         except (OSError, ValueError, KeyError, TypeError) as error:
             self._die(f"the training worker answered nonsense: {error}")
             return
-        code = process.wait()
-        self._die(self._reason(code))
+        self._die(f"the training worker {child.reason(child.process.wait())}")
 
     def _take(self, message: dict[str, Any]) -> None:
         with self._changed:
@@ -263,22 +265,6 @@ class NetworkTrainer:
             elif kind == "failed":
                 self._set(state=TrainerState.DEAD, message=f"the training worker gave up: {message['reason']}")
             self._changed.notify_all()
-
-    def _reason(self, code: int) -> str:
-        if code < 0:
-            with contextlib.suppress(ValueError):
-                name = signal.Signals(-code).name
-                hint = ", perhaps for want of memory" if name == "SIGKILL" else ""
-                return f"the training worker was ended by {name}{hint}"
-        last = ""
-        with self._changed:
-            if self._worker is not None:
-                errors = self._worker.errors
-                size = errors.seek(0, os.SEEK_END)
-                errors.seek(max(0, size - 4096))
-                lines = errors.read().decode(errors="replace").strip().splitlines()
-                last = f": {lines[-1]}" if lines else ""
-        return f"the training worker ended with code {code}{last}"
 
     def _watch(self) -> None:
         """A worker that has said nothing for too long is hung."""
@@ -380,4 +366,3 @@ class NetworkTrainer:
                     return
                 self._changed.wait(timeout=0.5)
             self._watch()
-

@@ -15,6 +15,7 @@ from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
 from engine.guiding.records.light import Records
 from engine.guiding.trainer import standby
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
+from engine.processes.child import Child
 
 pytestmark = pytest.mark.skipif(not standby.CAN_STAND_BY, reason="memory without a name cannot be opened here")
 
@@ -29,6 +30,12 @@ def _none_is_left() -> Iterator[None]:
     standby.dismiss()
 
 
+def end(worker: Child) -> None:
+    worker.close()
+    worker.release()
+    assert worker.process.returncode is not None
+
+
 def some_records(count: int) -> Records:
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(count, 3)).astype(np.float32)
@@ -41,34 +48,25 @@ def some_records(count: int) -> Records:
 def test_one_stands_by_and_one_gets_it() -> None:
     standby.stand_by()
     standby.stand_by()
-    worker = standby.take(standby.SCRIPT, sys.executable)
+    assert standby.take("another python") is None
+    worker = standby.take(sys.executable)
     assert worker is not None and worker.process.poll() is None
-    assert standby.take(standby.SCRIPT, None) is None
-    worker.close()
-    assert worker.process.returncode is not None
-
-
-def test_nobody_gets_it_to_run_something_else(tmp_path: Path) -> None:
-    standby.stand_by()
-    assert standby.take(tmp_path / "another.py", None) is None
-    assert standby.take(standby.SCRIPT, str(tmp_path / "python")) is None
-    worker = standby.take(standby.SCRIPT, None)
-    assert worker is not None
-    worker.close()
+    assert standby.take(sys.executable) is None
+    end(worker)
 
 
 def test_one_that_has_died_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     script = tmp_path / "ends.py"
     script.write_text("")
     with monkeypatch.context() as patched:
-        patched.setattr(standby, "SCRIPT", script)
+        patched.setattr(standby, "launch", lambda interpreter, config: Child(interpreter, "", config, script=script))
         standby.stand_by()
-        time.sleep(1.0)
-        assert standby.take(script, None) is None
+    time.sleep(1.0)
+    assert standby.take(sys.executable) is None
     standby.stand_by()
-    worker = standby.take(standby.SCRIPT, None)
+    worker = standby.take(sys.executable)
     assert worker is not None
-    worker.close()
+    end(worker)
 
 
 def test_a_trainer_takes_it_and_gets_the_same_network() -> None:
@@ -78,7 +76,7 @@ def test_a_trainer_takes_it_and_gets_the_same_network() -> None:
         if stands_by:
             standby.stand_by()
         with NetworkTrainer(SHAPE, BOUNDS, deterministic=True, settings=settings) as trainer:
-            assert not stands_by or standby.take(standby.SCRIPT, None) is None
+            assert not stands_by or standby.take(sys.executable) is None
             assert trainer.submit(some_records(4000), 4000) == 4000
             snapshot = trainer.train_until(4)
             assert trainer.status.state is not TrainerState.DEAD, trainer.status.message
@@ -89,14 +87,14 @@ def test_a_trainer_takes_it_and_gets_the_same_network() -> None:
 
 def test_it_goes_when_its_input_ends() -> None:
     standby.stand_by()
-    worker = standby.take(standby.SCRIPT, None)
+    worker = standby.take(sys.executable)
     assert worker is not None
     worker.process.stdin.close()
     deadline = time.monotonic() + 60.0
     while worker.process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
     assert worker.process.returncode == 0
-    worker.close()
+    end(worker)
 
 
 def test_dismissing_it_does_not_wait_until_it_is_ready() -> None:
@@ -104,4 +102,4 @@ def test_dismissing_it_does_not_wait_until_it_is_ready() -> None:
     began = time.monotonic()
     standby.dismiss()
     assert time.monotonic() - began < 0.6
-    assert standby.take(standby.SCRIPT, None) is None
+    assert standby.take(sys.executable) is None
