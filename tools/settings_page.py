@@ -132,6 +132,12 @@ _ELSEWHERE = """\
 - **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, Object Index, Material
   Index, Emission and Environment. Those of `view_layer.neuralguide` are Albedo, Sample Count, Variance, Candidate
   Count and Guiding Benefit.
+- **Passes of data** are Blender's too: Mist (its distances are in the world's *Mist Pass* panel), UV, Vector, the
+  view layer's *Shader AOV*s, and *Cryptomatte* of objects, materials and assets. *Alpha Threshold* says which surface
+  passes of one surface show. Cryptomatte needs a multilayer EXR of 32 bits; for programs that read files of one part
+  only, turn *Interleave* on.
+- **View layers** have Blender's own rules: Environment, Surfaces and Motion Blur of *Filter*; material and world of
+  *Override*; holdout, indirect only and exclusion of collections.
 """
 
 _GONE = """\

@@ -74,13 +74,16 @@ class Job:
         See `Session.render`.
     keeps : bool
         Whether what is learned outlives the render.
+    samples : int, optional
+        Where to stop, before the number of the settings.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
         source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False,
+        keeps: bool = False, samples: int | None = None,
     ) -> None:
+        self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
         self.film_lock = threading.Lock()
@@ -109,7 +112,7 @@ class Job:
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
-            self._schedule = self._iterations = Iterations(settings.samples, strata)
+            self._schedule = self._iterations = Iterations(samples, strata)
             self._iterations.begin(self.learner.parts, len(self._tiles))
         else:
             self._go_on_plainly()
@@ -126,7 +129,7 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = float(pixel_count * settings.samples)
+        self._total_paths = float(pixel_count * samples)
         self._sample = 0
         self._fraction = 0.0
         self._created = time.perf_counter()
@@ -199,7 +202,7 @@ class Job:
         """Where it stands now. With a noise threshold nobody knows how long it takes before the first look."""
         now = time.perf_counter()
         elapsed = now - (self._render_start or self._created)
-        samples, limit, active = self.settings.samples, self.settings.time_limit, self._active
+        samples, limit, active = self.samples, self.settings.time_limit, self._active
         if self._render_start is None:
             return Progress(0.0, 0, samples, elapsed, None, 0.0, _PREPARING)
         fraction = min(self._finished_paths / max(self._total_paths, 1.0), 1.0)
@@ -299,7 +302,7 @@ class Job:
 
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        samples, active = self.settings.samples, self._active
+        samples, active = self.samples, self._active
         if active is None:
             self._schedule = PlainSchedule(len(self._tiles), samples, first, count, self._whole)
         else:
