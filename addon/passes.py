@@ -67,6 +67,10 @@ _LIGHT_NAMES = {
 LIGHT = {
     switch: RenderPass(name, name if _RENAMED else old.replace("Color", "Col"), "RGB", "COLOR")
     for switch, (name, old) in _LIGHT_NAMES.items()
+} | {
+    "use_pass_ambient_occlusion": RenderPass(
+        "Ambient Occlusion", "Ambient Occlusion" if _RENAMED else "AO", "RGB", "COLOR"
+    )
 }
 #: The same among Cycles' own settings of a view layer.
 CYCLES_LIGHT = {
@@ -148,7 +152,6 @@ UNSUPPORTED = {
     "use_pass_mist": "Mist",
     "use_pass_vector": "Vector",
     "use_pass_uv": "UV",
-    "use_pass_ambient_occlusion": "Ambient Occlusion",
     "use_pass_shadow": "Shadow",
     "use_pass_cryptomatte_object": "Cryptomatte Object",
     "use_pass_cryptomatte_material": "Cryptomatte Material",

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
-from engine.render.light_passes import LIGHT_PASSES, light_images, light_part_count
+from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
 from engine.settings import RenderSettings
 from engine.state.film import (
     DENOISING_ALBEDO,
@@ -78,6 +78,7 @@ def film_layout(passes: frozenset[str], settings: RenderSettings, light_groups: 
         use_denoising=bool(passes & DENOISING_PASSES),
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
+        use_occlusion=OCCLUSION_PASS in passes,
     )
 
 

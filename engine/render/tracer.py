@@ -18,6 +18,7 @@ from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
+from engine.kernels.constants import DISTANT
 from engine.render.batch import Arm, Batch
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -64,6 +65,7 @@ from engine.wavefront.columns import (
     UNIT_STRATUM,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
+    UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
     VERTICES,
 )
@@ -110,6 +112,9 @@ class Tracer:
             self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
         world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        description = scene.description
+        distance = description.world.occlusion_distance if description.world else float(DISTANT)
+        options = make_options(settings, description.frame.exposure, distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -124,7 +129,7 @@ class Tracer:
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, scene.lights, make_options(settings, scene.description.frame.exposure),
+            scene.shaders, scene.tables, scene.lights, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -182,6 +187,7 @@ class Tracer:
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
             self.layout.use_denoising, self.layout.light_part_count > 0,
+            self.layout.use_occlusion,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -338,6 +344,7 @@ class Tracer:
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
         header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
+        header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

@@ -306,6 +306,8 @@ class World:
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
     light_group: int = -1
+    #: How far the Ambient Occlusion pass looks [m].
+    occlusion_distance: float = 10.0
 
 
 # ---------------------------------------------------------------------------------------------------------------------

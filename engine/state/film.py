@@ -36,7 +36,8 @@ FIRST_WIDTH = 6
 LIGHT_DIFFUSE_COLOR = 0
 LIGHT_GLOSSY_COLOR = 3
 LIGHT_TRANSMISSION_COLOR = 6
-LIGHT_PARTS = 9
+LIGHT_OCCLUSION = 9  # share of the hemisphere that nothing hides
+LIGHT_PARTS = 12
 
 #: Depth where nothing was hit, as Cycles writes it.
 NO_DEPTH = np.float32(1e10)
@@ -98,6 +99,7 @@ class FilmLayout:
     #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
     light_part_count: int = 0
     light_groups: tuple[str, ...] = ()
+    use_occlusion: bool = False
 
 
 PLAIN_LAYOUT = FilmLayout()

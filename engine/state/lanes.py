@@ -460,7 +460,9 @@ class LightPassLanes(Bundle):
         that has scattered it, or in that surface's light sample; transmission has the rest
     parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
     group : int32 (L,), light group of the lane's light sample, -1 = none
-    is_open : uint8 (L,), 0 once the path's light counts no more: it measures what the radiance cache lacks
+    is_open : uint8 (L,), 0 while the path's light is not to be taken apart: it measures what the radiance cache lacks,
+        or the rays of the Ambient Occlusion pass are under way
+    kept : float32 (L, C), the path's radiance meanwhile
     value : float32 (3, C), a thread's scratch: of diffuse, glossy and transmission lobes
     color : float32 (3, 3), likewise, in RGB
     """
@@ -472,6 +474,7 @@ class LightPassLanes(Bundle):
     parts: Float32Array
     group: Int32Array
     is_open: Uint8Array
+    kept: Float32Array
     value: Float32Array
     color: Float32Array
 
@@ -484,6 +487,7 @@ def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: i
         parts=np.zeros((lanes, channel_count * part_count), np.float32),
         group=np.full(lanes, -1, np.int32),
         is_open=np.zeros(lanes, np.uint8),
+        kept=np.zeros((lanes, channel_count), np.float32),
         value=np.zeros((3, value_width(channel_count)), np.float32),
         color=np.zeros((3, RGB), np.float32),
     )

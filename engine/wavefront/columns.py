@@ -34,7 +34,8 @@ UNIT_USES_CACHE = 10  # paths end where the cache knows the rest
 UNIT_MEASURE_THRESHOLD = 11  # but for those whose hash is below this: they go on and measure what the cache lacks
 UNIT_USE_DENOISING = 12  # the film has what helps denoisers
 UNIT_SPLITS_LIGHT = 13  # light passes are asked for
-UNIT_HEADER_WIDTH = 14
+UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
+UNIT_HEADER_WIDTH = 15
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -81,6 +82,7 @@ class ClockEntries(NamedTuple):
     guide_lights: int
     connect_lights: int
     intersect_shadow: int
+    occlusion: int
     scatter: int
     sample_source: int
     draw_candidates: int

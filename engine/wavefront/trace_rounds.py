@@ -21,6 +21,7 @@ from engine.wavefront.columns import (
     UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
+    UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
 )
 
@@ -168,6 +169,12 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         _shade_surfaces(stages, scene, unit, guidance, work)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, unit, guidance, work)
+        if unit.header[UNIT_USE_OCCLUSION] != 0:
+            stages.aim_occlusion(scene, unit, work, work.surface)
+            mark(clock, CLOCK.occlusion)
+            _trace_shadows(stages, scene, unit, work)
+            stages.keep_occlusion(scene, unit, work, work.surface)
+            mark(clock, CLOCK.occlusion)
         stages.scatter(scene, unit, work, work.surface)
         mark(clock, CLOCK.scatter)
         if work.single.count[0] > 0:

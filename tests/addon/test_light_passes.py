@@ -19,11 +19,11 @@ from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
 
 PIXELS = 40 * 30
 SWITCHES = [
-    "use_pass_emit", "use_pass_environment",
+    "use_pass_emit", "use_pass_environment", "use_pass_ambient_occlusion",
     *(f"use_pass_{lobes.lower()}_{light}" for lobes in LOBES for light in ("direct", "indirect", "color")),
 ]  # fmt: skip
 NAMES = [
-    "Combined", "Emission", "Environment",
+    "Combined", "Emission", "Environment", "Ambient Occlusion",
     *(f"{lobes} {light}" for lobes in LOBES for light in ("Direct", "Indirect", "Color")),
 ]  # fmt: skip
 
@@ -98,7 +98,7 @@ def check_against_cycles(name: str, tmp_path: Path, samples: int, seed_count: in
             for lobes in LOBES
             for light in ("Direct", "Indirect")
         },
-        **{key: lambda images, key=key: images[key][..., :3] for key in ("Emission", "Environment")},
+        **{key: lambda images, key=key: images[key][..., :3] for key in NAMES[1:4]},
     }
     least = 1e-3 * np.mean([images["Combined"][..., :3] for images in renders["cycles"]])
     count = 0

@@ -53,7 +53,7 @@ class _Work(Bundle):
 
 def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     count = len(paths.flags)
-    scene = _Scene(lights, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0))
+    scene = _Scene(lights, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
     shade_lights(scene, None, _Work(paths, np.zeros((count, 3), np.float32)), queue)
