@@ -80,6 +80,7 @@ CYCLES_LIGHT = {
     "use_pass_volume_indirect": RenderPass(
         "Volume Indirect", "Volume Indirect" if _RENAMED else "VolumeInd", "RGB", "COLOR"
     ),
+    "use_pass_shadow_catcher": RenderPass("Shadow Catcher", "Shadow Catcher", "RGB", "COLOR"),
 }
 
 
@@ -166,7 +167,6 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_scatter": "Volume Scatter",
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
-    "use_pass_shadow_catcher": "Shadow Catcher",
     "pass_render_time": "Render Time",
 }
 

@@ -396,6 +396,8 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
         light.prop(layer, "use_pass_ambient_occlusion", text="Ambient Occlusion")
+        if hasattr(layer, "cycles"):
+            light.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
         light.prop(layer.neuralguide, "use_pass_albedo")
         quality = column.column(heading="Quality", align=True)
         quality.prop(layer.neuralguide, "use_pass_sample_count")

@@ -76,6 +76,7 @@ class Appearance:
     is_instance: bool
     #: Index into the view layer's light groups, -1 = none.
     light_group: int
+    is_shadow_catcher: bool
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
@@ -212,6 +213,7 @@ def _classify(
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
             light_group=context.light_group(shown),
+            is_shadow_catcher=is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
@@ -220,8 +222,6 @@ def _classify(
         kinds[-1].motion_step_count = motion_step_count(shown, parent)
         kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
         kinds[-1].is_particle = item.particle_system is not None
-    if is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher):
-        context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
     return len(kinds) - 1
 
 

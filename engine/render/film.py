@@ -14,6 +14,7 @@ import numpy as np
 
 from engine.guiding.models.residual import with_residual
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
+from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
 from engine.settings import RenderSettings
 from engine.state.film import (
     DENOISING_ALBEDO,
@@ -51,6 +52,7 @@ PASS_NAMES = (
     "Candidate Count",
     "Guiding Benefit",
     *LIGHT_PASSES,
+    CATCHER_PASS,
     "Denoising Albedo",
     "Denoising Normal",
     "Denoising Depth",
@@ -64,12 +66,14 @@ _DENOISING_COLUMNS = {
 DENOISING_PASSES = frozenset(_DENOISING_COLUMNS)
 #: Passes that need the features; without any, they are neither computed nor stored. Others have sums of their own.
 FEATURE_PASSES = frozenset(PASS_NAMES) - {
-    "Combined", "Noisy Image", "Sample Count", "Variance", *LIGHT_PASSES, *DENOISING_PASSES
+    "Combined", "Noisy Image", "Sample Count", "Variance", CATCHER_PASS, *LIGHT_PASSES, *DENOISING_PASSES
 }  # fmt: skip
 
 
-def film_layout(passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = ()) -> FilmLayout:
-    """What a film needs for these passes and settings, of a scene with these light groups."""
+def film_layout(
+    passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = (), *, has_catchers: bool = False
+) -> FilmLayout:
+    """What a film needs for these passes and settings, of a scene with these light groups and with shadow catchers."""
     part_count = light_part_count(passes, light_groups)
     return FilmLayout(
         use_features=bool(passes & FEATURE_PASSES),
@@ -79,6 +83,8 @@ def film_layout(passes: frozenset[str], settings: RenderSettings, light_groups: 
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
         use_occlusion=OCCLUSION_PASS in passes,
+        has_catchers=has_catchers,
+        is_transparent=has_catchers and settings.film_transparent,
     )
 
 
@@ -116,6 +122,8 @@ class Film:
             self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
         if len(self.sums.light):
             self.sums.light[pixels] += tile.light[: len(pixels)] * factor
+        if len(self.sums.caught):
+            self.sums.caught[pixels] += tile.caught[: len(pixels)] * factor
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
@@ -160,10 +168,20 @@ class Film:
             whole = with_residual(
                 mean, self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
             )
-        combined = np.empty((*shape, 4), np.float32)
-        combined[..., :3] = (whole * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.
         alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
+        color = whole
+        if CATCHER_PASS in names:
+            images[CATCHER_PASS] = np.ones((*shape, 3), np.float32)
+        if len(self.sums.caught):
+            caught = self.sums.caught * scale
+            if CATCHER_PASS in names:
+                images[CATCHER_PASS] = caught_share(caught, alpha).reshape(*shape, 3)
+            color, alpha = with_shadows(
+                whole, alpha, caught, is_transparent=self.layout.is_transparent, has_pass=CATCHER_PASS in names
+            )
+        combined = np.empty((*shape, 4), np.float32)
+        combined[..., :3] = (color * exposure).reshape(*shape, 3)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
         if "Noisy Image" in names:

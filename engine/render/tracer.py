@@ -51,7 +51,9 @@ from engine.wavefront.columns import (
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
     SHADOW_ROWS,
+    UNIT_CATCHES,
     UNIT_DIVIDES_WAVELENGTHS,
+    UNIT_FOLLOWS,
     UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
     UNIT_MEASURE_THRESHOLD,
@@ -78,6 +80,11 @@ from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneVi
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
+]  # fmt: skip
+
+#: Entries of the unit's header that are for paths of the picture alone.
+_OF_NO_FOLLOWER = [
+    UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
 ]  # fmt: skip
 
 
@@ -187,7 +194,7 @@ class Tracer:
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
             self.layout.use_denoising, self.layout.light_part_count > 0,
-            self.layout.use_occlusion,
+            self.layout.use_occlusion, self.layout.has_catchers,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -319,9 +326,17 @@ class Tracer:
         session = self._arms[unit.arm].session
         asks_session = session is not None and session.provider
         if self.ray_observer is None and not asks_session and self._compiled_loop is not None:
-            is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
+            loop: Callable[..., Any] = self._compiled_loop
+            arguments = self._arguments(self.stages, batch, unit, stop)
         else:
-            is_finished = self._python_loop(*self._arguments(self._python_stages(session), batch, unit, stop))
+            loop = self._python_loop
+            arguments = self._arguments(self._python_stages(session), batch, unit, stop)
+        is_finished = loop(*arguments)
+        if is_finished and self.layout.has_catchers:
+            batch.begin_followers()
+            arguments[2].header[_OF_NO_FOLLOWER] = 0
+            arguments[2].header[UNIT_FOLLOWS] = 1
+            is_finished = loop(*arguments)
         batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
         return bool(is_finished)
 
@@ -345,6 +360,7 @@ class Tracer:
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
         header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
+        header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

@@ -225,6 +225,7 @@ class Instances:
     motion: dict[int, Float32Array] = field(default_factory=dict)
     #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
     light_group: Int32Array | None = None
+    is_shadow_catcher: npt.NDArray[np.bool_] | None = None  # (N,); None = none
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -35,7 +35,9 @@ UNIT_MEASURE_THRESHOLD = 11  # but for those whose hash is below this: they go o
 UNIT_USE_DENOISING = 12  # the film has what helps denoisers
 UNIT_SPLITS_LIGHT = 13  # light passes are asked for
 UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
-UNIT_HEADER_WIDTH = 15
+UNIT_CATCHES = 15  # the scene has shadow catchers
+UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
+UNIT_HEADER_WIDTH = 17
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -75,6 +77,7 @@ class ClockEntries(NamedTuple):
     write_features: int
     write_denoising: int
     split_light: int
+    catch_shadows: int
     prepare_guides: int
     write_guiding: int
     choose_lights: int

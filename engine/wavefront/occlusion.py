@@ -29,6 +29,9 @@ from engine.state.lanes import (
 )
 from engine.wavefront.columns import SHADOW_ROWS
 
+#: Bit of `LightPassLanes.is_open` while a lane's ray is under way.
+_IS_AIMED = 2
+
 
 @kernel
 def _diffuse_normal(closures, points, lane):
@@ -80,7 +83,7 @@ def aim_occlusion(scene, unit, work, queue):
             shadows.radiance[row, c] = paths.throughput[lane, c] * hidden
             passes.kept[lane, c] = paths.radiance[lane, c]
             paths.radiance[lane, c] = 0.0
-        passes.is_open[lane] = 0
+        passes.is_open[lane] |= _IS_AIMED
         shadows.lane[row] = lane
         shadows.weight[row] = 1.0
         store(shadows.origin, row, origin)
@@ -114,4 +117,4 @@ def keep_occlusion(scene, unit, work, queue):
                 film.light[paths.pixel[lane], LIGHT_OCCLUSION + c] += color[c]
         for c in range(len(paths.channels)):
             paths.radiance[lane, c] = passes.kept[lane, c]
-        passes.is_open[lane] = 1
+        passes.is_open[lane] &= 1

@@ -54,7 +54,7 @@ def _sees(flags, visibility):
 
 @kernel
 def _add_lamp(lights, row, factor, scene, unit, work, lane):
-    """Add the lamp's radiance times `factor` and the throughput, clamped as all light is, and show it in its passes."""
+    """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes."""
     spectrum, paths, scratch = scene.spectrum, work.paths, work.f_cos
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]

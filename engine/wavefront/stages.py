@@ -8,6 +8,7 @@ from typing import Any
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
+from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
@@ -16,6 +17,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
+    UNIT_CATCHES,
     UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
@@ -64,6 +66,7 @@ _HITTABLE_LIGHTS = _by_name(shade_lights)
 _CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
 _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
 _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
+_CATCHERS = _by_name(meet_catchers, show_background)
 _OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
 _EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
@@ -83,7 +86,7 @@ STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT,
-    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS,
+    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS,
 }
 
 
@@ -115,6 +118,7 @@ def stage_arguments(
     add(_LIGHT_PASSES, plain, splits_light)
     add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
     add(_SAMPLED_PASSES, plain, header[SCENE_HAS_EMITTERS] and splits_light)
+    add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     add(_SHADOWS, plain, has_shadows)
