@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals import Budget, find_rival
-from tests.addon.test_light_passes import ask_for_passes, render
+from tests.helpers.pass_files import ask_for_passes, render_passes
 
 
 def catching(scene: Any) -> None:
@@ -42,7 +42,7 @@ def test_catchers_are_those_of_cycles(
         for seed in range(4):
             find_rival(rival).configure(scene, Budget(64), seed, 0)
             ask_for_passes(scene)
-            for name, image in render(scene, tmp_path / "i.exr", names).items():
+            for name, image in render_passes(scene, tmp_path / "i.exr", names).items():
                 found[name][rival].append(image.astype(np.float64))
     for name in names:
         ours, theirs = (np.stack(found[name][rival]) for rival in ("OFF", "cycles"))
