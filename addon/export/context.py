@@ -77,6 +77,19 @@ class ExportCache:
         return self.next_version
 
 
+@dataclass(frozen=True)
+class Window:
+    """A window that the scene is exported for, instead of a render.
+
+    is_shown : callable, whether the window shows an object
+    use_lights, use_world : bool, whether it is lit by those of the scene
+    """
+
+    is_shown: Callable[[bpy.types.Object], bool]
+    use_lights: bool = True
+    use_world: bool = True
+
+
 @dataclass
 class ExportContext:
     """One export: where from, for whom, and what was found on the way."""
@@ -92,6 +105,12 @@ class ExportContext:
     working_space: str = "Rec.709"
     #: Whether the shutter is open for a while.
     is_blurred: bool = False
+    #: What passes ask for: motion vectors, names of assets, AOVs by name (whether they are colours).
+    wants_vectors: bool = False
+    wants_assets: bool = False
+    aovs: dict[str, bool] = field(default_factory=dict)
+    #: None for renders.
+    window: Window | None = None
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)

@@ -133,7 +133,8 @@ class Batch:
         *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
+        closures = allocate_closures(lanes, channel_count, layout.data.options.aov_width)
+        light_closures = allocate_closures(lanes, channel_count)
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
@@ -221,6 +222,7 @@ class Batch:
         work.free.count[0] = LANE_COUNT
         work.counts[:] = 0
         work.clock[:] = 0
+        work.closures.aovs[:] = 0.0
         self._guide_none()
         begin(work.clock)
 

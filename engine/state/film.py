@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.runtime.bundle import Bundle
+from engine.state.data_passes import NO_DATA, DataLayout
 
 # Columns of the feature sums, written at the first surface that is not transparent.
 FEATURE_NORMAL = 0
@@ -73,10 +74,12 @@ class FilmTile(Bundle):
     denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
     light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
     caught : float32 (P or 0, CAUGHT_WIDTH), of shadow catchers
+    data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
+        (`engine.state.data_passes.DataOptions`)
     """
 
-    #: There are as many light groups as the user likes.
-    _dynamic = frozenset({"light"})
+    #: There are as many light groups, AOVs and levels of mattes as the user likes.
+    _dynamic = frozenset({"light", "data", "mattes"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -95,6 +98,8 @@ class FilmTile(Bundle):
     denoising: np.ndarray
     light: np.ndarray
     caught: np.ndarray
+    data: np.ndarray
+    mattes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,7 @@ class FilmLayout:
     has_catchers: bool = False
     #: Of scenes with shadow catchers.
     is_transparent: bool = False
+    data: DataLayout = NO_DATA
 
 
 PLAIN_LAYOUT = FilmLayout()
@@ -125,6 +131,7 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
     residual_count = pixel_count if layout.use_residual else 0
     half_count = pixel_count if layout.use_half else 0
     light_count = pixel_count if layout.light_part_count else 0
+    data = layout.data
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
         np.zeros((pixel_count, channel_count), np.float32),
@@ -143,4 +150,6 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
         np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
         np.zeros((pixel_count if layout.has_catchers else 0, CAUGHT_WIDTH), np.float32),
+        np.zeros((pixel_count if data.width else 0, data.width), np.float32),
+        np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
     )

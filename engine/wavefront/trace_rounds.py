@@ -64,6 +64,8 @@ def _shade_background(stages, scene, unit, work):
     _evaluate_background(stages, scene, unit, work, work.missed)
     if unit.header[UNIT_CATCHES] != 0 and unit.header[UNIT_FOLLOWS] == 0:
         stages.show_background(scene, unit, work, work.missed)
+    if scene.data.options.aov_width > 0 and unit.header[UNIT_USE_FEATURES] != 0:
+        stages.write_aovs(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
     mark(work.clock, CLOCK.shade_background)
 
@@ -132,6 +134,10 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     stages.shade_emission(scene, unit, work, work.surface)
     mark(clock, CLOCK.shade_emission)
     if use_features:
+        if scene.data.options.aov_width > 0:
+            stages.write_aovs(scene, unit, work, work.surface)
+        if scene.data.options.is_used != 0:
+            stages.write_data(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:

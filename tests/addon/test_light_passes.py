@@ -17,7 +17,7 @@ from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
 from tests.helpers.pass_files import NAMES, ask_for_passes, render_passes
 
 PIXELS = 40 * 30
-#: Standard errors, and difference of a cell, that count as found: as in test_parity, for 24 cells and 11 passes of a scene.
+#: Standard errors, and difference of a cell, that count as found: as in test_parity, for 24 cells and 11 passes.
 SIGMAS = 4.5
 CELL_ALLOWANCE = 0.01
 #: Where light is made to be found seldom, few samples say nothing; Cycles disperses nothing.
