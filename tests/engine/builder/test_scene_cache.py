@@ -138,6 +138,8 @@ def _original() -> SceneDescription:
     instances.materials = np.array([0, 2, 1, 2, 3, 3, 0, 0], np.int32)
     instances.material_offset = np.array([0, 0, 2, 2, 6, 4], np.int32)
     instances.terminator_offset = np.full(6, 0.1, np.float32)
+    instances.light_group = np.full(6, -1, np.int32)
+    instances.is_shadow_catcher = np.zeros(6, np.bool_)
     instances.motion = {1: np.stack([_at(0, 0, -0.2), _at(0, 0, 0.2)])}
     meshes = [_bumpy(key, seed) for seed, key in enumerate(("shared", "single", "other", "waving"))]
     waving = meshes[3]
@@ -174,6 +176,7 @@ def _original() -> SceneDescription:
         shutter=(0.0, 1.0),
         shutter_curve=np.array([0.5, 1.0, 0.5], np.float32),
         passes=PassSettings(aovs=(Aov("Tint", True),)),
+        light_groups=("Key",),
     )  # fmt: skip
 
 
@@ -431,6 +434,7 @@ UNSEEN = frozenset({
     "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
+    "SceneDescription.light_groups", "World.light_group", "World.occlusion_distance",
 })  # fmt: skip
 
 
