@@ -130,8 +130,10 @@ _ELSEWHERE = """\
   `rolling_shutter_duration`).
 - **Threads** are Blender's own (*Performance*) unless `threads` is set.
 - **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, Object Index, Material
-  Index, Emission and Environment. Those of `view_layer.neuralguide` are Albedo, Sample Count, Variance, Candidate
-  Count and Guiding Benefit.
+  Index, Emission, Environment, Ambient Occlusion, Shadow Catcher, those of diffuse, glossy and transmitted light
+  (Direct, Indirect, Color), and one of each light group of the layer. Objects and the world say which group they
+  belong to (`object.lightgroup`, `world.lightgroup`). Those of `view_layer.neuralguide` are Albedo, Sample Count,
+  Variance, Candidate Count and Guiding Benefit.
 - **Passes of data** are Blender's too: Mist (its distances are in the world's *Mist Pass* panel), UV, Vector, the
   view layer's *Shader AOV*s, and *Cryptomatte* of objects, materials and assets. *Alpha Threshold* says which surface
   passes of one surface show. Cryptomatte needs a multilayer EXR of 32 bits; for programs that read files of one part
