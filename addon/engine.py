@@ -272,6 +272,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
         self._report_result(depsgraph, result.report, cancelled)
+        self._stamp_mattes(depsgraph.view_layer_eval, description)
 
     # -- telling the user ---------------------------------------------------------------------------------------------
 
@@ -382,6 +383,20 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         ):
             # Only the full result's fields reach the file, not those of the part being rendered.
             self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)
+
+    def _stamp_mattes(self, layer: bpy.types.ViewLayer, description: SceneDescription) -> None:
+        """Write into the file's metadata whose ids are in Cryptomattes."""
+        from engine.scene.cryptomatte import matte_metadata
+
+        instances = description.instances
+        names = {
+            "CryptoObject": instances.name,
+            "CryptoMaterial": [material.name for material in description.materials],
+            "CryptoAsset": instances.asset or (),
+        }
+        for kind in passes.requested_mattes(layer):
+            for field, value in matte_metadata(f"{layer.name}.{kind}", names[kind]).items():
+                self.get_result().stamp_data_add_field(field, value)
 
     def _status(self, message: str, layer: str) -> None:
         if not bpy.app.background:

@@ -105,6 +105,10 @@ class ExportContext:
     working_space: str = "Rec.709"
     #: Whether the shutter is open for a while.
     is_blurred: bool = False
+    #: What passes ask for: motion vectors, names of assets, AOVs by name (whether they are colours).
+    wants_vectors: bool = False
+    wants_assets: bool = False
+    aovs: dict[str, bool] = field(default_factory=dict)
     #: None for renders.
     window: Window | None = None
     #: How many meshes of one name an object has made so far (geometry nodes may make many).

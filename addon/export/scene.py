@@ -21,6 +21,8 @@ from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
+from .pass_motion import find_pass_motion
+from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .unsupported import notice_scene
 from .world import export_world
@@ -74,8 +76,10 @@ def export_scene(
     context.is_blurred = shutter is not None
     if window is not None:
         context.updated = updated
-    elif shutter is None:
-        context.updated = _updated_datablocks(depsgraph, engine, cache)
+    else:
+        read_requests(context)
+        if shutter is None:
+            context.updated = _updated_datablocks(depsgraph, engine, cache)
     cache.begin()
     clock = Clock(context)
     try:
@@ -83,7 +87,8 @@ def export_scene(
     finally:
         clock.restore()
     # Going to other times flags whatever is animated: what the next export is told says nothing about this one.
-    cache.finish(depsgraph.as_pointer() if shutter is None else 0)
+    has_moved = shutter is not None or context.wants_vectors
+    cache.finish(0 if has_moved else depsgraph.as_pointer())
     return description
 
 
@@ -126,8 +131,11 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         shutter=None if shutter is None else (shutter.time(-1.0), shutter.time(1.0)),
         shutter_curve=curve,
         rolling_shutter_duration=rolling,
+        passes=export_pass_settings(context),
         light_groups=context.light_groups,
     )
+    if context.wants_vectors:
+        description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
     if shutter is not None and camera_object is not None:
         add_motion(context, clock, shutter, description, appearances, chosen, camera_object)
     description.notices = context.notices
@@ -232,6 +240,7 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
         light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )
     return meshes, instances, chosen

@@ -26,6 +26,7 @@ class Look:
 LOOKS = {
     "cycles": Look(_GREY, "o"),
     "cycles-guided": Look(_ORANGE, "s"),
+    "cycles-fast-gi": Look(_SKY, "x", "--"),
     "better of Cycles": Look("#7d6b3d", "+"),
     "OFF": Look(_BLUE, "^"),
     "VMM": Look(_RED, "D"),

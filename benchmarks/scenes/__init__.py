@@ -8,6 +8,7 @@ from benchmarks.scenes import (
     cameras,
     closures,
     failures,
+    furnished,
     geometry,
     lights,
     limits,
@@ -20,6 +21,6 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "geometry", "lights", "limits", "motion",
-    "principled", "rooms", "spectral", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "furnished", "geometry", "lights", "limits",
+    "motion", "principled", "rooms", "spectral", "textures",
 ]  # fmt: skip

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import bpy
 import numpy as np
@@ -253,8 +254,13 @@ def _sky(width: int, sun_radiance: float) -> np.ndarray:
     return pixels
 
 
+def sky_image(width: int, sun_radiance: float) -> Any:
+    """The sky as a packed image."""
+    return image("Sky", _sky(width, sun_radiance), is_float=True, colorspace="Linear Rec.709")
+
+
 def _world_image(sun_radiance: float, rotation: float = 0.6, mirror: bool = False) -> None:
-    sky = image("Sky", _sky(64, sun_radiance), is_float=True, colorspace="Linear Rec.709")
+    sky = sky_image(64, sun_radiance)
 
     def surface(nodes: Nodes) -> Socket:
         direction = nodes("TexCoord", output="Generated")

@@ -117,7 +117,8 @@ class GeometryCache:
 
 def _instances_key(instances: Instances) -> object:
     """What of instances geometry depends on: all."""
-    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in ("name", "motion")]
+    apart = ("name", "motion", "asset")
+    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in apart]
     return (
         tuple(instances.name),
         tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),

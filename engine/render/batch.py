@@ -131,7 +131,8 @@ class Batch:
         *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
+        closures = allocate_closures(lanes, channel_count, layout.data.options.aov_width)
+        light_closures = allocate_closures(lanes, channel_count)
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
@@ -218,6 +219,7 @@ class Batch:
         work.free.count[0] = LANE_COUNT
         work.counts[:] = 0
         work.clock[:] = 0
+        work.closures.aovs[:] = 0.0
         # No lane is guided, whatever the last unit was.
         work.guided.rough_share[:] = 0.0
         work.samples.guide_pdf[:] = 0.0

@@ -15,8 +15,10 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iterations import LearningRests, iteration_weight
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
 from engine.render.adaptive import ActivePixels, Tile
@@ -28,7 +30,7 @@ from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tracer import Tracer
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
-from engine.state.unit import ALL_STRATA, PLAIN, Unit
+from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit
 
 #: Side of a tile [pixels].
 TILE_SIZE = 32
@@ -115,6 +117,9 @@ class Job:
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
+        #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
+        self._learned: Guidance | None = None
+        self._rests = LearningRests(pixel_count)
         self._before = Statistics()
         self._queue_changed = threading.Condition()
         self._busy = 0
@@ -341,7 +346,8 @@ class Job:
         if following is not None and time_is_up:
             self.ended_by = "TIME_LIMIT"
         is_last = following is None or time_is_up or self._look(samples)
-        if self._stop or (is_last and not learner.wants_last):
+        has_rested = self._learned is not None
+        if self._stop or (is_last and (has_rested or not learner.wants_last)):
             return
         units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
         self._units = {}
@@ -349,20 +355,37 @@ class Job:
             assert isinstance(learner, Learner)
             learner.take_last(units)
             return
-        assert following is not None and self.tracer.guidance is not None
+        assert following is not None
+        costs = self._costs_since()
         if self._active is not None:
             self._tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
-        self.tracer.guidance = learner.learn(
-            units, self.tracer.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
-            self._costs_since(), following, is_whole=iterations.is_whole,
-        )
+        if not has_rested:
+            assert self.tracer.guidance is not None
+            self.tracer.guidance = learner.learn(
+                units, self.tracer.guidance.record_threshold / 2**32, self.film.sums,
+                (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
+            )
         with self._queue_changed:
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
                 self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
             else:
-                iterations.begin(learner.parts, len(self._tiles))
+                iterations.begin(self._parts_of(*following), len(self._tiles))
+
+    def _parts_of(self, first: int, count: int) -> list[Part]:
+        """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
+        assert self.learner is not None
+        rested, self._learned = self._learned, None
+        parts = self.learner.parts
+        if rested is not None:
+            self.tracer.guidance, parts = rested, [Part(first, count, CURRENT)]
+        active, guidance = self._active, self.tracer.guidance
+        assert guidance is not None
+        if active is not None and active.has_looked and self._rests.take(active.count, count):
+            self._learned = guidance
+            self.tracer.guidance, parts = guidance.without_records(), [Part(first, count, CURRENT)]
+        return parts
 
     def _costs_since(self) -> IterationCosts:
         """What the threads have counted since this was last asked."""

@@ -226,7 +226,8 @@ class Session:
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
             Only the result of a render that went to its end is denoised.
         passes : iterable of str
-            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`).
+            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`), AOVs and mattes
+            (`engine.scene.pass_names`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -269,7 +270,7 @@ class Session:
             settings = replace(settings, seed=start.seed(settings.seed))
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        layout = film_layout(names | denoising.passes, settings, groups)
+        layout = film_layout(names | denoising.passes, settings, groups, scene.description.passes)
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, layout)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.table import no_table
@@ -34,6 +35,7 @@ from engine.state.shaders import (
     MODE_NO_REFRACTIVE_CAUSTICS,
     PROGRAM_EMISSION_CONSTANT,
     PROGRAM_FLAGS,
+    PROGRAM_HAS_AOVS,
 )
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -109,7 +111,8 @@ class Tracer:
         if not settings.use_caustics_refractive:
             self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
-        world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        facts = scene.shaders.programs[world, PROGRAM_FLAGS]
+        world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -124,7 +127,8 @@ class Tracer:
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, scene.lights, make_options(settings, scene.description.frame.exposure),
+            scene.shaders, scene.tables, scene.lights, build_data_view(scene, layout.data.options),
+            make_options(settings, scene.description.frame.exposure),
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -182,6 +186,7 @@ class Tracer:
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
             self.layout.use_denoising, self.layout.light_part_count > 0,
+            scene.data.options.is_used, scene.data.options.aov_width > 0,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:

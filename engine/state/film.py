@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.runtime.bundle import Bundle
+from engine.state.data_passes import NO_DATA, DataLayout
 
 # Columns of the feature sums, written at the first surface that is not transparent.
 FEATURE_NORMAL = 0
@@ -62,10 +63,12 @@ class FilmTile(Bundle):
     half_weight : float32 (P or 0,), as `weight`, of those
     denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
     light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
+    data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
+        (`engine.state.data_passes.DataOptions`)
     """
 
-    #: There are as many light groups as the user likes.
-    _dynamic = frozenset({"light"})
+    #: There are as many light groups, AOVs and levels of mattes as the user likes.
+    _dynamic = frozenset({"light", "data", "mattes"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -83,6 +86,8 @@ class FilmTile(Bundle):
     half_weight: np.ndarray
     denoising: np.ndarray
     light: np.ndarray
+    data: np.ndarray
+    mattes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,7 @@ class FilmLayout:
     #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
     light_part_count: int = 0
     light_groups: tuple[str, ...] = ()
+    data: DataLayout = NO_DATA
 
 
 PLAIN_LAYOUT = FilmLayout()
@@ -109,6 +115,7 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
     residual_count = pixel_count if layout.use_residual else 0
     half_count = pixel_count if layout.use_half else 0
     light_count = pixel_count if layout.light_part_count else 0
+    data = layout.data
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
         np.zeros((pixel_count, channel_count), np.float32),
@@ -126,4 +133,6 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         np.zeros(half_count, np.float32),
         np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
         np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
+        np.zeros((pixel_count if data.width else 0, data.width), np.float32),
+        np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
     )

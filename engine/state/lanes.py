@@ -167,6 +167,7 @@ class Closures(Bundle):
     flags : int32 (L,), CLOSURE_* bits of engine.kernels.bsdf.kinds
     dispersion : float32 (L,) [um^2], of the material (`engine.spectral.dispersion`); wavelength [nm], share : float32
         (L, WAVELENGTHS), of the path, see `PathState`. Set where the lane disperses (CLOSURE_DISPERSES), else not read
+    aovs : float32 (L A,), what programs leave for AOVs, A columns a lane (`DataOptions.aov_width`); camera rays only
     channels : tuple of ints, its length is the spectrum's width
     """
 
@@ -182,6 +183,7 @@ class Closures(Bundle):
     dispersion: Float32Array
     wavelength: Float32Array
     share: Float32Array
+    aovs: Float32Array
     channels: tuple[int, ...]
 
 
@@ -209,8 +211,11 @@ def allocate_points(lane_count: int) -> ShadePoints:
     return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
 
 
-def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
-    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`."""
+def allocate_closures(lane_count: int, channel_count: int = 3, aov_width: int = 0) -> Closures:
+    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`.
+
+    `aov_width` is the columns of all AOVs; closures without any must not meet camera rays and programs that have some.
+    """
     if lane_count > LANE_COUNT:
         raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
     real, integer = np.float32, np.int32
@@ -237,7 +242,8 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
             lane_count, [[("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("dispersion", real)]]
         )
     return Closures(
-        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields, channels=tuple(range(channel_count))
+        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields,
+        aovs=np.zeros(lane_count * aov_width, np.float32), channels=tuple(range(channel_count)),
     )
 
 
@@ -374,7 +380,8 @@ TAUGHT_P = 0
 TAUGHT_NG = 3
 TAUGHT_BEFORE = 6  # throughput on arrival
 TAUGHT_RADIANCE = 9  # the path's sum then
-TAUGHT_WIDTH = 12
+TAUGHT_SIDE = 12  # of its footprint
+TAUGHT_WIDTH = 13
 
 
 class CachedLanes(Bundle):
@@ -385,7 +392,7 @@ class CachedLanes(Bundle):
         by a delta lobe or the camera
     seen : float32 [m^2], footprint of the camera's ray at the first surface; root : float32 [m], square root of the
         path's own footprint at the vertex before; arriving : float32 [m], and at the surface that it has hit
-    place : int64, tag : uint32, of the cell that is asked first
+    level : uint8, place : int64, tag : uint32, of the cell that is asked first
     is_measured : uint8, whether the path went on where it could have ended
     is_recorded : uint8, whether the path teaches the cache; has_met : uint8, whether it has met a surface that could be
         taught; may_teach : uint8, whether the one that it has hit can be
@@ -401,6 +408,7 @@ class CachedLanes(Bundle):
     seen: Float32Array
     root: Float32Array
     arriving: Float32Array
+    level: Uint8Array
     place: Int64Array
     tag: Uint32Array
     is_measured: Uint8Array
@@ -429,6 +437,7 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
                 ("arriving", real),
                 ("place", np.int64),
                 ("tag", np.uint32),
+                ("level", np.uint8),
                 ("is_measured", np.uint8),
                 ("is_recorded", np.uint8),
                 ("has_met", np.uint8),

@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.cells.field import SUM_WEIGHT
-from engine.guiding.fields.cells.query import first_key, look_up
+from engine.guiding.fields.cells.field import SUM_WEIGHT, cell_key
+from engine.guiding.fields.cells.query import first_level, is_small, look_up
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
 from engine.kernels.bsdf.evaluate import is_delta_lobe
 from engine.kernels.constants import FLOAT_MAX
@@ -44,6 +44,7 @@ from engine.state.lanes import (
     TAUGHT_NG,
     TAUGHT_P,
     TAUGHT_RADIANCE,
+    TAUGHT_SIDE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT
@@ -123,6 +124,7 @@ def _note(paths, cached, points, lane):
         cached.taught[row, TAUGHT_NG + c] = points.real[lane, POINT_NG + c]
         cached.taught[row, TAUGHT_BEFORE + c] = paths.throughput[lane, c] * inverse
         cached.taught[row, TAUGHT_RADIANCE + c] = paths.radiance[lane, c]
+    cached.taught[row, TAUGHT_SIDE] = cached.arriving[lane]
     cached.taught_program[row] = points.integer[lane, POINT_PROGRAM]
 
 
@@ -158,10 +160,12 @@ def end_in_cache(scene, unit, radiance, work, queue):
             if cached.has_met[lane] == 0 or left >= _FAR_LIMIT:
                 _note(paths, cached, points, lane)
             cached.has_met[lane] = 1
-        if is_first:
-            cached.place[lane], cached.tag[lane] = first_key(
+        level = first_level(cells, cached.arriving[lane])
+        if is_first and is_small(cells, level, cached.arriving[lane]):
+            cached.level[lane] = level
+            cached.place[lane], cached.tag[lane] = cell_key(
                 cells, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG),
-                points.integer[lane, POINT_PROGRAM], cached.arriving[lane],
+                points.integer[lane, POINT_PROGRAM], level,
             )
             prefetch(cells.tag, cached.place[lane])
             asking[asking_count] = lane
@@ -171,7 +175,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
         ask_for_throughput(paths, lane_ahead(asking, k, asking_count))
         chosen = path_bits(paths, lane)
         slot = look_up(
-            cells, cached.place[lane], cached.tag[lane], real_3(points, lane, POINT_P),
+            cells, cached.level[lane], cached.place[lane], cached.tag[lane], real_3(points, lane, POINT_P),
             real_3(points, lane, POINT_NG), points.integer[lane, POINT_PROGRAM], cached.arriving[lane],
         )
         if slot < 0:
@@ -183,7 +187,8 @@ def end_in_cache(scene, unit, radiance, work, queue):
             if paths.throughput[lane, c] > 0.0:
                 # Not finite where no path has brought anything of this channel to the cell.
                 weight = cells.sums[slot, SUM_WEIGHT + c] * survival
-                value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
+                arriving = paths.throughput[lane, c] * cells.scale[0]
+                value = arriving * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
             # Written so that NaN fails.
             is_known = is_known and value >= 0.0 and value < FLOAT_MAX
             contribution[lane, c] = value

@@ -41,6 +41,7 @@ from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
+from engine.wavefront.write_data import write_aovs, write_data
 from engine.wavefront.write_denoising import write_denoising
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
@@ -62,6 +63,7 @@ _HITTABLE_LIGHTS = _by_name(shade_lights)
 _CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
 _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
 _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
+_DATA, _AOVS = _by_name(write_data), _by_name(write_aovs)
 _EMITTERS = _by_name(choose_lights, connect_lights, intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
 _WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
@@ -80,7 +82,7 @@ STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT,
-    **_LIGHT_PASSES, **_SAMPLED_PASSES,
+    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_DATA, **_AOVS,
 }
 
 
@@ -108,6 +110,8 @@ def stage_arguments(
     add(_HITTABLE_LIGHTS, plain, header[SCENE_HAS_HITTABLE_LIGHTS])
     add(_CONSTANT_WORLD if header[SCENE_WORLD_IS_CONSTANT] else _OTHER_WORLD, plain)
     add(_FEATURES, plain, use_features)
+    add(_DATA, plain, scene.data.options.is_used)
+    add(_AOVS, plain, scene.data.options.aov_width)
     add(_DENOISING, plain, unit.header[UNIT_USE_DENOISING])
     add(_LIGHT_PASSES, plain, splits_light)
     add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])

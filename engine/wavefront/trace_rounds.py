@@ -43,6 +43,8 @@ def _shade_background(stages, scene, unit, work):
         _evaluate(stages, scene, work, work.points, work.shaded, work.missed, MODE_EMISSION)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
         stages.upsample_emission(scene, work, work.points, work.closures, work.missed)
+    if scene.data.options.aov_width > 0:
+        stages.write_aovs(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
     mark(work.clock, CLOCK.shade_background)
 
@@ -111,6 +113,10 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     stages.shade_emission(scene, unit, work, work.surface)
     mark(clock, CLOCK.shade_emission)
     if use_features:
+        if scene.data.options.aov_width > 0:
+            stages.write_aovs(scene, unit, work, work.surface)
+        if scene.data.options.is_used != 0:
+            stages.write_data(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:

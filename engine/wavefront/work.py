@@ -16,6 +16,7 @@ from engine.ris.candidates import Candidates
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
+from engine.state.data_passes import DataView
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
@@ -51,6 +52,7 @@ class SceneView(Bundle):
     shaders: ShaderArrays
     tables: BsdfTables
     lights: LightArrays
+    data: DataView
     options: IntegratorOptions
 
 

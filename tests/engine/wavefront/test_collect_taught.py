@@ -17,6 +17,7 @@ from engine.state.lanes import (
     TAUGHT_NG,
     TAUGHT_P,
     TAUGHT_RADIANCE,
+    TAUGHT_SIDE,
     CachedLanes,
     PathState,
     allocate_cached_lanes,
@@ -47,7 +48,7 @@ def collected(gathered: np.ndarray, surfaces: int, room: int) -> _Work:
             row = cached.taught[lane * MAX_TAUGHT + k]
             row[TAUGHT_P : TAUGHT_P + 3], row[TAUGHT_NG + 2] = (lane, k, 0.0), 1.0
             row[TAUGHT_BEFORE : TAUGHT_BEFORE + RGB] = 0.5**k
-            row[TAUGHT_RADIANCE : TAUGHT_RADIANCE + RGB] = k
+            row[TAUGHT_RADIANCE : TAUGHT_RADIANCE + RGB], row[TAUGHT_SIDE] = k, 7 + k
             cached.taught_program[lane * MAX_TAUGHT + k] = 10 * k
     work = _Work(np.zeros(COUNT_WIDTH, np.int64), paths, cached, allocate_taught_records(room))
     queue = allocate_queue(lanes)
@@ -62,6 +63,8 @@ def test_a_record_is_the_gain_over_the_throughput() -> None:
     np.testing.assert_array_equal(work.taught.radiance[:4, 0], [3.0, 2.0 / 0.5, 5.0, 4.0 / 0.5])
     np.testing.assert_array_equal(work.taught.position[:4, :2], [[0, 0], [0, 1], [1, 0], [1, 1]])
     np.testing.assert_array_equal(work.taught.program[:4], [0, 10, 0, 10])
+    np.testing.assert_array_equal(work.taught.side[:4], [7, 8, 7, 8])
+    np.testing.assert_array_equal(work.taught.is_first[:4], [1, 0, 1, 0])
     np.testing.assert_allclose(work.taught.weight[:4, 2], [1.0, 0.05, 1.0, 0.05])
 
 

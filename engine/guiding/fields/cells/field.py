@@ -42,6 +42,7 @@ class CellField(Bundle):
     sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times radiance by channel, weight by
         channel, number of records
     size : float32 (1,) [m], side of the smallest cells
+    scale : float32 (1,), by which all that cells say is to be multiplied
     mask : uint32 (1,), S - 1
     """
 
@@ -49,6 +50,7 @@ class CellField(Bundle):
     tag: Uint32Array
     sums: Float32Array
     size: Float32Array
+    scale: Float32Array
     mask: Uint32Array
 
 
@@ -57,7 +59,7 @@ def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
     places = aligned_bytes(slot_count * _PLACE_WIDTH * 4).view(np.float32).reshape(slot_count, _PLACE_WIDTH)
     return CellField(
         places.view(np.uint32)[:, SUM_WIDTH], places[:, :SUM_WIDTH], np.full(1, size, np.float32),
-        np.full(1, slot_count - 1, np.uint32),
+        np.ones(1, np.float32), np.full(1, slot_count - 1, np.uint32),
     )
 
 
@@ -92,13 +94,13 @@ def cell_key(cells, p, n, program, level):
     p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit
     program : int, of the surface's shader
     """
-    inverse = 1.0 / cell_size(cells, level)
+    inverse = np.float32(1.0) / cell_size(cells, level)
     x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
     y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
     z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
     kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
-    key = hash_combine(hash_combine(x, y), hash_combine(z, kind))
-    tag = hash_combine(hash_combine(z, x), hash_combine(kind, y))
+    first, second = hash_combine(x, y), hash_combine(z, kind)
+    key, tag = hash_combine(first, second), hash_combine(second, first)
     return np.int64(key & cells.mask[0]), max(tag, np.uint32(1))
 
 

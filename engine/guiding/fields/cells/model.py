@@ -4,7 +4,10 @@
 A cell's radiance is the mean of what its surfaces sent back along the paths that met them, weighed by what these paths
 bring of it to the camera. Guided paths come more often to where a cell is bright, with less weight each: a plain mean
 would be too bright. Each channel has weights of its own: a path that comes from something red says nothing of blue.
-Nothing is forgotten, and no record is cut: the energy is right.
+
+Paths whose footprints are too small for a cell, or so large that they ask larger ones, come to other parts of it:
+near an edge, for example, from the wall beside it, where it is dark. They weigh less. What is still wrong on the whole
+is mended on the whole: each iteration's records are compared with what the cells of earlier ones say.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from engine.guiding.fields.cells.field import (
     claim_cell,
     empty_cells,
 )
+from engine.guiding.fields.cells.query import first_level, is_small, look_up
 from engine.guiding.records.taught import TaughtRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
@@ -30,21 +34,28 @@ from engine.state.lanes import RGB
 _SMALLEST_SHARE = 1.0 / 256.0
 _OUTERMOST_PERCENT = 2.0
 _ROWS_AHEAD = 8
+#: Weight of paths that would not ask cells of this size.
+_OTHERS_SHARE = np.float32(0.1)
+#: What cells say is scaled once so many records have been compared with it: single bright paths would decide before.
+_LEAST_COMPARED = 1 << 16
 
 
 @kernel
-def _learn(cells, rows, level, places, tags):
+def _learn(cells, rows, level, shares, places, tags):
     """Add rows to their cells of a level; returns how many found no room.
 
     Parameters
     ----------
-    places : int64, tags : uint32, a row each, scratch
+    shares : float32, places : int64, tags : uint32, a row each, scratch
     """
     row_count = rows.program.shape[0]
     for row in range(row_count):
+        first = first_level(cells, rows.side[row])
         places[row], tags[row] = cell_key(
             cells, load(rows.position, row), load(rows.normal, row), rows.program[row], level
         )
+        asks = level >= first and is_small(cells, level, rows.side[row])
+        shares[row] = np.float32(1.0) if asks else _OTHERS_SHARE
     lost_count = 0
     for row in range(row_count):
         prefetch(cells.tag, places[min(row + _ROWS_AHEAD, row_count - 1)])
@@ -53,10 +64,37 @@ def _learn(cells, rows, level, places, tags):
             lost_count += 1
             continue
         for c in range(RGB):
-            cells.sums[slot, c] += rows.weight[row, c] * rows.radiance[row, c]
-            cells.sums[slot, SUM_WEIGHT + c] += rows.weight[row, c]
+            weight = shares[row] * rows.weight[row, c]
+            cells.sums[slot, c] += weight * rows.radiance[row, c]
+            cells.sums[slot, SUM_WEIGHT + c] += weight
         cells.sums[slot, SUM_COUNT] += np.float32(1.0)
     return lost_count
+
+
+@kernel
+def _compare(cells, rows):
+    """What cells say of the surfaces at which paths could end first, and what these paths have found, both weighed:
+    float64, float64; and of how many records, int. The cells must not have learned from these records.
+    """
+    said = found = 0.0
+    count = 0
+    for row in range(rows.program.shape[0]):
+        side = rows.side[row]
+        level = first_level(cells, side)
+        if rows.is_first[row] == 0 or not is_small(cells, level, side):
+            continue
+        p, n = load(rows.position, row), load(rows.normal, row)
+        place, tag = cell_key(cells, p, n, rows.program[row], level)
+        slot = look_up(cells, level, place, tag, p, n, rows.program[row], side)
+        if slot < 0:
+            continue
+        count += 1
+        for c in range(RGB):
+            weight = cells.sums[slot, SUM_WEIGHT + c]
+            if weight > 0.0:
+                said += rows.weight[row, c] * cells.sums[slot, c] / weight
+                found += rows.weight[row, c] * rows.radiance[row, c]
+    return said, found, count
 
 
 class CellModel:
@@ -71,6 +109,8 @@ class CellModel:
     def __init__(self) -> None:
         self.field: CellField | None = None
         self.lost_count = 0
+        self._said = self._found = 0.0
+        self._compared_count = 0
 
     def learn(self, records: TaughtRecords) -> None:
         """Add the records of an iteration; no thread may look cells up meanwhile."""
@@ -82,6 +122,12 @@ class CellModel:
             low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
             extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
-        places, tags = np.zeros(row_count, np.int64), np.zeros(row_count, np.uint32)
+        said, found, count = _compare(self.field, records)
+        self._said += said
+        self._found += found
+        self._compared_count += count
+        if self._compared_count >= _LEAST_COMPARED and self._said > 0.0:
+            self.field.scale[0] = self._found / self._said
+        scratch = [np.zeros(row_count, kind) for kind in (np.float32, np.int64, np.uint32)]
         for level in range(LEVEL_COUNT):
-            self.lost_count += int(_learn(self.field, records, level, places, tags))
+            self.lost_count += int(_learn(self.field, records, level, *scratch))

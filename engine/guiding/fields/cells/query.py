@@ -15,8 +15,13 @@ LEAST_COUNT = np.float32(32.0)
 
 
 @kernel
-def _first_level(cells, side):
-    """Level of the smallest cells that a path of a footprint of this side [m] asks."""
+def first_level(cells, side):
+    """Level of the cells that a path asks first.
+
+    Parameters
+    ----------
+    side : float32 [m], of the path's footprint
+    """
     level = 0
     while level + 1 < LEVEL_COUNT and cell_size(cells, level + 1) <= _FINEST_SHARE * side:
         level += 1
@@ -24,26 +29,28 @@ def _first_level(cells, side):
 
 
 @kernel
-def first_key(cells, p, n, program, side):
-    """Place and tag of the cell that is asked first (`cell_key`), so that its memory can be asked for ahead.
+def is_small(cells, level, side):
+    """Whether cells of a level are small enough for a path with a footprint of this side [m] to ask them."""
+    return cell_size(cells, level) <= _LARGEST_SHARE * side
+
+
+@kernel
+def look_up(cells, level, place, tag, p, n, program, side):
+    """A cell that knows enough and is small beside the path's footprint; -1: none.
 
     Parameters
     ----------
+    level : int, of the cell that is asked first, which is small (`first_level`, `is_small`)
+    place : int, tag : uint32, of that cell (`cell_key`)
     p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit, geometric
     program : int, of the surface's shader
     side : float32 [m], of the path's footprint
     """
-    return cell_key(cells, p, n, program, _first_level(cells, side))
-
-
-@kernel
-def look_up(cells, place, tag, p, n, program, side):
-    """A cell that knows enough and is small beside the path's footprint, from `first_key` on; -1: none."""
-    level = _first_level(cells, side)
-    while level < LEVEL_COUNT and cell_size(cells, level) <= _LARGEST_SHARE * side:
+    while True:
         slot = find_cell(cells, place, tag)
         if slot >= 0 and cells.sums[slot, SUM_COUNT] >= LEAST_COUNT:
             return slot
         level += 1
+        if level >= LEVEL_COUNT or not is_small(cells, level, side):
+            return np.int64(-1)
         place, tag = cell_key(cells, p, n, program, level)
-    return np.int64(-1)
