@@ -126,7 +126,7 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         threshold.active = setting_value(scene, "use_adaptive_sampling")
         for name in ("adaptive_threshold", "adaptive_min_samples"):
             _draw_shared(threshold, scene, name)
-        for name in ("samples", "time_limit"):
+        for name in ("samples", "preview_samples", "time_limit"):
             _draw_shared(column, scene, name)
         column.prop(settings, "spectral")
 
