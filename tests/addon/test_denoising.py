@@ -77,3 +77,34 @@ def test_passes_have_cycles_names(blender: Any) -> None:
     assert expected.items() <= found.items()
     scene.cycles.use_denoising = layer.cycles.denoising_store_passes = False
     assert not expected.keys() & {item.blender_name for item in requested_passes(scene, layer)}
+
+
+@pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise here")
+def test_the_compositor_s_node_denoises_our_passes(cube_scene: Any, blender: Any, tmp_path: Path) -> None:
+    """By Noisy Image, Denoising Albedo and Denoising Normal it makes the picture that Combined is."""
+    scene = cube_scene
+    if not hasattr(scene, "compositing_node_group"):
+        pytest.skip("the compositor's trees are elsewhere before Blender 5.0")
+    scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = True, False
+    scene.view_layers[0].cycles.denoising_store_passes = True
+    tree = blender.data.node_groups.new("Denoise", "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    scene.compositing_node_group = tree
+    layers, node, output = (
+        tree.nodes.new(kind) for kind in ("CompositorNodeRLayers", "CompositorNodeDenoise", "NodeGroupOutput")
+    )
+    layers.scene = scene
+    for source, target in (("Noisy Image", "Image"), ("Denoising Albedo", "Albedo"), ("Denoising Normal", "Normal")):
+        tree.links.new(layers.outputs[source], node.inputs[target])
+    tree.links.new(node.outputs["Image"], output.inputs[0])
+
+    def render(name: str) -> np.ndarray:
+        scene.render.filepath = str(tmp_path / name)
+        blender.ops.render.render(write_still=True)
+        with OpenEXR.File(scene.render.filepath) as file:
+            return np.array(file.channels()["RGBA"].pixels)[..., :3]
+
+    composited = render("composited.exr")
+    scene.render.use_compositing = False
+    combined = render("combined.exr")
+    np.testing.assert_allclose(composited, combined, atol=2e-3)
