@@ -31,7 +31,7 @@ and `addon/declared_settings.py`.
 - Files keep their pictures. In a file that was saved with settings of ours by a version that did not read Cycles'
   settings, *Use Cycles' Settings* is off. Settings for experiments that a file holds under their former names are
   moved to `scene.neuralguide.experiment`, with their animation, when it is opened.
-- What Cycles' settings ask for and NeuralGuide does not have (denoising, the GPU and others) is
+- What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is
   said once a render.
 
 ## How to set them

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.guiding.models.residual import with_residual
+from engine.guiding.models.residual import with_relative_residual, with_residual
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
@@ -152,6 +152,31 @@ class Film:
     def nbytes(self) -> int:
         """Memory of the sums."""
         return sum(array.nbytes for array in self.sums)
+
+    @property
+    def has_residual(self) -> bool:
+        """Whether paths ended in the radiance cache, and some measured what that lacks."""
+        return len(self.sums.residual) > 0
+
+    def cached_image(self, *, exposure: float) -> np.ndarray:
+        """What paths brought that ended in the radiance cache, without what that lacks: float32 (height, width, 3)."""
+        scale = np.float32(exposure) * self._scale()
+        return (self.sums.radiance[:, :3] * scale).reshape(self.height, self.width, 3)
+
+    def with_residual(self, denoised: np.ndarray, *, exposure: float) -> np.ndarray:
+        """The denoised `cached_image` with what is known of what it lacks: float32 (height, width, 3)."""
+        scale = np.float32(exposure) * self._scale()
+        shape = (self.height, self.width)
+        whole = with_relative_residual(
+            denoised.reshape(-1, 3), self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
+        )
+        return whole.astype(np.float32).reshape(*shape, 3)
+
+    def _scale(self) -> np.ndarray:
+        """What makes means of sums: float32 (P, 1), 0 where there is no sample."""
+        has_samples = self.sums.count > 0
+        weight = np.where(has_samples, self.sums.weight, 1.0).astype(np.float32)
+        return np.where(has_samples, 1.0 / weight, 0.0).astype(np.float32)[:, None]
 
     def passes(self, names: set[str] | frozenset[str], *, exposure: float) -> dict[str, np.ndarray]:
         """Images by pass name.

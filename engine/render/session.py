@@ -301,7 +301,7 @@ class Session:
         if denoising.is_on and job.ended_by != "CANCEL":
             if on_progress is not None:
                 on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
-            if not denoising.run(result_passes, should_cancel):
+            if not denoising.run(result_passes, should_cancel, film, frame.exposure):
                 job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
