@@ -15,6 +15,7 @@ from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
+from engine.scene.description import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 
@@ -102,8 +103,11 @@ def test_the_main_loop_passes_what_its_stages_take(
     session = Session(
         RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral, radiance_cache=cache)
     )
-    session.load(small_scene())
-    session.render(passes=("Combined", "Normal"))
+    scene = small_scene()
+    scene.passes = PassSettings(aovs=(Aov("Value", False),))
+    session.load(scene)
+    # A pass of each kind: they have stages of their own.
+    session.render(passes=("Combined", "Normal", "Mist", "Diffuse Direct", "Denoising Albedo"))
     assert arguments, "the loop was not compiled"
     table = arguments[-1][0]
     assert isinstance(table, StageTable)
