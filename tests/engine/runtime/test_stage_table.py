@@ -15,6 +15,7 @@ from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
+from engine.scene.description import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 
@@ -105,7 +106,9 @@ def test_the_main_loop_passes_what_its_stages_take(
     description = small_scene()
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
+    description.passes = PassSettings(aovs=(Aov("Value", False),))
     session.load(description)
+    # A pass of each kind: they have stages of their own.
     session.render(passes=("Combined", "Normal", "Mist", "Denoising Albedo", "Glossy Color", "Ambient Occlusion"))
     assert arguments, "the loop was not compiled"
     table = arguments[-1][0]
