@@ -30,10 +30,11 @@ def _modules() -> list:  # type: ignore[type-arg]
         ui,
         warm_up,
     )
+    from .viewport import windows
 
     return [
         log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, preferences,
-        warm_up,
+        warm_up, windows,
     ]  # fmt: skip
 
 

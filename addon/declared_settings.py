@@ -27,6 +27,10 @@ _ADDON_SETTINGS = (
         "Sampling",
     ),
     Setting(
+        "preview_samples", 1024, "Viewport Samples", "Paths to trace for every pixel of a viewport; 0: without end",
+        "Sampling", minimum=0, maximum=MAX_SAMPLES,
+    ),
+    Setting(
         "sequence_field", False, "Sequence Field",
         "Train a neural mixture once for all frames from the scene's first to its last one, when the first"
         " of them is rendered, instead of anew in every frame. It tells the frames apart by the Mixture's Encoding"

@@ -20,6 +20,7 @@ from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
+from .viewport import windows
 
 if TYPE_CHECKING:
     from engine.scene.description import Notice, SceneDescription
@@ -66,10 +67,12 @@ _shown_notices: set[Notice] = set()
 
 
 class NeuralGuideRenderEngine(bpy.types.RenderEngine):
-    """Final renders.
+    """Final renders, and windows in rendered shading.
 
-    Blender calls `update_render_passes`, then `update` and `render` for every view layer, then `render_frame_finish`.
-    The same instance comes back for the next frame where "Persistent Data" is on: what it holds then saves work.
+    For a render Blender calls `update_render_passes`, then `update` and `render` for every view layer, then
+    `render_frame_finish`. The same instance comes back for the next frame where "Persistent Data" is on: what it holds
+    then saves work.
+    A window has an instance of its own, whose `view_update` and `view_draw` are called.
     """
 
     bl_idname = "NEURALGUIDE"
@@ -91,6 +94,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _layers_done = 0
     _started = 0.0
     _first_image = math.nan
+    _view: Any = None  # of a window in rendered shading
 
     # -- hooks ------------------------------------------------------------------------------------------------------
 
@@ -116,6 +120,15 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     def render_frame_finish(self) -> None:
         """All view layers of the frame are done."""
         self._layers_done = 0
+
+    def view_update(self, _context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Something has changed in the scene that a window shows."""
+        self._guard_view(lambda view: view.update(depsgraph))
+
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Draw what the window's process has rendered."""
+        self._guard_view(lambda view: view.draw(self, context, depsgraph))
+        windows.wake()
 
     # -- the work ---------------------------------------------------------------------------------------------------
 
@@ -259,6 +272,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
         self._report_result(depsgraph, result.report, cancelled)
+        self._stamp_mattes(depsgraph.view_layer_eval, description)
 
     # -- telling the user ---------------------------------------------------------------------------------------------
 
@@ -291,6 +305,17 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         if bpy.app.background:
             logger.error(message)
         self.report({"ERROR"}, message)
+
+    def _guard_view(self, work: Callable[[Any], None]) -> None:
+        """Run `work` on the window's view; what it raises is shown in the window."""
+        try:
+            if self._view is None:
+                self._view = windows.open_window(self)
+            work(self._view)
+        except Exception as error:
+            message = f"internal error in the viewport: {type(error).__name__}: {error}"
+            path = log_failure(message)
+            self.update_stats("", f"{message} (details in {path})" if path is not None else message)
 
     def _note(self, depsgraph: bpy.types.Depsgraph, status: str, message: str = "", report: Any = None) -> None:
         global _outcome_count
@@ -358,6 +383,20 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         ):
             # Only the full result's fields reach the file, not those of the part being rendered.
             self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)
+
+    def _stamp_mattes(self, layer: bpy.types.ViewLayer, description: SceneDescription) -> None:
+        """Write into the file's metadata whose ids are in Cryptomattes."""
+        from engine.scene.cryptomatte import matte_metadata
+
+        instances = description.instances
+        names = {
+            "CryptoObject": instances.name,
+            "CryptoMaterial": [material.name for material in description.materials],
+            "CryptoAsset": instances.asset or (),
+        }
+        for kind in passes.requested_mattes(layer):
+            for field, value in matte_metadata(f"{layer.name}.{kind}", names[kind]).items():
+                self.get_result().stamp_data_add_field(field, value)
 
     def _status(self, message: str, layer: str) -> None:
         if not bpy.app.background:

@@ -10,6 +10,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from engine.scene.pass_names import aov_pass, matte_passes
+
 from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
@@ -51,12 +53,44 @@ OPTIONAL = (
         False,
         RenderPass("IndexMA", "Material Index" if _RENAMED else "IndexMA", "X", "VALUE"),
     ),
+    ("use_pass_mist", False, RenderPass("Mist", "Mist", "Z", "VALUE")),
+    ("use_pass_vector", False, RenderPass("Vector", "Vector", "XYZW", "VECTOR")),
+    ("use_pass_uv", False, RenderPass("UV", "UV", "UVA", "VECTOR")),
     ("use_pass_albedo", True, RenderPass("Albedo", "Albedo", "RGB", "COLOR")),
     ("use_pass_sample_count", True, RenderPass("Sample Count", "Sample Count", "X", "VALUE")),
     ("use_pass_variance", True, RenderPass("Variance", "Variance", "RGB", "COLOR")),
     ("use_pass_candidate_count", True, RenderPass("Candidate Count", "Candidate Count", "X", "VALUE")),
     ("use_pass_guiding_benefit", True, RenderPass("Guiding Benefit", "Guiding Benefit", "X", "VALUE")),
 )
+
+#: (property of the view layer, kind of Cryptomatte)
+MATTES = (
+    ("use_pass_cryptomatte_object", "CryptoObject"),
+    ("use_pass_cryptomatte_material", "CryptoMaterial"),
+    ("use_pass_cryptomatte_asset", "CryptoAsset"),
+)
+#: As Cycles.
+MOST_MATTE_LEVELS = 16
+
+#: Passes of light taken apart, by Blender's switch: the engine's name, and Blender's before it renamed them.
+_LIGHT_NAMES = {
+    f"use_pass_{lobes.lower()}_{light.lower()}": (f"{lobes} {light}", f"{old}{light[:3]}")
+    for lobes, old in (("Diffuse", "Diff"), ("Glossy", "Gloss"), ("Transmission", "Trans"))
+    for light in ("Direct", "Indirect", "Color")
+}
+LIGHT = {
+    switch: RenderPass(name, name if _RENAMED else old.replace("Color", "Col"), "RGB", "COLOR")
+    for switch, (name, old) in _LIGHT_NAMES.items()
+}
+#: The same among Cycles' own settings of a view layer.
+CYCLES_LIGHT = {
+    "use_pass_volume_direct": RenderPass(
+        "Volume Direct", "Volume Direct" if _RENAMED else "VolumeDir", "RGB", "COLOR"
+    ),
+    "use_pass_volume_indirect": RenderPass(
+        "Volume Indirect", "Volume Indirect" if _RENAMED else "VolumeInd", "RGB", "COLOR"
+    ),
+}
 
 
 def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> Iterator[RenderPass]:
@@ -70,6 +104,27 @@ def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) ->
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False):
             yield render_pass
+    cycles = getattr(view_layer, "cycles", None)
+    for owner, table in ((view_layer, LIGHT), (cycles, CYCLES_LIGHT)):
+        for switch, render_pass in table.items():
+            if getattr(owner, switch, False):
+                yield render_pass
+    for group in getattr(view_layer, "lightgroups", ()):
+        name = f"Combined_{group.name}"
+        yield RenderPass(name, name, "RGB", "COLOR")
+    for kind in requested_mattes(view_layer):
+        for name in matte_passes(kind, min(view_layer.pass_cryptomatte_depth, MOST_MATTE_LEVELS)):
+            # In lower case, so that codecs of EXR keep ids as they are.
+            yield RenderPass(name, name, "rgba", "COLOR")
+    for aov in view_layer.aovs:
+        if aov.is_valid:
+            channels, kind = ("RGBA", "COLOR") if aov.type == "COLOR" else ("X", "VALUE")
+            yield RenderPass(aov_pass(aov.name), aov.name, channels, kind)
+
+
+def requested_mattes(view_layer: bpy.types.ViewLayer) -> list[str]:
+    """Kinds of Cryptomatte that `view_layer` asks for."""
+    return [kind for switch, kind in MATTES if getattr(view_layer, switch)]
 
 
 def write_pass(target: bpy.types.RenderPass, pixels: npt.NDArray[np.float32]) -> None:
@@ -117,23 +172,8 @@ def write_layer(
 
 #: Blender's switches for passes that the engine does not have, and their names in the user interface.
 UNSUPPORTED = {
-    "use_pass_mist": "Mist",
-    "use_pass_vector": "Vector",
-    "use_pass_uv": "UV",
-    "use_pass_diffuse_direct": "Diffuse Direct",
-    "use_pass_diffuse_indirect": "Diffuse Indirect",
-    "use_pass_diffuse_color": "Diffuse Color",
-    "use_pass_glossy_direct": "Glossy Direct",
-    "use_pass_glossy_indirect": "Glossy Indirect",
-    "use_pass_glossy_color": "Glossy Color",
-    "use_pass_transmission_direct": "Transmission Direct",
-    "use_pass_transmission_indirect": "Transmission Indirect",
-    "use_pass_transmission_color": "Transmission Color",
     "use_pass_ambient_occlusion": "Ambient Occlusion",
     "use_pass_shadow": "Shadow",
-    "use_pass_cryptomatte_object": "Cryptomatte Object",
-    "use_pass_cryptomatte_material": "Cryptomatte Material",
-    "use_pass_cryptomatte_asset": "Cryptomatte Asset",
     "use_pass_subsurface_direct": "Subsurface Direct",
     "use_pass_subsurface_indirect": "Subsurface Indirect",
     "use_pass_subsurface_color": "Subsurface Color",
@@ -141,8 +181,6 @@ UNSUPPORTED = {
 }
 #: The same among Cycles' own settings of a view layer.
 UNSUPPORTED_CYCLES = {
-    "use_pass_volume_direct": "Volume Direct",
-    "use_pass_volume_indirect": "Volume Indirect",
     "use_pass_volume_scatter": "Volume Scatter",
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
@@ -156,5 +194,4 @@ def unsupported_passes(view_layer: bpy.types.ViewLayer) -> list[str]:
     found = [name for switch, name in UNSUPPORTED.items() if getattr(view_layer, switch, False)]
     cycles = getattr(view_layer, "cycles", None)
     found += [name for switch, name in UNSUPPORTED_CYCLES.items() if getattr(cycles, switch, False)]
-    found += [f"Light Group {group.name}" for group in getattr(view_layer, "lightgroups", ())]
-    return found + [f"AOV {aov.name}" for aov in view_layer.aovs]
+    return found

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 #: Name in `scene.neuralguide` and in `RenderSettings`: owner below the scene, and the name there.
 SHARED_SETTINGS: dict[str, tuple[str, str]] = {
     "samples": ("cycles", "samples"),
+    "preview_samples": ("cycles", "preview_samples"),
     "use_adaptive_sampling": ("cycles", "use_adaptive_sampling"),
     "adaptive_threshold": ("cycles", "adaptive_threshold"),
     "adaptive_min_samples": ("cycles", "adaptive_min_samples"),
@@ -134,6 +135,7 @@ def copy_cycles_settings(scene: bpy.types.Scene) -> None:
     if not has_cycles(scene):
         raise ValueError("Cycles' settings are not there: enable the Cycles add-on in the preferences")
     ours = scene.neuralguide
-    for name in SHARED_SETTINGS:
-        setattr(ours, name, cycles_value(scene, name))
+    for name, (owner_name, their_name) in SHARED_SETTINGS.items():
+        if hasattr(getattr(scene, owner_name), their_name):  # not all in older Blenders
+            setattr(ours, name, cycles_value(scene, name))
     ours.threads = _blender_threads(scene)

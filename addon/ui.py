@@ -15,6 +15,7 @@ from . import last_render, learned_fields, preferences, warm_up
 from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
+from .passes import requested_mattes
 from .shared_settings import SHARED_SETTINGS, follows_cycles, has_cycles, setting_source, setting_value
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
@@ -40,6 +41,9 @@ _EXCLUDED_PANELS = {
     "WORLD_PT_preview",
 }
 
+#: Panels that Blender keeps for its own engines, and of which all works.
+_ADDED_PANELS = {"VIEWLAYER_PT_override"}
+
 #: Cycles' panels for data that both engines read, parents first.
 _CYCLES_PANELS = (
     "CYCLES_PT_context_material",
@@ -56,6 +60,7 @@ _CYCLES_PANELS = (
     "CYCLES_WORLD_PT_settings_surface",
     "CYCLES_CAMERA_PT_dof",
     "CYCLES_CAMERA_PT_dof_aperture",
+    "CYCLES_RENDER_PT_override",  # Blender 3 and 4: later it is VIEWLAYER_PT_override
     "CYCLES_OBJECT_PT_motion_blur",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
@@ -365,6 +370,25 @@ class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801
             _draw_section(part, context.scene, section)
 
 
+class NEURALGUIDE_PT_filter(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What the view layer shows, of what this engine has."""
+
+    bl_label = "Filter"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 (Blender's convention)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        include = column.column(heading="Include")
+        include.prop(layer, "use_sky", text="Environment")
+        include.prop(layer, "use_solid", text="Surfaces")
+        use = column.column(heading="Use")
+        use.active = context.scene.render.use_motion_blur
+        use.prop(layer, "use_motion_blur", text="Motion Blur")
+
+
 class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
     """Passes of the view layer."""
 
@@ -378,14 +402,20 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         data = column.column(heading="Data", align=True)
         for name, text in (
             ("use_pass_z", "Depth"),
+            ("use_pass_mist", "Mist"),
             ("use_pass_position", "Position"),
             ("use_pass_normal", "Normal"),
+            ("use_pass_uv", "UV"),
             ("use_pass_object_index", "Object Index"),
             ("use_pass_material_index", "Material Index"),
         ):
             data.prop(layer, name, text=text)
+        vector = data.column()
+        vector.active = not context.scene.render.use_motion_blur
+        vector.prop(layer, "use_pass_vector", text="Vector")
         if hasattr(layer, "cycles"):
             data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
+        column.prop(layer, "pass_alpha_threshold")
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
@@ -395,6 +425,45 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         quality.prop(layer.neuralguide, "use_pass_variance")
         quality.prop(layer.neuralguide, "use_pass_candidate_count")
         quality.prop(layer.neuralguide, "use_pass_guiding_benefit")
+
+
+class NEURALGUIDE_PT_passes_cryptomatte(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Which Cryptomattes there are, and how many levels they have."""
+
+    bl_label = "Cryptomatte"
+    bl_context = "view_layer"
+    bl_parent_id = "NEURALGUIDE_PT_passes"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        column.prop(layer, "use_pass_cryptomatte_object", text="Object")
+        column.prop(layer, "use_pass_cryptomatte_material", text="Material")
+        column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
+        levels = column.column()
+        levels.active = bool(requested_mattes(layer))
+        levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
+
+
+class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Passes that AOV Output nodes fill."""
+
+    bl_label = "Shader AOV"
+    bl_context = "view_layer"
+    bl_parent_id = "NEURALGUIDE_PT_passes"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        column = self._column()
+        row = column.row()
+        row.template_list("VIEWLAYER_UL_aov", "aovs", layer, "aovs", layer, "active_aov_index", rows=3)
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_aov", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_aov", icon="REMOVE", text="")
+        if layer.active_aov is not None and not layer.active_aov.is_valid:
+            column.label(text="Another pass has this name", icon="ERROR")
 
 
 class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -423,7 +492,8 @@ class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
 def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:
     """Blender's own panels that work with this engine."""
     for panel in bpy.types.Panel.__subclasses__():
-        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _EXCLUDED_PANELS:
+        is_for_all = "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ())
+        if panel.__name__ in _ADDED_PANELS or (is_for_all and panel.__name__ not in _EXCLUDED_PANELS):
             yield panel
 
 
@@ -476,7 +546,10 @@ _classes = (
     NEURALGUIDE_PT_film,
     NEURALGUIDE_PT_performance,
     NEURALGUIDE_PT_experiments,
+    NEURALGUIDE_PT_filter,
     NEURALGUIDE_PT_passes,
+    NEURALGUIDE_PT_passes_cryptomatte,
+    NEURALGUIDE_PT_passes_aov,
     NEURALGUIDE_PT_dispersion,
 )
 

@@ -13,6 +13,7 @@ from benchmarks.fingerprints import add_arguments as add_fingerprint_arguments
 from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
 from benchmarks.stability import add_arguments as add_stability_arguments
+from benchmarks.viewport import add_arguments as add_viewport_arguments
 from engine.settings import SAMPLE_WEIGHTINGS
 
 #: What runs where no scene is named.
@@ -82,6 +83,8 @@ def _parser() -> argparse.ArgumentParser:
     add_stability_arguments(commands.add_parser("stability", help="every method on every way to fail"))
     text = "hashes of many small pictures, to tell whether a change of code changes any"
     add_fingerprint_arguments(commands.add_parser("fingerprints", help=text, description=text))
+    text = "how soon a viewport answers, and what it leaves behind"
+    add_viewport_arguments(commands.add_parser("viewport", help=text, description=text))
     commands.add_parser("scenes", help="list the scenes built by script")
     return parser
 
@@ -99,6 +102,10 @@ def main(arguments: list[str] | None = None) -> int:
         for scene in SCENES.values():
             print(f"{BUILTIN}{scene.name:32} {scene.description}")
         return 0
+    if chosen.command == "viewport":
+        from benchmarks.viewport import main as measure_viewport
+
+        return measure_viewport(chosen)
     if chosen.command in CHART_COMMANDS:
         return run_chart_command(chosen, SHORT_SET)
     from benchmarks.rivals import Budget, find_rival

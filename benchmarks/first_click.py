@@ -28,7 +28,7 @@ def save_scene(scene: Any, path: Path, samples: int, seed: int) -> None:
 
     cycles, image = scene.cycles, scene.render.image_settings
     cycles.samples, cycles.seed, cycles.use_animated_seed = samples, seed, False
-    cycles.use_adaptive_sampling = cycles.use_denoising = False  # which the engine says that it has not
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
     if hasattr(image, "media_type"):
         image.media_type = "IMAGE"
     image.file_format, image.color_mode, image.color_depth = "OPEN_EXR", "RGBA", "32"

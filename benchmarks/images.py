@@ -57,7 +57,7 @@ def read_exr(path: Path | str, layer: str = "Combined") -> tuple[Float32Array, d
 
 
 def read_sample_counts(path: Path | str) -> Float32Array:
-    """Samples of each pixel of a multi-layer file, float32 (height, width); Cycles' are shares of those it went through.
+    """Samples of each pixel of a multi-layer file, float32 (height, width); Cycles' are shares of what it went through.
 
     Raises
     ------

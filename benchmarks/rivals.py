@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who renders: Cycles without and with path guiding or Fast GI, and NEURALGUIDE by guiding method.
 
-All get the light paths, filter, clamps and roulette rule of the scene's Cycles settings, no denoising, no persistent
-data, the same threads; a noise threshold only where the budget has one.
+All get the light paths, filter, clamps and roulette rule of the scene's Cycles settings, no persistent data, the same
+threads; a noise threshold only where the budget has one. None is denoised but those with DENOISED behind their name: by
+Open Image Denoise, as well as it can, with albedo and normal.
 """
 
 from __future__ import annotations
@@ -10,11 +11,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 #: Samples asked for where only time is to stop a render.
 UNLIMITED_SAMPLES = 1 << 20
+
+#: Behind the name of any rival: its picture is denoised.
+DENOISED = "+oidn"
 
 #: Names of ours that stand for a guiding method with settings of its own.
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -62,7 +66,7 @@ class Measurement:
     """What a renderer says of itself after a render.
 
     render_seconds : float
-        Tracing alone.
+        Tracing, and denoising.
     compile_seconds : float
         Loading or compiling kernels.
     samples : float
@@ -93,6 +97,26 @@ class Rival:
     configure: Callable[[Any, Budget, int, int], None]
     measure: Callable[[Any, dict[str, Any], Budget, float, int], Measurement]
     settings: dict[str, Any] = field(default_factory=dict)
+
+
+def is_denoised(name: str) -> bool:
+    """Whether the rival called `name` denoises its picture."""
+    return name.endswith(DENOISED)
+
+
+def denoised_label(name: str) -> str:
+    """What tables say of that."""
+    return "yes" if is_denoised(name) else "no"
+
+
+def _denoise(scene: Any) -> None:
+    """Cycles' settings of denoising, which ours follows: its defaults, which give the best picture."""
+    cycles = scene.cycles
+    cycles.use_denoising, cycles.denoiser, cycles.denoising_use_gpu = True, "OPENIMAGEDENOISE", False
+    cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
+    cycles.denoising_quality = "HIGH"
+    for layer in scene.view_layers:
+        layer.cycles.use_denoising = True
 
 
 def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> None:
@@ -203,6 +227,7 @@ def _measure_ours(
     details = {
         "build_seconds": report.build_seconds,
         "ended_by": report.ended_by,
+        "denoise_seconds": report.denoise_seconds,
         "stage_seconds": dict(report.stage_seconds),
         "reject_count": report.reject_count,
         "guiding": list(report.guiding.lines),
@@ -210,7 +235,7 @@ def _measure_ours(
         "notices": [f"{n.subject}: {n.problem}; {n.fallback}" for n in report.notices],
     }
     return Measurement(
-        report.render_seconds,
+        report.render_seconds + report.denoise_seconds,
         report.prepare_seconds,
         report.sample_count,
         dict(report.rays),
@@ -219,8 +244,17 @@ def _measure_ours(
     )
 
 
+def _denoised(rival: Rival) -> Rival:
+    def configure(scene: Any, budget: Budget, seed: int, threads: int) -> None:
+        rival.configure(scene, budget, seed, threads)
+        _denoise(scene)
+
+    return replace(rival, name=rival.name + DENOISED, configure=configure)
+
+
 def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
-    """The rival called `name`: one of Cycles', a guiding method of ours such as 'OFF', or a variant.
+    """The rival called `name`: one of Cycles', a guiding method of ours such as 'OFF', or a variant; with DENOISED
+    behind it, denoised.
 
     Parameters
     ----------
@@ -236,6 +270,8 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
     from engine.methods import METHODS
     from engine.settings import RenderSettings
 
+    if is_denoised(name):
+        return _denoised(find_rival(name.removesuffix(DENOISED), settings))
     settings = dict(settings or {})
     if name in CYCLES:
         if settings:
@@ -243,7 +279,7 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
         return Rival(name, False, _configure_cycles(*CYCLES[name]), _measure_cycles)
     if name not in METHODS and name not in VARIANTS:
         known = (*CYCLES, *METHODS, *VARIANTS)
-        raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}")
+        raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}, and each with {DENOISED}")
     settings |= VARIANTS.get(name, {})
     chosen = {"guiding_method": name} | settings
     unknown = chosen.keys() - RenderSettings.__dataclass_fields__.keys()

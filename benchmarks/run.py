@@ -16,7 +16,7 @@ from benchmarks import environment, metrics
 from benchmarks.images import Float32Array
 from benchmarks.reference import load_reference
 from benchmarks.rendering import Failure, Render, image_stack, render_scene
-from benchmarks.rivals import Budget, Rival
+from benchmarks.rivals import Budget, Rival, denoised_label
 from benchmarks.scene_files import SceneSource
 from benchmarks.tables import geometric_mean, table
 
@@ -105,6 +105,7 @@ def result_table(results: Sequence[RivalResult], first_rival: str) -> str:
             [
                 r.scene,
                 r.rival,
+                denoised_label(r.rival),
                 r.samples,
                 r.render_seconds,
                 r.export_seconds,
@@ -122,9 +123,8 @@ def result_table(results: Sequence[RivalResult], first_rival: str) -> str:
             ]
         )
     header = [
-        "scene", "rival", "spp", "render s", "export s", "Msamples/s", "x speed", "seed err", "trimmed", "x error",
-        "x efficiency", "ref err", "MAPE", "FLIP", "MiB",
-        "first s",
+        "scene", "rival", "denoised", "spp", "render s", "export s", "Msamples/s", "x speed", "seed err", "trimmed",
+        "x error", "x efficiency", "ref err", "MAPE", "FLIP", "MiB", "first s",
     ]  # fmt: skip
     return table(header, rows)
 

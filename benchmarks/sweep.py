@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks import environment
 from benchmarks.reference import NOTABLE_SHARE, Reference, load_reference
 from benchmarks.rendering import Failure, render_scene
-from benchmarks.rivals import Budget, Rival
+from benchmarks.rivals import Budget, Rival, denoised_label
 from benchmarks.run import RivalResult, evaluate
 from benchmarks.scene_files import SceneSource
 from benchmarks.tables import table
@@ -27,14 +27,14 @@ def sweep_table(results: Sequence[tuple[Budget, RivalResult]]) -> str:
     """A line for each scene, rival and budget; medians over seeds."""
     rows: list[list[float | int | str | None]] = [
         [
-            r.scene, r.rival, str(budget), r.seed_count, r.samples, r.render_seconds, r.seed_error,
-            r.seed_error_trimmed, r.reference_error, r.reference_error_trimmed, r.mape, r.flip,
+            r.scene, r.rival, denoised_label(r.rival), str(budget), r.seed_count, r.samples, r.render_seconds,
+            r.seed_error, r.seed_error_trimmed, r.reference_error, r.reference_error_trimmed, r.mape, r.flip,
         ]
         for budget, r in results
     ]  # fmt: skip
     header = [
-        "scene", "rival", "budget", "seeds", "spp", "render s", "seed err", "trimmed", "ref err", "trimmed", "MAPE",
-        "FLIP",
+        "scene", "rival", "denoised", "budget", "seeds", "spp", "render s", "seed err", "trimmed", "ref err", "trimmed",
+        "MAPE", "FLIP",
     ]  # fmt: skip
     return table(header, rows)
 

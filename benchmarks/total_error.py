@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.metrics import EPSILON, FloatArray, image_scale, reduce_error, seed_variance
 from benchmarks.report.collect import Batch, SceneResults, collect
+from benchmarks.rivals import denoised_label
 from benchmarks.tables import table
 
 
@@ -77,8 +78,8 @@ def _row(
     error = total_error([render.image for render in batch.renders], references)
     samples = float(np.median([render.record.samples for render in batch.renders]))
     return [
-        scene.name, batch.rival, str(batch.budget), len(batch.renders), error.total, error.variance,
-        error.bias_squared, f"{error.difference:+.2%}", round(samples),
+        scene.name, batch.rival, denoised_label(batch.rival), str(batch.budget), len(batch.renders), error.total,
+        error.variance, error.bias_squared, f"{error.difference:+.2%}", round(samples),
     ]
 
 
@@ -97,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    header = ["scene", "rival", "budget", "seeds", "total", "variance", "bias^2", "mean", "samples"]
+    header = ["scene", "rival", "denoised", "budget", "seeds", "total", "variance", "bias^2", "mean", "samples"]
     print(table(header, rows))
     return 0
 

@@ -127,11 +127,11 @@ def export_frame(context: ExportContext) -> Frame:
         region=region,
         pixel_aspect_x=render.pixel_aspect_x,
         pixel_aspect_y=render.pixel_aspect_y,
-        exposure=_film_exposure(context.scene),
+        exposure=film_exposure(context.scene),
     )
 
 
-def _film_exposure(scene: bpy.types.Scene) -> float:
+def film_exposure(scene: bpy.types.Scene) -> float:
     """The setting that counts; 1 where there is none, since neither add-on is registered."""
     owner, name = setting_source(scene, "film_exposure")
     return 1.0 if owner is None else getattr(owner, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import bpy
@@ -76,6 +77,19 @@ class ExportCache:
         return self.next_version
 
 
+@dataclass(frozen=True)
+class Window:
+    """A window that the scene is exported for, instead of a render.
+
+    is_shown : callable, whether the window shows an object
+    use_lights, use_world : bool, whether it is lit by those of the scene
+    """
+
+    is_shown: Callable[[bpy.types.Object], bool]
+    use_lights: bool = True
+    use_world: bool = True
+
+
 @dataclass
 class ExportContext:
     """One export: where from, for whom, and what was found on the way."""
@@ -91,6 +105,12 @@ class ExportContext:
     working_space: str = "Rec.709"
     #: Whether the shutter is open for a while.
     is_blurred: bool = False
+    #: What passes ask for: motion vectors, names of assets, AOVs by name (whether they are colours).
+    wants_vectors: bool = False
+    wants_assets: bool = False
+    aovs: dict[str, bool] = field(default_factory=dict)
+    #: None for renders.
+    window: Window | None = None
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)
@@ -98,6 +118,16 @@ class ExportContext:
     def notice(self, subject: str, problem: str, fallback: str) -> None:
         """Record once that something is not exported as it is."""
         self._notices[Notice(subject, problem, fallback)] = None
+
+    @cached_property
+    def light_groups(self) -> tuple[str, ...]:
+        """Names of the view layer's light groups."""
+        return tuple(group.name for group in getattr(self.view_layer, "lightgroups", ()))
+
+    def light_group(self, owner: bpy.types.Object | bpy.types.World) -> int:
+        """Which of them an object's or the world's light belongs to, -1 = none."""
+        name = getattr(owner, "lightgroup", "")
+        return self.light_groups.index(name) if name in self.light_groups else -1
 
     @property
     def notices(self) -> list[Notice]:

@@ -17,6 +17,7 @@ from .context import ExportContext
 from .geometry import read_normals, read_positions
 from .instances import Appearance, Appearances
 from .moments import Moment
+from .shutter import Shutter
 from .topology import Faces, Topology, read_faces, read_topology
 
 #: A point attribute [m/s] that stands for positions at other times, in meshes of simulations.
@@ -34,6 +35,7 @@ class ShapeTrack:
         description: SceneDescription,
         appearances: Appearances,
         chosen: npt.NDArray[np.intp],
+        shutter: Shutter,
     ) -> None:
         """Find the meshes that may change; Blender stands at the middle of the shutter.
 
@@ -43,6 +45,7 @@ class ShapeTrack:
             Rows of `appearances` that the instances of `description` are.
         """
         self._context = context
+        self._shutter = shutter
         self._description = description
         self._shapes: list[_Shape] = []
         # Meshes of the same vertices differ in properties of objects only.
@@ -75,7 +78,7 @@ class ShapeTrack:
             return
         shape = _Shape(rows, items, mesh, kinds[0].name, max(kind.motion_step_count for kind in kinds))
         if has_velocity:
-            _follow_velocity(self._context, shape, source)
+            _follow_velocity(self._context, self._shutter, shape, source)
         else:
             shape.faces = read_faces(source)
             if mesh.corner_normals is not None:
@@ -172,12 +175,12 @@ def _can_deform(owner: bpy.types.Object) -> bool:
     return getattr(owner.original.data, "shape_keys", None) is not None
 
 
-def _follow_velocity(context: ExportContext, shape: _Shape, source: bpy.types.Mesh) -> None:
+def _follow_velocity(context: ExportContext, shutter: Shutter, shape: _Shape, source: bpy.types.Mesh) -> None:
     """As Cycles: vertices go straight on, [m/s], whatever the mesh is at other times."""
     flat = np.empty(len(source.vertices) * 3, np.float32)
     source.attributes[_VELOCITY].data.foreach_get("vector", flat)
     render = context.scene.render
-    seconds = 0.5 * render.motion_blur_shutter * render.fps_base / render.fps
+    seconds = 0.5 * shutter.length * render.fps_base / render.fps
     move = np.nan_to_num(flat.reshape(-1, 3), posinf=0.0, neginf=0.0) * np.float32(seconds)
     shape.step_count = _VELOCITY_STEPS
     if move.any():

@@ -28,7 +28,7 @@ from ..versions import read_setting
 from .context import ExportContext
 from .materials import MaterialExporter
 from .object_properties import Value, find_property
-from .shutter import motion_step_count, uses_deform_motion
+from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
 _RAY_VISIBILITY = (
@@ -74,6 +74,8 @@ class Appearance:
     #: Shadow Terminator Geometry Offset.
     terminator_offset: float
     is_instance: bool
+    #: Index into the view layer's light groups, -1 = none.
+    light_group: int
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
@@ -82,6 +84,8 @@ class Appearance:
     motion_step_count: int = 0
     use_deform_motion: bool = False
     is_particle: bool = False
+    #: Name of the topmost parent.
+    asset: str = ""
 
 
 @dataclass
@@ -182,6 +186,10 @@ def _classify(
         return -1
     if is_mesh and not context.view_layer.use_solid:
         return -1
+    window = context.window
+    if window is not None:
+        if not window.is_shown(item.parent if item.is_instance else shown) or not (is_mesh or window.use_lights):
+            return -1
     owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
     parent = item.parent if item.is_instance else shown
     visibility = _ray_visibility(shown)
@@ -209,6 +217,7 @@ def _classify(
             is_holdout=is_holdout,
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
+            light_group=context.light_group(shown),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
@@ -217,9 +226,21 @@ def _classify(
         kinds[-1].motion_step_count = motion_step_count(shown, parent)
         kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
         kinds[-1].is_particle = item.particle_system is not None
+    elif context.wants_vectors:
+        # As Cycles: the frames before and after, whatever is blurred.
+        kinds[-1].motion_step_count = VECTOR_STEPS
+        kinds[-1].use_deform_motion = True
+    if context.wants_assets:
+        kinds[-1].asset = _topmost(shown).name
     if is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher):
         context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
     return len(kinds) - 1
+
+
+def _topmost(shown: bpy.types.Object) -> bpy.types.Object:
+    while shown.parent is not None:
+        shown = shown.parent
+    return shown
 
 
 def _ray_visibility(shown: bpy.types.Object) -> int:

@@ -61,6 +61,7 @@ def export_light(
         max_bounces=cycles_property(data, "max_bounces", 1024),
         visibility=visibility,
         graph=graph,
+        light_group=context.light_group(light_object),
         random=random,
         **_SHAPES[data.type](data),
     )

@@ -59,7 +59,7 @@ def add_motion(
     kind_steps = np.array([*(kind.motion_step_count for kind in appearances.kinds), 0], np.int64)
     steps = kind_steps[appearances.kind[chosen]]
     camera = CameraTrack(context, camera_object, description.camera)
-    shapes = ShapeTrack(context, description, appearances, chosen)
+    shapes = ShapeTrack(context, description, appearances, chosen, shutter)
     count = max(int(steps.max(initial=0)), camera.step_count, shapes.step_count)
     if count == 0:
         return
@@ -232,6 +232,8 @@ def _keep(instances: Instances, is_kept: npt.NDArray[np.bool_]) -> None:
     rows = np.cumsum(is_kept) - 1
     instances.motion = {int(rows[row]): motion for row, motion in instances.motion.items() if is_kept[row]}
     instances.name = list(compress(instances.name, is_kept))
+    if instances.asset is not None:
+        instances.asset = list(compress(instances.asset, is_kept))
     for name, values in vars(instances).items():
         if isinstance(values, np.ndarray) and name != "materials" and len(values) == count:
             setattr(instances, name, values[is_kept])

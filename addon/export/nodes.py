@@ -86,16 +86,27 @@ class GraphExporter:
         self._graph = self._exported[address] = NodeGraph()
         self._subject = subject
         output = _active_output(tree)
-        if output is None:
-            return self._graph
         root = _open_tree(tree, None, None)
         with _recursion():
-            for socket in output.inputs:
+            self._aovs(root)
+            for socket in () if output is None else output.inputs:
                 name = socket.identifier.lower()
                 if name in ("surface", "volume", "displacement"):
                     source = self._linked(root, socket)
                     setattr(self._graph, name, source if isinstance(source, Link) else None)
         return self._graph
+
+    def _aovs(self, tree: _Tree) -> None:
+        """AOV Output nodes of a tree and of its groups, of the AOVs that the view layer asks for."""
+        if not self._context.aovs:
+            return
+        for node in tree.tree.nodes:
+            if node.bl_idname == "ShaderNodeOutputAOV":
+                # Blender mutes no outputs.
+                if _aov_name(node) in self._context.aovs:
+                    self._graph.aovs.append(self._node(tree, node))
+            elif getattr(node, "node_tree", None) is not None and not node.mute:
+                self._aovs(_open_group(tree, node))
 
     # -----------------------------------------------------------------------------------------------------------------
     # Sockets
@@ -164,9 +175,7 @@ class GraphExporter:
         if node.node_tree is None:
             self._notice(node, "is a group without a node tree", "nothing comes out of it")
             return None
-        inner = tree.groups.get(node.as_pointer())
-        if inner is None:
-            inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
+        inner = _open_group(tree, node)
         for output in inner.tree.nodes:
             if output.bl_idname == "NodeGroupOutput" and output.is_active_output:
                 for inside in output.inputs:
@@ -217,7 +226,9 @@ class GraphExporter:
                     value = tuple(value)
                 properties[name] = value
         idname = node.bl_idname
-        if idname in _VALUE_ON_OUTPUT:
+        if idname == "ShaderNodeOutputAOV":
+            properties["aov_name"] = _aov_name(node)
+        elif idname in _VALUE_ON_OUTPUT:
             properties["value"] = _socket_value(node.outputs[0])
         elif idname in _VALUE_PROPERTY:
             properties["value"] = properties[_VALUE_PROPERTY[idname]]
@@ -303,6 +314,18 @@ def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.
         else:
             opened.broken.add(link.to_socket.as_pointer())
     return opened
+
+
+def _open_group(tree: _Tree, node: bpy.types.Node) -> _Tree:
+    inner = tree.groups.get(node.as_pointer())
+    if inner is None:
+        inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
+    return inner
+
+
+def _aov_name(node: bpy.types.Node) -> str:
+    """Older Blenders have it for the node's own name."""
+    return getattr(node, "aov_name", node.name)
 
 
 def _renamed_output(node: Node, index: int, socket: bpy.types.NodeSocket) -> Link:

@@ -9,11 +9,11 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from engine.scene.description import Attribute, Instances, Light, Mesh, SceneDescription
+from engine.scene.description import Attribute, Camera, Frame, Instances, Light, Mesh, SceneDescription
 
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
-from .context import ExportCache, ExportContext
+from .context import ExportCache, ExportContext, Window
 from .geometry import export_mesh
 from .images import ImageExporter
 from .instances import Appearance, Appearances, gather_appearances, is_invertible
@@ -21,6 +21,8 @@ from .lights import export_light
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
+from .pass_motion import find_pass_motion
+from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .unsupported import notice_scene
 from .world import export_world
@@ -33,6 +35,8 @@ def export_scene(
     view_layer: bpy.types.ViewLayer | None = None,
     cache: ExportCache | None = None,
     should_cancel: Callable[[], bool] | None = None,
+    window: Window | None = None,
+    updated: frozenset[int] | None = None,
 ) -> SceneDescription:
     """Describe what `depsgraph` shows.
 
@@ -46,11 +50,15 @@ def export_scene(
         Kept by the caller between frames: what did not change comes back as the same object with the same key.
     should_cancel : callable, optional
         Asked often.
+    window : Window, optional
+        What a window shows, without motion blur, as Cycles has it; camera and frame are the window's business.
+    updated : frozenset of int, optional
+        Of a window: addresses of all original datablocks that may have changed since the last export with `cache`.
 
     Raises
     ------
     ValueError
-        If the scene has no camera.
+        If the scene has no camera, and no window asks.
     ExportCancelled
         Once `should_cancel()` is true.
     """
@@ -62,11 +70,16 @@ def export_scene(
         engine=engine,
         cache=cache,
         should_cancel=should_cancel,
+        window=window,
     )
-    shutter = read_shutter(context)
+    shutter = read_shutter(context) if window is None else None
     context.is_blurred = shutter is not None
-    if shutter is None:
-        context.updated = _updated_datablocks(depsgraph, engine, cache)
+    if window is not None:
+        context.updated = updated
+    else:
+        read_requests(context)
+        if shutter is None:
+            context.updated = _updated_datablocks(depsgraph, engine, cache)
     cache.begin()
     clock = Clock(context)
     try:
@@ -74,23 +87,24 @@ def export_scene(
     finally:
         clock.restore()
     # Going to other times flags whatever is animated: what the next export is told says nothing about this one.
-    cache.finish(depsgraph.as_pointer() if shutter is None else 0)
+    has_moved = shutter is not None or context.wants_vectors
+    cache.finish(0 if has_moved else depsgraph.as_pointer())
     return description
 
 
 def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> SceneDescription:
     context.check_cancel()
     frame_current = context.scene.frame_current + context.scene.frame_subframe
-    camera_object = find_camera(context)
-    camera = export_camera(context, camera_object)
+    camera_object = find_camera(context) if context.window is None else None
+    camera = Camera() if camera_object is None else export_camera(context, camera_object)
     to_xyz = _set_working_space(context)
     images = ImageExporter(context)
     graphs = GraphExporter(context, images)
     materials = MaterialExporter(context, graphs)
-    world = export_world(context, graphs)
-    frame = export_frame(context)
+    world = export_world(context, graphs) if context.window is None or context.window.use_world else None
+    frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
     curve, rolling = None, 1.0
-    if shutter is not None:
+    if shutter is not None and camera_object is not None:
         curve, rolling = read_shutter_curve(context.scene.render), read_rolling_shutter(context.scene)
         if shutter.centre != shutter.frame:
             # As Cycles: materials, world and most of the camera are those of the frame itself, everything else is that
@@ -117,8 +131,12 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         shutter=None if shutter is None else (shutter.time(-1.0), shutter.time(1.0)),
         shutter_curve=curve,
         rolling_shutter_duration=rolling,
+        passes=export_pass_settings(context),
+        light_groups=context.light_groups,
     )
-    if shutter is not None:
+    if context.wants_vectors:
+        description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
+    if shutter is not None and camera_object is not None:
         add_motion(context, clock, shutter, description, appearances, chosen, camera_object)
     description.notices = context.notices
     return description
@@ -222,6 +240,8 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
+        light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )
     return meshes, instances, chosen
 

@@ -17,6 +17,8 @@ from .context import ExportContext, cycles_property
 
 #: Cycles' most times of an object: 2**7 + 1.
 _MAX_STEPS = 7
+#: Times that motion vectors know: the frame before, the frame, and the frame after.
+VECTOR_STEPS = 3
 #: Entries of the shutter's curve.
 _CURVE_SIZE = 256
 #: Blender's own limits of frame numbers.

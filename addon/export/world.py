@@ -45,4 +45,5 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         map_resolution=cycles_property(world, "sample_map_resolution", 1024),
         max_bounces=cycles_property(world, "max_bounces", 1024),
         cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
+        light_group=context.light_group(world),
     )

@@ -11,7 +11,7 @@ from benchmarks.images import read_exr
 from benchmarks.reference import SEEDS, Reference, load_reference
 from benchmarks.rendering import Render, RenderRecord
 from benchmarks.report.look import LOOKS
-from benchmarks.rivals import VARIANTS, Budget
+from benchmarks.rivals import DENOISED, VARIANTS, Budget
 
 
 @dataclass(eq=False)
@@ -69,7 +69,7 @@ class SceneResults:
 
 def rival_label(record: RenderRecord) -> str:
     """The rival's name, with the settings that are not what its name says."""
-    usual = VARIANTS.get(record.rival, {})
+    usual = VARIANTS.get(record.rival.removesuffix(DENOISED), {})
     told = {name: value for name, value in record.settings.items() if name not in usual}
     return record.rival + "".join(f" {name}={value}" for name, value in sorted(told.items()))
 

@@ -117,7 +117,8 @@ class GeometryCache:
 
 def _instances_key(instances: Instances) -> object:
     """What of instances geometry depends on: all."""
-    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in ("name", "motion")]
+    apart = ("name", "motion", "asset")
+    columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in apart]
     return (
         tuple(instances.name),
         tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
@@ -253,6 +254,7 @@ def _assemble(
     table[:, layout.INSTANCE_PASS_INDEX] = instances.pass_index
     table[:, layout.INSTANCE_VISIBILITY] = visibility
     table[:, layout.INSTANCE_FLAGS] = flags
+    table[:, layout.INSTANCE_LIGHT_GROUP] = -1 if instances.light_group is None else instances.light_group
     values[:, layout.VALUE_RANDOM] = instances.random
     values[:, layout.VALUE_COLOR : layout.VALUE_COLOR + 4] = instances.color
     values[:, layout.VALUE_GENERATED : layout.VALUE_GENERATED + 3] = instances.dupli_generated

@@ -326,6 +326,7 @@ def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, not
     table[la.LAMP_MAX_BOUNCES] = min(light.max_bounces, 1 << 20)
     table[la.LAMP_PROGRAM] = emission.program
     table[la.LAMP_LIGHT] = index
+    table[la.LAMP_LIGHT_GROUP] = light.light_group
     return Lamp(values.astype(np.float32), table, draft.bounds.astype(np.float32), light.visibility, draft.distant)
 
 

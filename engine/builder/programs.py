@@ -12,7 +12,8 @@ from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.description import Link, Node, NodeGraph, Notice, SceneDescription
-from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.aov_columns import aov_columns
+from engine.shaders.compiled_program import AovColumns, ProgramSource
 from engine.shaders.compiler import compile_programs
 from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import GeometryArrays
@@ -146,6 +147,11 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
     cache : ProgramCache, optional
         Updated: programs and images that have not changed are not made again.
     """
+    aovs = aov_columns(description.passes.aovs)
+
+    def asked_of(graph: NodeGraph | None) -> tuple[AovColumns, ...]:
+        return aovs if graph is not None and graph.aovs else ()
+
     sources = [
         ProgramSource(
             f"{material.user} / {material.name}" if material.user else f"material {material.name}",
@@ -154,6 +160,7 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
             dispersion=material.dispersion,
             use_bump_map_correction=material.use_bump_map_correction,
             use_transparent_shadow=material.use_transparent_shadow,
+            aovs=asked_of(material.graph),
         )
         for material in description.materials
     ]
@@ -165,7 +172,11 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
     if description.world is not None:
         world_program = len(sources)
         world = description.world
-        sources.append(ProgramSource(f"world {world.name}", world.graph, kind="WORLD", color=world.color))
+        sources.append(
+            ProgramSource(
+                f"world {world.name}", world.graph, kind="WORLD", color=world.color, aovs=asked_of(world.graph)
+            )
+        )
     light_programs = np.full(len(description.lights), -1, np.int32)
     for index, light in enumerate(description.lights):
         if light.graph is not None:

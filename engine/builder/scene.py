@@ -25,7 +25,7 @@ from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept
 from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
 from engine.scene.digest import content_digest
-from engine.scene.limits import check_frame
+from engine.scene.limits import check_frame, check_light_groups
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.state.camera import CameraArrays
@@ -171,6 +171,7 @@ def build_scene(
         Naming what cannot be rendered and what to do.
     """
     check_frame(description.frame)
+    check_light_groups(description)
     notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
     notices += programs.notices

@@ -8,7 +8,18 @@ import numpy as np
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO
-from engine.state.lanes import FEATURES_DONE, RAY_TRANSPARENT_BACKGROUND, RGB
+from engine.state.lanes import (
+    FEATURES_DONE,
+    PART_DIFFUSE,
+    PART_GLOSSY,
+    PART_GROUPS,
+    PART_TRANSMISSION,
+    RAY_TRANSPARENT_BACKGROUND,
+    RGB,
+)
+
+#: Light that no lamp, object or world of a light group has sent, or that is not known whose it is.
+NO_GROUP = -1
 
 
 @kernel
@@ -24,12 +35,44 @@ def power_heuristic(pdf, other_pdf):
 
 
 @kernel
-def add_radiance(options, paths, lane, contribution, row, depth, weight):
+def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
+    """Add `factor` times row `row` of `contribution` to the path's parts; see `add_radiance`.
+
+    What the camera sees of a light is in the Emission and Environment passes, and in its group only.
+    """
+    count = len(channels)
+    if passes.is_open[lane] == 0:
+        return
+    if depth >= 0:
+        step = count if depth > 0 else 0
+        for c in range(count):
+            value = factor * contribution[row, c]
+            diffuse = passes.share[lane, c] * value
+            glossy = passes.share[lane, count + c] * value
+            passes.parts[lane, PART_DIFFUSE * count + step + c] += diffuse
+            passes.parts[lane, PART_GLOSSY * count + step + c] += glossy
+            passes.parts[lane, PART_TRANSMISSION * count + step + c] += value - diffuse - glossy
+    if group != NO_GROUP:
+        for c in range(count):
+            passes.parts[lane, (PART_GROUPS + group) * count + c] += factor * contribution[row, c]
+
+
+@kernel
+def add_radiance(options, paths, passes, lane, contribution, row, depth, weight, group):
     """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does, `weight` times.
 
-    `depth` counts scatterings before the light's last one: 0 is direct light. The limits are on the sum of channels,
-    as many times the user's setting as there are; 0 = none. They are on the contribution before it is weighted, so that
-    they take the same share of the light however seldom it is sampled. Returns the share that clamping leaves.
+    The limits are on the sum of channels, as many times the user's setting as there are; 0 = none. They are on the
+    contribution before it is weighted, so that they take the same share of the light however seldom it is sampled.
+
+    Returns the share that clamping leaves.
+
+    Parameters
+    ----------
+    passes : LightPassLanes
+    depth : int
+        Scatterings before the light's last one: 0 is direct light, -1 what the camera sees.
+    group : int
+        Light group, or NO_GROUP.
     """
     limit = options.clamp_indirect if depth > 0 else options.clamp_direct
     factor = limit * 0.0 + 1.0
@@ -42,16 +85,9 @@ def add_radiance(options, paths, lane, contribution, row, depth, weight):
             factor = limit / total
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] += factor * weight * contribution[row, c]
+    if passes.parts.shape[0] > 0:
+        _add_parts(paths.channels, passes, lane, contribution, row, depth, factor * weight, group)
     return factor
-
-
-@kernel
-def add_found(options, paths, lane, contribution):
-    """Add light that the path's last scattering has found: row `lane` of `contribution`, MIS weight included.
-
-    Returns the share that clamping leaves.
-    """
-    return add_radiance(options, paths, lane, contribution, lane, paths.depth[lane] - 1, 1.0)
 
 
 @kernel
@@ -75,22 +111,51 @@ def add_seen(spectrum, paths, features, lane, contribution, share, film):
 
 
 @kernel
-def add_sampled(options, paths, lane, shadows, row):
+def add_sampled(options, paths, passes, lane, shadows, row):
     """Add the light sample of a shadow ray, row `row` of `shadows`, that nothing has blocked."""
-    add_radiance(options, paths, lane, shadows.radiance, row, paths.depth[lane], shadows.weight[row])
+    group = NO_GROUP
+    if passes.parts.shape[0] > 0:
+        group = passes.group[lane]
+    add_radiance(options, paths, passes, lane, shadows.radiance, row, paths.depth[lane], shadows.weight[row], group)
 
 
 @kernel
-def add_emission(options, spectrum, paths, lane, emission, mis_weight, film, feature, use_features):
+def add_found(options, spectrum, paths, passes, lane, contribution, group, film, feature, use_features):
+    """Add light that the path's last scattering, or the camera, has found: row `lane` of `contribution`, MIS weight
+    included.
+
+    Parameters
+    ----------
+    group : int
+        Light group, or NO_GROUP.
+    feature : int
+        Column FEATURE_* of the film's pass, which gets the light that only transparent surfaces lie before, if
+        `use_features`.
+
+    Returns
+    -------
+    float32
+        The share that clamping leaves.
+    """
+    share = add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane] - 1, 1.0, group)
+    if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
+        color = to_rgb(spectrum, paths, lane, contribution, lane)
+        for c in range(RGB):
+            film.features[paths.pixel[lane], feature + c] += share * color[c]
+    return share
+
+
+@kernel
+def add_emission(
+    options, spectrum, paths, passes, lane, emission, mis_weight, group, film, feature, use_features
+):
     """Add what the surface or the background along the path's ray emits, and show it in its pass.
 
     Parameters
     ----------
     emission : float32 (L, C)
         Radiance by lane, replaced by the contribution.
-    feature : int
-        Column FEATURE_* of the film's pass, which gets the light that only transparent surfaces lie before, if
-        `use_features`.
+    group, feature, use_features : see `add_found`
 
     Returns
     -------
@@ -99,9 +164,4 @@ def add_emission(options, spectrum, paths, lane, emission, mis_weight, film, fea
     """
     for c in range(len(paths.channels)):
         emission[lane, c] *= paths.throughput[lane, c] * mis_weight
-    share = add_found(options, paths, lane, emission)
-    if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
-        color = to_rgb(spectrum, paths, lane, emission, lane)
-        for c in range(RGB):
-            film.features[paths.pixel[lane], feature + c] += color[c]
-    return share
+    return add_found(options, spectrum, paths, passes, lane, emission, group, film, feature, use_features)

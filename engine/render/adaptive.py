@@ -39,7 +39,7 @@ _SAMPLES_AT_ONE, _SAMPLES_POWER = 16.0, 0.3
 _EPSILON = 1e-4
 #: Least pixels of a unit of work, so that it has paths enough for all lanes, and units that a picture is divided into
 #: at least while there are more pixels than that.
-_LEAST_UNIT_PIXELS, _LEAST_UNITS = 256, 64
+_LEAST_UNIT_PIXELS, _LEAST_UNITS = 128, 64
 
 #: A unit's pixels: int32 (P, 2), column and row in the full image, and int64 (P,), where they are on the film.
 Tile = tuple[np.ndarray, np.ndarray]

@@ -28,6 +28,7 @@ from engine.state.lanes import (
     allocate_closures,
     allocate_feature_lanes,
     allocate_guided_lanes,
+    allocate_light_pass_lanes,
     allocate_light_samples,
     allocate_paths,
     allocate_points,
@@ -130,7 +131,8 @@ class Batch:
         *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        closures, light_closures = allocate_closures(lanes, channel_count), allocate_closures(lanes, channel_count)
+        closures = allocate_closures(lanes, channel_count, layout.data.options.aov_width)
+        light_closures = allocate_closures(lanes, channel_count)
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()
@@ -159,6 +161,7 @@ class Batch:
             guided=allocate_guided_lanes(lanes),
             features=allocate_feature_lanes(lanes if layout.use_denoising else 1),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
+            passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
@@ -216,6 +219,7 @@ class Batch:
         work.free.count[0] = LANE_COUNT
         work.counts[:] = 0
         work.clock[:] = 0
+        work.closures.aovs[:] = 0.0
         # No lane is guided, whatever the last unit was.
         work.guided.rough_share[:] = 0.0
         work.samples.guide_pdf[:] = 0.0

@@ -8,9 +8,15 @@ still in flight of a cancelled unit would favour short paths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.guiding.models.residual import with_residual
+from engine.kernels.mattes import merge_mattes
+from engine.render.data_passes import DATA_PASSES, data_images, data_layout
+from engine.render.light_passes import LIGHT_PASSES, light_images, light_part_count
+from engine.scene.description import PassSettings
 from engine.settings import RenderSettings
 from engine.state.film import (
     DENOISING_ALBEDO,
@@ -26,6 +32,7 @@ from engine.state.film import (
     FIRST_MATERIAL_INDEX,
     FIRST_OBJECT_INDEX,
     FIRST_POSITION,
+    NO_DEPTH,
     PLAIN_LAYOUT,
     FilmLayout,
     FilmTile,
@@ -47,6 +54,8 @@ PASS_NAMES = (
     "Variance",
     "Candidate Count",
     "Guiding Benefit",
+    *DATA_PASSES,
+    *LIGHT_PASSES,
     "Denoising Albedo",
     "Denoising Normal",
     "Denoising Depth",
@@ -58,17 +67,27 @@ _DENOISING_COLUMNS = {
     "Denoising Depth": (DENOISING_DEPTH, 1),
 }
 DENOISING_PASSES = frozenset(_DENOISING_COLUMNS)
-#: Passes that need the features; without any, they are neither computed nor stored, and the same goes for denoisers'.
-FEATURE_PASSES = frozenset(PASS_NAMES) - DENOISING_PASSES - {"Combined", "Noisy Image", "Sample Count", "Variance"}
+#: Passes that need the features; without any, they are neither computed nor stored. Others have sums of their own.
+FEATURE_PASSES = frozenset(PASS_NAMES) - {
+    "Combined", "Noisy Image", "Sample Count", "Variance", *LIGHT_PASSES, *DENOISING_PASSES
+}  # fmt: skip
 
 
-def film_layout(passes: frozenset[str], settings: RenderSettings) -> FilmLayout:
-    """What a film needs for these passes and settings."""
+def film_layout(
+    passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = (),
+    pass_settings: PassSettings | None = None,
+) -> FilmLayout:
+    """What a film needs for these passes and settings, of a scene with these light groups and settings of passes."""
+    data = data_layout(passes, pass_settings or PassSettings())
+    part_count = light_part_count(passes, light_groups)
     return FilmLayout(
-        use_features=bool(passes & FEATURE_PASSES),
+        use_features=bool(passes & FEATURE_PASSES or data.options.is_used),
         use_residual=settings.radiance_cache == "CONVERGING",
         use_half=settings.use_adaptive_sampling,
         use_denoising=bool(passes & DENOISING_PASSES),
+        light_part_count=part_count,
+        light_groups=tuple(light_groups) if part_count else (),
+        data=data,
     )
 
 
@@ -104,10 +123,21 @@ class Film:
         if len(self.sums.half):
             self.sums.half[pixels] += tile.half[: len(pixels)] * factor
             self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
+        if len(self.sums.light):
+            self.sums.light[pixels] += tile.light[: len(pixels)] * factor
+        if len(self.sums.data):
+            self.sums.data[pixels] += tile.data[: len(pixels)] * factor
+        if len(self.sums.mattes):
+            self._merge_mattes(pixels, tile.mattes, np.arange(len(pixels)), np.full(len(pixels), factor))
         count = tile.count[: len(pixels)]
         self.sums.weight[pixels] += count * factor
         self.sums.weight_squared[pixels] += count * (factor * factor)
         self.sums.count[pixels] += count
+
+    def _merge_mattes(self, pixels: np.ndarray, mattes: np.ndarray, rows: np.ndarray, factors: np.ndarray) -> None:
+        """Add rows of mattes to those of pixels, each with its factor; slot by slot."""
+        slots = self.layout.data.options.matte_slots
+        merge_mattes(self.sums.mattes, pixels.astype(np.int64), mattes, rows, slots, factors.astype(np.float32))
 
     @property
     def nbytes(self) -> int:
@@ -120,7 +150,7 @@ class Film:
         Parameters
         ----------
         names : set of str
-            From PASS_NAMES; `'Combined'` is always made.
+            From PASS_NAMES, and passes of light groups, mattes and AOVs; `'Combined'` is always made.
         exposure : float
             Factor on radiance.
 
@@ -169,6 +199,14 @@ class Film:
             if name in names and len(self.sums.denoising):
                 image = self.sums.denoising[:, column : column + width] * scale
                 images[name] = image.reshape(*shape, width)
+        if len(self.sums.light):
+            residual = whole - mean if len(self.sums.residual) else None
+            images |= {
+                name: image.reshape(*shape, 3)
+                for name, image in light_images(
+                    names, self.layout.light_groups, self.sums.light * scale, residual, exposure
+                ).items()
+            }
         if self.layout.use_features:
             features = self.sums.features * scale
             for name, column, factor in (
@@ -193,4 +231,7 @@ class Film:
                 if name in names:
                     image = np.ascontiguousarray(points[:, column : column + width]).reshape(*shape, width)
                     images[name] = image.astype(np.float32)
+            if "Depth" in names:
+                images["Depth"][images["Depth"] == 0.0] = NO_DEPTH
+        images |= data_images(self.layout.data, self.sums.data, self.sums.mattes, scale, shape)
         return images

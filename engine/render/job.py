@@ -15,8 +15,10 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iterations import LearningRests, iteration_weight
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
 from engine.render.adaptive import ActivePixels, Tile
@@ -28,7 +30,7 @@ from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tracer import Tracer
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
-from engine.state.unit import ALL_STRATA, PLAIN, Unit
+from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit
 
 #: Side of a tile [pixels].
 TILE_SIZE = 32
@@ -72,13 +74,16 @@ class Job:
         See `Session.render`.
     keeps : bool
         Whether what is learned outlives the render.
+    samples : int, optional
+        Where to stop, before the number of the settings.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
         source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False,
+        keeps: bool = False, samples: int | None = None,
     ) -> None:
+        self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
         self.film_lock = threading.Lock()
@@ -107,11 +112,14 @@ class Job:
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
-            self._schedule = self._iterations = Iterations(settings.samples, strata)
+            self._schedule = self._iterations = Iterations(samples, strata)
             self._iterations.begin(self.learner.parts, len(self._tiles))
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
+        #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
+        self._learned: Guidance | None = None
+        self._rests = LearningRests(pixel_count)
         self._before = Statistics()
         self._queue_changed = threading.Condition()
         self._busy = 0
@@ -121,7 +129,7 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = float(pixel_count * settings.samples)
+        self._total_paths = float(pixel_count * samples)
         self._sample = 0
         self._fraction = 0.0
         self._created = time.perf_counter()
@@ -194,7 +202,7 @@ class Job:
         """Where it stands now. With a noise threshold nobody knows how long it takes before the first look."""
         now = time.perf_counter()
         elapsed = now - (self._render_start or self._created)
-        samples, limit, active = self.settings.samples, self.settings.time_limit, self._active
+        samples, limit, active = self.samples, self.settings.time_limit, self._active
         if self._render_start is None:
             return Progress(0.0, 0, samples, elapsed, None, 0.0, _PREPARING)
         fraction = min(self._finished_paths / max(self._total_paths, 1.0), 1.0)
@@ -294,7 +302,7 @@ class Job:
 
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        samples, active = self.settings.samples, self._active
+        samples, active = self.samples, self._active
         if active is None:
             self._schedule = PlainSchedule(len(self._tiles), samples, first, count, self._whole)
         else:
@@ -338,7 +346,8 @@ class Job:
         if following is not None and time_is_up:
             self.ended_by = "TIME_LIMIT"
         is_last = following is None or time_is_up or self._look(samples)
-        if self._stop or (is_last and not learner.wants_last):
+        has_rested = self._learned is not None
+        if self._stop or (is_last and (has_rested or not learner.wants_last)):
             return
         units = [records for tile in range(len(self._tiles)) for records in self._units[tile]]
         self._units = {}
@@ -346,20 +355,37 @@ class Job:
             assert isinstance(learner, Learner)
             learner.take_last(units)
             return
-        assert following is not None and self.tracer.guidance is not None
+        assert following is not None
+        costs = self._costs_since()
         if self._active is not None:
             self._tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
-        self.tracer.guidance = learner.learn(
-            units, self.tracer.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
-            self._costs_since(), following, is_whole=iterations.is_whole,
-        )
+        if not has_rested:
+            assert self.tracer.guidance is not None
+            self.tracer.guidance = learner.learn(
+                units, self.tracer.guidance.record_threshold / 2**32, self.film.sums,
+                (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
+            )
         with self._queue_changed:
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
                 self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
             else:
-                iterations.begin(learner.parts, len(self._tiles))
+                iterations.begin(self._parts_of(*following), len(self._tiles))
+
+    def _parts_of(self, first: int, count: int) -> list[Part]:
+        """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
+        assert self.learner is not None
+        rested, self._learned = self._learned, None
+        parts = self.learner.parts
+        if rested is not None:
+            self.tracer.guidance, parts = rested, [Part(first, count, CURRENT)]
+        active, guidance = self._active, self.tracer.guidance
+        assert guidance is not None
+        if active is not None and active.has_looked and self._rests.take(active.count, count):
+            self._learned = guidance
+            self.tracer.guidance, parts = guidance.without_records(), [Part(first, count, CURRENT)]
+        return parts
 
     def _costs_since(self) -> IterationCosts:
         """What the threads have counted since this was last asked."""

@@ -21,6 +21,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import numba
 
+from engine.processes.interpreter import find_interpreter
 from engine.runtime.jit import source_hash
 from engine.runtime.kernel_cache import cache_root
 
@@ -96,7 +97,7 @@ def compile_ahead(
 
 
 def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
-    python = _interpreter()
+    python = find_interpreter()
     if python is None or not os.access(cache_root(), os.W_OK):
         return
     helpers: list[subprocess.Popen] = []
@@ -122,16 +123,6 @@ def exclusive(part: str) -> Iterator[None]:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
         yield  # closing the file frees the lock, as the end of the process does
-
-
-def _interpreter() -> str | None:
-    """A Python to start: this process's own unless that is a program with Python inside, None if there is none."""
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    prefix = Path(sys.prefix)
-    for candidate in (Path(sys.executable or ""), prefix / "bin" / version, prefix / "bin" / "python.exe"):
-        if candidate.stem.lower().startswith("python") and candidate.is_file():
-            return str(candidate)
-    return None
 
 
 def _start(python: str, part: str) -> subprocess.Popen:

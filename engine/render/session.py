@@ -22,12 +22,14 @@ from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.denoising import Denoising
 from engine.render.film import Film, film_layout
 from engine.render.job import Job
+from engine.render.light_passes import group_pass
+from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
 from engine.render.tracer import Tracer
 from engine.runtime.kernel_cache import problem as cache_problem
-from engine.scene.description import Frame, Notice, SceneDescription
+from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
@@ -38,13 +40,6 @@ from engine.wavefront.columns import CACHED_DEPTHS
 _COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
 _DENOISING = "Denoising"
-#: How often the main thread looks for a cancel [s].
-_POLL_SECONDS = 0.05
-#: Time until the first image, from there to the second, and the growth of that interval.
-_FIRST_IMAGE_SECONDS = 0.1
-_IMAGE_INTERVAL_SECONDS = 0.5
-_IMAGE_INTERVAL_GROWTH = 1.6
-_LONGEST_IMAGE_INTERVAL = 20.0
 
 
 class LoadCancelled(Exception):
@@ -149,6 +144,22 @@ class Session:
         self._build_seconds = time.perf_counter() - start
         return [*self.scene.notices, *_cache_notices()]
 
+    def look(self, camera: Camera, frame: Frame) -> None:
+        """Have the loaded scene seen by another camera, or in another frame; what it lights stays as it is.
+
+        Raises
+        ------
+        RuntimeError
+            If no scene is loaded.
+        ValueError
+            As `load`.
+        """
+        if self.scene is None:
+            raise RuntimeError("load a scene before looking at it")
+        digest = self._light_digest
+        self.load(replace(self.scene.description, camera=camera, frame=frame))
+        self._light_digest = digest
+
     def _build(self, description: SceneDescription, poll: Callable[[], None]) -> Scene:
         """Build in a thread, so that steps of seconds do not keep a cancel waiting; `poll` raises to cancel."""
         is_abandoned = threading.Event()
@@ -168,7 +179,7 @@ class Session:
         )
         pool.shutdown(wait=False)
         try:
-            while not wait((future,), _POLL_SECONDS).done:
+            while not wait((future,), FINAL.poll_seconds).done:
                 poll()
         except BaseException:
             # The thread ends at its next check. Until then the cache is its own.
@@ -202,6 +213,9 @@ class Session:
         sink: RowSink | None = None,
         start: LearnedField | None = None,
         keep: bool = False,
+        pace: Pace = FINAL,
+        samples: int | None = None,
+        shows_cancelled: bool = True,
     ) -> RenderResult:
         """Render the loaded scene.
 
@@ -212,7 +226,8 @@ class Session:
             a large image there may be black parts at first. After a cancel the result holds every finished unit.
             Only the result of a render that went to its end is denoised.
         passes : iterable of str
-            Of `film.PASS_NAMES`.
+            Of `film.PASS_NAMES`, and of the scene's light groups (`light_passes.group_pass`), AOVs and mattes
+            (`engine.scene.pass_names`).
         ray_observer : callable, optional
             See `Tracer.ray_observer`.
         source : TrainedSource, optional
@@ -225,6 +240,12 @@ class Session:
             Where lights or geometry are others by now the render starts anew, and a notice says so.
         keep : bool
             Whether the result is to hold what was learned.
+        pace : Pace
+            When there are images, and how often `should_cancel` is called.
+        samples : int, optional
+            Where to stop, before the settings' number: the first part of a render by the same settings.
+        shows_cancelled : bool
+            Whether the result of a cancelled render has passes, which take a moment.
 
         Raises
         ------
@@ -239,25 +260,29 @@ class Session:
         if settings.channel_count > RGB:
             # Cells know no wavelengths.
             settings = replace(settings, radiance_cache="OFF")
+        names = frozenset(passes)
+        groups = scene.description.light_groups
+        if names.intersection(map(group_pass, groups)):
+            # Nor light groups.
+            settings = replace(settings, radiance_cache="OFF")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
-        names = frozenset(passes)
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        layout = film_layout(names | denoising.passes, settings)
+        layout = film_layout(names | denoising.passes, settings, groups, scene.description.passes)
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, layout)
         tracer.ray_observer = ray_observer
-        job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep)
+        job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
 
         def images() -> dict[str, np.ndarray]:
             with job.film_lock:
                 return film.passes(names, exposure=frame.exposure)
 
         try:
-            _watch(job, images, on_progress, on_image, should_cancel)
+            _watch(job, images, on_progress, on_image, should_cancel, pace)
         except BaseException:
             job.stop()
             raise
@@ -268,7 +293,9 @@ class Session:
                 self._tracer = None
             if job.learner is not None:
                 job.learner.close()
-        result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
+        result_passes: dict[str, np.ndarray] = {}
+        if shows_cancelled or job.ended_by != "CANCEL":
+            result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
         if denoising.is_on and job.ended_by != "CANCEL":
             if on_progress is not None:
                 on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
@@ -315,7 +342,8 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        return [Notice("Radiance cache", "knows no wavelengths", "paths find all light themselves")]
+        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups"
+        return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
@@ -371,14 +399,14 @@ def _make_film(frame: Frame, settings: RenderSettings, layout: FilmLayout) -> tu
 
 def _watch(
     job: Job, images: Callable[[], dict[str, np.ndarray]], on_progress: Callable[[Progress], None] | None,
-    on_image: Callable[[dict[str, np.ndarray]], None] | None, should_cancel: Callable[[], bool] | None,
+    on_image: Callable[[dict[str, np.ndarray]], None] | None, should_cancel: Callable[[], bool] | None, pace: Pace,
 ) -> None:
-    """Start a job and tell how it goes until it is over: images soon after the start, then at widening intervals."""
+    """Start a job and tell how it goes until it is over: images at the pace asked for."""
     started = time.perf_counter()
-    next_image = _FIRST_IMAGE_SECONDS
-    interval = _IMAGE_INTERVAL_SECONDS
+    image_count = 0
+    next_image = pace.due(0, 0.0)
     job.start()
-    while not job.wait(_POLL_SECONDS):
+    while not job.wait(pace.poll_seconds):
         elapsed = time.perf_counter() - started
         if should_cancel is not None and should_cancel():
             job.ended_by = "CANCEL"
@@ -390,5 +418,5 @@ def _watch(
             on_progress(job.progress())
         if on_image is not None and job.has_paths and elapsed >= next_image:
             on_image(images())
-            next_image = time.perf_counter() - started + interval
-            interval = min(interval * _IMAGE_INTERVAL_GROWTH, _LONGEST_IMAGE_INTERVAL)
+            image_count += 1
+            next_image = pace.due(image_count, time.perf_counter() - started)

@@ -23,7 +23,7 @@ import numpy as np
 from engine.methods import SOURCES
 from engine.render.film import Film
 from engine.settings import RenderSettings
-from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile
+from engine.state.film import FIRST_DEPTH, PLAIN_LAYOUT, FilmLayout, FilmTile
 from engine.state.unit import ALL_STRATA
 
 #: Samples a pixel of a stratum, on average, and memory of all strata's sums [bytes]: with less, there are fewer strata.
@@ -95,16 +95,17 @@ class StrataFilm(Film):
         return tile
 
     def _by_pixel(self, tile: FilmTile, pixel_count: int) -> FilmTile:
-        """Sums over the strata of a unit of them all; of points, those of a stratum that has any."""
+        """Sums over the strata of a unit of them all; of points, those of the stratum that has some."""
         strata = len(self._first)
         columns = {
             name: column[: pixel_count * strata].reshape(pixel_count, strata, *column.shape[1:]).sum(axis=1)
             for name, column in tile._asdict().items()
-            if len(column) and name != "points"
+            if len(column) and name not in ("points", "mattes")
         }
         if len(tile.points):
-            counts = tile.count[: pixel_count * strata].reshape(pixel_count, strata)
-            columns["points"] = tile.points[np.arange(pixel_count) * strata + np.argmax(counts > 0, axis=1)]
+            depths = tile.points[: pixel_count * strata, FIRST_DEPTH].reshape(pixel_count, strata)
+            first = np.argmax(depths != 0.0, axis=1)
+            columns["points"] = tile.points[np.arange(pixel_count) * strata + first]
         return tile._replace(**{name: np.ascontiguousarray(column) for name, column in columns.items()})
 
     def _combine(self, pixels: np.ndarray) -> None:
@@ -131,8 +132,16 @@ class StrataFilm(Film):
             whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
         if len(whole.denoising):
             whole.denoising[pixels] = (sums.denoising[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.light):
+            whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
         if self.layout.use_features:
             whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.data):
+            whole.data[pixels] = (sums.data[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.mattes):
+            whole.mattes[pixels] = 0.0
+            for of_stratum, factors in zip(rows, factor, strict=True):
+                self._merge_mattes(pixels, sums.mattes, of_stratum, factors)
 
     def _halves(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `radiance` and `weight` are made, of the half of the samples."""

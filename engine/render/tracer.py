@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.table import no_table
@@ -34,6 +35,7 @@ from engine.state.shaders import (
     MODE_NO_REFRACTIVE_CAUSTICS,
     PROGRAM_EMISSION_CONSTANT,
     PROGRAM_FLAGS,
+    PROGRAM_HAS_AOVS,
 )
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -45,6 +47,7 @@ from engine.wavefront.columns import (
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
+    SCENE_WORLD_GROUP,
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
@@ -58,6 +61,7 @@ from engine.wavefront.columns import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
     UNIT_USE_DENOISING,
@@ -107,12 +111,14 @@ class Tracer:
         if not settings.use_caustics_refractive:
             self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
-        world_is_constant = world < 0 or bool(scene.shaders.programs[world, PROGRAM_FLAGS] & PROGRAM_EMISSION_CONSTANT)
+        facts = scene.shaders.programs[world, PROGRAM_FLAGS]
+        world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
+        numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
         numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
         numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
@@ -121,7 +127,8 @@ class Tracer:
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, scene.lights, make_options(settings, scene.description.frame.exposure),
+            scene.shaders, scene.tables, scene.lights, build_data_view(scene, layout.data.options),
+            make_options(settings, scene.description.frame.exposure),
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -178,7 +185,8 @@ class Tracer:
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
-            self.layout.use_denoising,
+            self.layout.use_denoising, self.layout.light_part_count > 0,
+            scene.data.options.is_used, scene.data.options.aov_width > 0,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
         if needed != self._linked_for:
@@ -334,6 +342,7 @@ class Tracer:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
+        header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

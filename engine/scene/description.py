@@ -98,6 +98,8 @@ class NodeGraph:
     surface: Link | None = None
     volume: Link | None = None
     displacement: Link | None = None
+    #: Indices of AOV Output nodes, of those AOVs that are asked for.
+    aovs: list[int] = field(default_factory=list)
 
 
 @dataclass
@@ -223,6 +225,10 @@ class Instances:
     #: Of the instances that move while the shutter is open, by index: object to world at evenly spaced times from its
     #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
     motion: dict[int, Float32Array] = field(default_factory=dict)
+    #: (N,) names of the topmost parents, for the Cryptomatte of assets; None = `name`.
+    asset: list[str] | None = None
+    #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
+    light_group: Int32Array | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -284,6 +290,8 @@ class Light:
     graph: NodeGraph | None = None
     random: float = 0.0
     temperature: float = 0.0
+    #: Index into `SceneDescription.light_groups`, -1 = none; so of the world.
+    light_group: int = -1
 
 
 @dataclass
@@ -301,6 +309,7 @@ class World:
     max_bounces: int = 1024
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
+    light_group: int = -1
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -358,6 +367,63 @@ class Frame:
     exposure: float = 1.0  # film exposure: a factor on radiance
 
 
+# ---------------------------------------------------------------------------------------------------------------------
+# Passes
+
+
+@dataclass(frozen=True)
+class Aov:
+    """A pass that materials and the world fill by their AOV Output nodes: its name, and whether colour or value."""
+
+    name: str
+    is_color: bool
+
+
+@dataclass
+class PassMotion:
+    """What moves between the frame before and the frame after, for motion vectors.
+
+    Attributes
+    ----------
+    camera : float32 (2, 4, 4) or None
+        Camera to world; None: it stands still.
+    lens : float32 (2, 3) or None
+        `Camera.lens`, `sensor_width` and `sensor_height` of a perspective camera; None: it does not zoom.
+    instances : dict of float32 (2, 4, 4)
+        Object to world, by index of the instance.
+    shapes : dict of float32 (2, V, 3)
+        Vertices, by index of the mesh.
+    """
+
+    camera: Float32Array | None = None
+    lens: Float32Array | None = None
+    instances: dict[int, Float32Array] = field(default_factory=dict)
+    shapes: dict[int, Float32Array] = field(default_factory=dict)
+
+
+@dataclass
+class PassSettings:
+    """What passes of data depend on besides the scene.
+
+    Attributes
+    ----------
+    alpha_threshold : float
+        Passes of one surface show the first of at least this alpha.
+    mist_start, mist_depth : float  [m]
+    mist_falloff : float
+        Exponent of the mist's share of the way.
+    motion : PassMotion or None
+        None: everything stands still.
+    """
+
+    alpha_threshold: float = 0.5
+    mist_start: float = 0.0
+    mist_depth: float = 100.0
+    mist_falloff: float = 1.0
+    aovs: tuple[Aov, ...] = ()
+    motion: PassMotion | None = None
+
+
 @dataclass
 class SceneDescription:
     """One view layer at one frame."""
@@ -382,6 +448,9 @@ class SceneDescription:
     #: Share of the shutter's time in which a row of the image is exposed, 0 to 1, of the top row the first part and of
     #: the bottom row the last; 1: all rows all the time.
     rolling_shutter_duration: float = 1.0
+    passes: PassSettings = field(default_factory=PassSettings)
+    #: Names of the view layer's light groups.
+    light_groups: tuple[str, ...] = ()
 
     @property
     def is_moving(self) -> bool:

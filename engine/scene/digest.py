@@ -58,8 +58,9 @@ def light_digest(description: SceneDescription) -> str:
     placed = (instances.mesh, instances.transform, instances.materials, instances.visibility, instances.motion)
     images = [image.name for image in description.images]
     others = (description.materials, description.lights, description.world)
-    # Keys may be numbers that start anew with every export; users of materials are for messages.
-    return content_digest((shapes, placed, images, others), ("key", "user"))
+    # Keys may be numbers that start anew with every export; users of materials are for messages; groups only
+    # sort light.
+    return content_digest((shapes, placed, images, others), ("key", "user", "light_group"))
 
 
 def camera_digest(description: SceneDescription) -> str:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is too large to render on this machine."""
+"""What cannot be rendered: what is too large for this machine, and what would be outside of arrays."""
 
 from __future__ import annotations
 
 import os
 
-from engine.scene.description import Frame
+import numpy as np
+
+from engine.scene.description import Frame, SceneDescription
 
 #: Of the film's sums, the picture made of them and the host's copy, without passes.
 _BYTES_PER_PIXEL = 80
@@ -40,3 +42,25 @@ def check_frame(frame: Frame) -> None:
             f"{x1 - x0} x {y1 - y0} pixels need {needed / 2**30:.0f} GiB of memory and this machine has "
             f"{there / 2**30:.0f}: lower the resolution or set a render border"
         )
+
+
+def check_light_groups(description: SceneDescription) -> None:
+    """Refuse light groups that are not among the scene's: kernels count their light without looking.
+
+    Raises
+    ------
+    ValueError
+        Naming the object.
+    """
+    instances, world = description.instances, description.world
+    groups = [(f"light {light.name}", light.light_group) for light in description.lights]
+    if world is not None:
+        groups.append((f"world {world.name}", world.light_group))
+    if instances.light_group is not None and len(instances.light_group):
+        for index in {int(np.argmin(instances.light_group)), int(np.argmax(instances.light_group))}:
+            groups.append((f"object {instances.name[index]}", int(instances.light_group[index])))
+    for subject, group in groups:
+        if not -1 <= group < len(description.light_groups):
+            raise ValueError(
+                f"{subject} is of light group {group}: there are {len(description.light_groups)}, -1 is none"
+            )

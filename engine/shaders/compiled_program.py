@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from engine.kernels.shader import ops_input
 from engine.scene.description import NodeGraph, Notice
@@ -17,6 +17,15 @@ _CAMERA_OPCODES = frozenset(
 
 #: What a program took from the pools that it shares with others: method, argument and answer.
 Asked = tuple[str, Any, Any]
+
+
+class AovColumns(NamedTuple):
+    """Where a lane keeps an AOV: its first column of `row_width`; a colour has four, with alpha, a value one."""
+
+    name: str
+    is_color: bool
+    column: int
+    row_width: int
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,8 @@ class ProgramSource:
     use_bump_map_correction: bool = True
     use_transparent_shadow: bool = True
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    #: Of a graph that gives any.
+    aovs: tuple[AovColumns, ...] = ()
 
 
 @dataclass(eq=False)

@@ -25,13 +25,20 @@ def with_facts(
     notices: list[Notice],
 ) -> CompiledProgram:
     """The program of these instructions and roots, with all that is known of it."""
-    emission = _constant_emission(instructions, roots[MODE_EMISSION])
     transparency = _constant_transparency(instructions, roots[MODE_TRANSPARENCY])
     lambertian = _lambertian(instructions, roots[MODE_CLOSURES])
-    flags = _closure_flags(instructions, roots[MODE_CLOSURES])
+    # AOVs change nothing of how a surface looks.
+    closures, emitting = (
+        [root for root in roots[mode] if instructions[root].opcode != ops_closure.OP_AOV]
+        for mode in (MODE_CLOSURES, MODE_EMISSION)
+    )
+    has_aovs = len(closures) < len(roots[MODE_CLOSURES])
+    flags = _closure_flags(instructions, closures)
+    emission = _constant_emission(instructions, emitting)
     lets_through = bool(roots[MODE_TRANSPARENCY]) and transparency != (0.0, 0.0, 0.0)
     facts: Mapping[int, bool] = {
-        layout.PROGRAM_HAS_EMISSION: bool(roots[MODE_EMISSION]),
+        layout.PROGRAM_HAS_EMISSION: bool(emitting),
+        layout.PROGRAM_HAS_AOVS: has_aovs,
         layout.PROGRAM_EMISSION_CONSTANT: emission is not None,
         layout.PROGRAM_MAY_BE_TRANSPARENT: lets_through and source.use_transparent_shadow,
         layout.PROGRAM_TRANSPARENCY_CONSTANT: transparency is not None,

@@ -40,6 +40,7 @@ class SurfaceCompiler:
         else:
             self._displacement()
             self._surface()
+            self._aovs()
         return with_facts(self.source, self._code.instructions, self._roots, asked, notices)
 
     def add_closure(self, instruction: Instruction, modes: tuple[int, ...]) -> None:
@@ -69,6 +70,19 @@ class SurfaceCompiler:
             if weight is None or is_zero(weight):
                 continue
             self._shader(index, weight, weights)
+
+    def _aovs(self) -> None:
+        """Values for the AOVs that are asked for; the camera sees a world by its emission alone."""
+        known = {aov.name: aov for aov in self.source.aovs}
+        modes = (MODE_CLOSURES, MODE_EMISSION) if self.source.kind == "WORLD" else (MODE_CLOSURES,)
+        for index in self._graph.aovs:
+            builder = _ClosureBuilder(self, self._values, index)
+            aov = known.get(builder.node.properties["aov_name"])
+            if aov is None:
+                continue
+            socket = Socket("Color", COLOR) if aov.is_color else Socket("Value", FLOAT)
+            immediates = (aov.column, 3 if aov.is_color else 1, aov.row_width)
+            builder.closure(ops_closure.OP_AOV, ONE, (builder.input(socket),), immediates, modes=modes)
 
     def _shader_order(self, root: int) -> list[int]:
         """Shader nodes reached from `root`, each before those it mixes or adds."""

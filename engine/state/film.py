@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.runtime.bundle import Bundle
+from engine.state.data_passes import NO_DATA, DataLayout
 
 # Columns of the feature sums, written at the first surface that is not transparent.
 FEATURE_NORMAL = 0
@@ -30,6 +31,13 @@ FIRST_POSITION = 1
 FIRST_OBJECT_INDEX = 4
 FIRST_MATERIAL_INDEX = 5
 FIRST_WIDTH = 6
+
+# Columns of FilmTile.light, RGB each: what the first surface that is not transparent reflects and lets through, then
+# parts of the radiance (`engine.state.lanes.LightPassLanes`), those of light groups last.
+LIGHT_DIFFUSE_COLOR = 0
+LIGHT_GLOSSY_COLOR = 3
+LIGHT_TRANSMISSION_COLOR = 6
+LIGHT_PARTS = 9
 
 #: Depth where nothing was hit, as Cycles writes it.
 NO_DEPTH = np.float32(1e10)
@@ -54,7 +62,13 @@ class FilmTile(Bundle):
     half : float32 (P or 0, C), as `radiance`, of about half of the samples (`engine.wavefront.accumulate.is_in_half`)
     half_weight : float32 (P or 0,), as `weight`, of those
     denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
+    light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
+    data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
+        (`engine.state.data_passes.DataOptions`)
     """
+
+    #: There are as many light groups, AOVs and levels of mattes as the user likes.
+    _dynamic = frozenset({"light", "data", "mattes"})
 
     radiance: np.ndarray
     square: np.ndarray
@@ -71,6 +85,9 @@ class FilmTile(Bundle):
     half: np.ndarray
     half_weight: np.ndarray
     denoising: np.ndarray
+    light: np.ndarray
+    data: np.ndarray
+    mattes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -83,6 +100,10 @@ class FilmLayout:
     #: For a noise threshold.
     use_half: bool = False
     use_denoising: bool = False
+    #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
+    light_part_count: int = 0
+    light_groups: tuple[str, ...] = ()
+    data: DataLayout = NO_DATA
 
 
 PLAIN_LAYOUT = FilmLayout()
@@ -93,6 +114,8 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
     feature_count = pixel_count if layout.use_features else 0
     residual_count = pixel_count if layout.use_residual else 0
     half_count = pixel_count if layout.use_half else 0
+    light_count = pixel_count if layout.light_part_count else 0
+    data = layout.data
     return FilmTile(
         np.zeros((pixel_count, channel_count), np.float32),
         np.zeros((pixel_count, channel_count), np.float32),
@@ -109,4 +132,7 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         np.zeros((half_count, channel_count), np.float32),
         np.zeros(half_count, np.float32),
         np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
+        np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
+        np.zeros((pixel_count if data.width else 0, data.width), np.float32),
+        np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
     )

@@ -19,6 +19,8 @@ INSTANCE_FLAGS = 4
 #: Rows of `motion_transforms`, 0 of them where it stands still.
 INSTANCE_FIRST_KEY = 5
 INSTANCE_KEY_COUNT = 6
+#: Of the view layer, -1 = none.
+INSTANCE_LIGHT_GROUP = 7
 INSTANCE_WIDTH = 8
 
 # Columns of GeometryArrays.instance_values

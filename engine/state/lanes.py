@@ -167,6 +167,7 @@ class Closures(Bundle):
     flags : int32 (L,), CLOSURE_* bits of engine.kernels.bsdf.kinds
     dispersion : float32 (L,) [um^2], of the material (`engine.spectral.dispersion`); wavelength [nm], share : float32
         (L, WAVELENGTHS), of the path, see `PathState`. Set where the lane disperses (CLOSURE_DISPERSES), else not read
+    aovs : float32 (L A,), what programs leave for AOVs, A columns a lane (`DataOptions.aov_width`); camera rays only
     channels : tuple of ints, its length is the spectrum's width
     """
 
@@ -182,6 +183,7 @@ class Closures(Bundle):
     dispersion: Float32Array
     wavelength: Float32Array
     share: Float32Array
+    aovs: Float32Array
     channels: tuple[int, ...]
 
 
@@ -209,8 +211,11 @@ def allocate_points(lane_count: int) -> ShadePoints:
     return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
 
 
-def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
-    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`."""
+def allocate_closures(lane_count: int, channel_count: int = 3, aov_width: int = 0) -> Closures:
+    """Zeroed `Closures` for `lane_count` lanes, at most `LANE_COUNT`, of a spectrum of `channel_count`.
+
+    `aov_width` is the columns of all AOVs; closures without any must not meet camera rays and programs that have some.
+    """
     if lane_count > LANE_COUNT:
         raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
     real, integer = np.float32, np.int32
@@ -237,7 +242,8 @@ def allocate_closures(lane_count: int, channel_count: int = 3) -> Closures:
             lane_count, [[("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("dispersion", real)]]
         )
     return Closures(
-        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields, channels=tuple(range(channel_count))
+        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields,
+        aovs=np.zeros(lane_count * aov_width, np.float32), channels=tuple(range(channel_count)),
     )
 
 
@@ -445,6 +451,50 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
     rows = lane_count * MAX_TAUGHT
     return CachedLanes(
         **fields, taught=np.zeros((rows, TAUGHT_WIDTH), real), taught_program=np.zeros(rows, np.int32)
+    )
+
+
+# Parts that a path's light is taken apart into, by what it came by at the first surface (`LightPassLanes.parts`).
+PART_DIFFUSE = 0  # direct, then indirect light, and so on
+PART_GLOSSY = 2
+PART_TRANSMISSION = 4
+#: The parts of light groups follow.
+PART_GROUPS = 6
+
+
+class LightPassLanes(Bundle):
+    """Light taken apart, L lanes; without light passes there are no parts.
+
+    share : float32 (L, 2 C), of diffuse lobes, then of glossy ones, in what the path carries since the first surface
+        that has scattered it, or in that surface's light sample; transmission has the rest
+    parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
+    group : int32 (L,), light group of the lane's light sample, -1 = none
+    is_open : uint8 (L,), 0 once the path's light counts no more: it measures what the radiance cache lacks
+    value : float32 (3, C), a thread's scratch: of diffuse, glossy and transmission lobes
+    color : float32 (3, 3), likewise, in RGB
+    """
+
+    #: There are as many light groups as the user likes.
+    _dynamic = frozenset({"parts"})
+
+    share: Float32Array
+    parts: Float32Array
+    group: Int32Array
+    is_open: Uint8Array
+    value: Float32Array
+    color: Float32Array
+
+
+def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: int) -> LightPassLanes:
+    """Zeroed `LightPassLanes`; without parts none of them has lanes."""
+    lanes = lane_count if part_count else 0
+    return LightPassLanes(
+        share=np.zeros((lanes, 2 * channel_count), np.float32),
+        parts=np.zeros((lanes, channel_count * part_count), np.float32),
+        group=np.full(lanes, -1, np.int32),
+        is_open=np.zeros(lanes, np.uint8),
+        value=np.zeros((3, value_width(channel_count)), np.float32),
+        color=np.zeros((3, RGB), np.float32),
     )
 
 

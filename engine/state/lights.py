@@ -113,6 +113,7 @@ LAMP_MAX_BOUNCES = 3
 LAMP_PROGRAM = 4
 LAMP_EMITTER = 5
 LAMP_LIGHT = 6  # index into SceneDescription.lights
+LAMP_LIGHT_GROUP = 7  # of the view layer, -1 = none
 LAMP_TABLE_WIDTH = 8
 
 LAMP_FLAG_MIS = 1

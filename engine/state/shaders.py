@@ -55,6 +55,8 @@ PROGRAM_HAS_LOBES = 32
 PROGRAM_NO_BUMP_CORRECTION = 64
 #: Nothing but one Lambertian lobe about the smooth normal, of weight program_values[row, 8:11].
 PROGRAM_IS_LAMBERTIAN = 128
+#: Gives values to AOVs.
+PROGRAM_HAS_AOVS = 256
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean

@@ -9,8 +9,9 @@ from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
+from engine.state.film import LIGHT_PARTS
 from engine.state.lanes import RGB
-from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_USES_CACHE
+from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT, UNIT_USES_CACHE
 
 #: Every second bit of a sample's index.
 _CLASS_BITS = np.uint32(0xAAAAAAAA)
@@ -62,6 +63,18 @@ def _take_cached(spectrum, paths, cached, lane, film, scale):
 
 
 @kernel
+def _keep_parts(spectrum, paths, passes, lane, film):
+    """Add a path's parts to the film; `passes.value` is scratch."""
+    pixel, count = paths.pixel[lane], len(paths.channels)
+    for part in range(passes.parts.shape[1] // count):
+        for c in range(count):
+            passes.value[0, c] = passes.parts[lane, part * count + c]
+        color = to_rgb(spectrum, paths, lane, passes.value, 0)
+        for c in range(RGB):
+            film.light[pixel, LIGHT_PARTS + RGB * part + c] += color[c]
+
+
+@kernel
 def accumulate(scene, unit, work, queue):
     """Keep living lanes in the queue; add the others to the film and free them.
 
@@ -77,7 +90,7 @@ def accumulate(scene, unit, work, queue):
     spectrum, paths, film = scene.spectrum, work.paths, unit.film
     active, active_count = queue.lanes, queue.count[0]
     free, free_count = work.free.lanes, work.free.count[0]
-    uses_cache = unit.header[UNIT_USES_CACHE] != 0
+    uses_cache, splits_light = unit.header[UNIT_USES_CACHE] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
     residual_scale = np.float32(2.0**32 / max(unit.header[UNIT_MEASURE_THRESHOLD], 1))
     has_half = film.half.shape[0] > 0
     kept = 0
@@ -109,6 +122,8 @@ def accumulate(scene, unit, work, queue):
                 if is_halved:
                     film.half[pixel, c] += value
             film.alpha[pixel] += paths.alpha[lane]
+            if splits_light:
+                _keep_parts(spectrum, paths, work.passes, lane, film)
         else:
             reject_count += 1
         film.count[pixel] += 1

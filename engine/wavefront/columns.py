@@ -16,7 +16,8 @@ SCENE_HAS_EMITTERS = 5
 SCENE_HAS_HITTABLE_LIGHTS = 6
 SCENE_HAS_TRANSPARENT_SHADOWS = 7
 SCENE_IS_SPECTRAL = 8  # paths have wavelengths
-SCENE_HEADER_WIDTH = 9
+SCENE_WORLD_GROUP = 9  # light group, -1 = none
+SCENE_HEADER_WIDTH = 10
 
 # UnitView.header
 UNIT_SEED = 0
@@ -32,7 +33,8 @@ UNIT_DIVIDES_WAVELENGTHS = 9  # strata divide what a path's wavelengths have in 
 UNIT_USES_CACHE = 10  # paths end where the cache knows the rest
 UNIT_MEASURE_THRESHOLD = 11  # but for those whose hash is below this: they go on and measure what the cache lacks
 UNIT_USE_DENOISING = 12  # the film has what helps denoisers
-UNIT_HEADER_WIDTH = 13
+UNIT_SPLITS_LIGHT = 13  # light passes are asked for
+UNIT_HEADER_WIDTH = 14
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -71,6 +73,7 @@ class ClockEntries(NamedTuple):
     shade_emission: int
     write_features: int
     write_denoising: int
+    split_light: int
     prepare_guides: int
     write_guiding: int
     choose_lights: int

@@ -23,7 +23,7 @@ from engine.kernels.bsdf.evaluate import is_delta_lobe
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
-from engine.kernels.radiance import add_radiance
+from engine.kernels.radiance import NO_GROUP, add_radiance
 from engine.kernels.rng import hash_combine
 from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
@@ -47,7 +47,7 @@ from engine.state.lanes import (
     TAUGHT_SIDE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
-from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD
+from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT
 
 #: Of the camera ray's footprint: paths end where theirs is larger (Mueller et al. 2021: 0.01).
 _SPREAD = np.float32(0.01)
@@ -140,7 +140,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
         `work.surface`; the lanes that end are taken out.
     """
     options, cells = scene.options, radiance.cells
-    paths, cached, points, contribution = work.paths, work.cached, work.points, work.f_cos
+    paths, cached, points, contribution, passes = work.paths, work.cached, work.points, work.f_cos, work.passes
     threshold = unit.header[UNIT_MEASURE_THRESHOLD]
     lanes, lane_count = queue.lanes, queue.count[0]
     # Nothing waits for shadows yet.
@@ -195,11 +195,13 @@ def end_in_cache(scene, unit, radiance, work, queue):
         if not is_known:
             continue
         work.counts[CACHED_PATHS + min(int(paths.depth[lane]), CACHED_DEPTHS) - 1] += 1
-        add_radiance(options, paths, lane, contribution, lane, paths.depth[lane], 1.0)
+        add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane], 1.0, NO_GROUP)
         if np.int64(chosen) >= threshold:
             paths.alive[lane] = 0
             continue
         cached.is_measured[lane] = 1
+        if unit.header[UNIT_SPLITS_LIGHT] != 0:
+            passes.is_open[lane] = 0
         for c in range(len(paths.channels)):
             cached.predicted[lane, c] = paths.radiance[lane, c] - cached.base[lane, c]
             paths.radiance[lane, c] = cached.base[lane, c]

@@ -23,6 +23,7 @@ from engine.wavefront.columns import (
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
+    UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
     UNIT_USE_DENOISING,
@@ -89,6 +90,7 @@ def init_from_camera(scene, unit, work, queue):
     stratum, strata, divides_wavelengths = header[UNIT_STRATUM], header[UNIT_STRATA], header[UNIT_DIVIDES_WAVELENGTHS]
     record_threshold = header[UNIT_RECORD_THRESHOLD]
     use_denoising = header[UNIT_USE_DENOISING] != 0
+    splits_light, passes = header[UNIT_SPLITS_LIGHT] != 0, work.passes
     uses_cache, cached = header[UNIT_USES_CACHE] != 0, work.cached
     free, free_count = queue.lanes, queue.count[0]
     active, active_count = work.active.lanes, work.active.count[0]
@@ -152,6 +154,10 @@ def init_from_camera(scene, unit, work, queue):
         log.is_recording[lane] = 1 if is_recorded and has_log else 0
         if use_denoising:
             store(work.features.throughput, lane, (1.0, 1.0, 1.0))
+        if splits_light:
+            passes.is_open[lane] = 1
+            for column in range(passes.parts.shape[1]):
+                passes.parts[lane, column] = 0.0
         if uses_cache:
             cached.depth[lane] = 0
             store(cached.origin, lane, origin)

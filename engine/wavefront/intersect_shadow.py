@@ -45,6 +45,7 @@ def intersect_shadow(scene, unit, work, queue):
         Filled with the rows of `work.shadows` whose rays meet transparent blockers only.
     """
     handle, options, paths, shadows = scene.header[SCENE_HANDLE], scene.options, work.paths, work.shadows
+    passes = work.passes
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     has_transparent, shadow_count = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] != 0, work.counts[SHADOW_ROWS]
     work.counts[SHADOW_RAYS] += shadow_count
@@ -59,14 +60,14 @@ def intersect_shadow(scene, unit, work, queue):
         ask_for_throughput(paths, ahead)
         if not shadows.distance[row] > 0.0:
             # A light that casts no shadow, or one touching the surface.
-            add_sampled(options, paths, lane, shadows, row)
+            add_sampled(options, paths, passes, lane, shadows, row)
             continue
         origin = load(shadows.origin, row)
         direction = load(shadows.direction, row)
         far = shadows.distance[row]
         blocked = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
         if not blocked:
-            add_sampled(options, paths, lane, shadows, row)
+            add_sampled(options, paths, passes, lane, shadows, row)
         elif has_transparent and not trace_occluded(
             handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
         ):
@@ -91,6 +92,7 @@ def pass_transparent(scene, unit, work, queue):
     programs, program_values = scene.shaders.programs, scene.shaders.program_values
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     paths, shadows, points, closures = work.paths, work.shadows, work.light_points, work.light_shaded
+    passes = work.passes
     pending, pending_count = queue.lanes, queue.count[0]
     work.counts[TRANSPARENT_SHADOW_RAYS] += pending_count
     kept = 0
@@ -113,7 +115,7 @@ def pass_transparent(scene, unit, work, queue):
                 paths.time[lane], MASK_SHADOW_TRANSPARENT,
             )
             if not hit:
-                add_sampled(options, paths, lane, shadows, row)
+                add_sampled(options, paths, passes, lane, shadows, row)
                 break
             shadows.transparent_depth[row] += 1
             if shadows.transparent_depth[row] > options.max_transparent_depth:

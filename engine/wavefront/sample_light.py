@@ -17,6 +17,7 @@ from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
@@ -44,8 +45,14 @@ from engine.state.lanes import (
     RAY_TRANSMIT,
     RGB,
 )
-from engine.state.lights import EMITTER_LAMP, HEADER_BACKGROUND_PROGRAM, LAMP_TEMPERATURE, LIGHT_BACKGROUND
-from engine.wavefront.columns import SHADOW_ROWS
+from engine.state.lights import (
+    EMITTER_LAMP,
+    HEADER_BACKGROUND_PROGRAM,
+    LAMP_LIGHT_GROUP,
+    LAMP_TEMPERATURE,
+    LIGHT_BACKGROUND,
+)
+from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_SPLITS_LIGHT
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
@@ -62,6 +69,7 @@ def choose_lights(scene, unit, work, queue):
     lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
     paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
     light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
+    splits_light = unit.header[UNIT_SPLITS_LIGHT] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
@@ -106,6 +114,13 @@ def choose_lights(scene, unit, work, queue):
             elif program < 0:
                 temperature = lights.lamps[lights.emitters[emitter, EMITTER_LAMP], LAMP_TEMPERATURE]
             samples.radiance[lane, RGB] = temperature
+        if splits_light:
+            group = scene.header[SCENE_WORLD_GROUP]
+            if instance >= 0:
+                group = geometry.instance_table[instance, INSTANCE_LIGHT_GROUP]
+            elif kind != LIGHT_BACKGROUND:
+                group = lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_LIGHT_GROUP]
+            work.passes.group[lane] = group
         flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
         samples.distance[lane] = distance
         # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.

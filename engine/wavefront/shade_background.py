@@ -12,7 +12,7 @@ from engine.kernels.path_depths import store_depths
 from engine.kernels.radiance import add_emission, add_seen, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.film import FEATURE_ENVIRONMENT, FIRST_DEPTH, NO_DEPTH
+from engine.state.film import FEATURE_ENVIRONMENT, FIRST_WIDTH
 from engine.state.lanes import (
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -39,7 +39,13 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.shaders import VALUE_EMISSION
-from engine.wavefront.columns import SCENE_WORLD_PROGRAM, SCENE_WORLD_VISIBILITY, UNIT_USE_DENOISING, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SCENE_WORLD_PROGRAM,
+    SCENE_WORLD_VISIBILITY,
+    UNIT_USE_DENOISING,
+    UNIT_USE_FEATURES,
+)
 
 
 @kernel
@@ -93,8 +99,8 @@ def prepare_background(scene, unit, work, queue):
 def shade_background(scene, unit, work, queue):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
-    `work.closures.emission` holds the background's radiance. The film gets the Environment pass and the depth of
-    nothing, if features are asked for.
+    `work.closures.emission` holds the background's radiance. The film gets the Environment pass, and the first sample's
+    depth and position of nothing, if features are asked for.
     """
     lights, spectrum, options = scene.lights, scene.spectrum, scene.options
     visibility = scene.header[SCENE_WORLD_VISIBILITY]
@@ -125,9 +131,13 @@ def shade_background(scene, unit, work, queue):
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
             share = add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_ENVIRONMENT, use_features
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
             )
             if use_denoising:
                 add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
-        if use_features and not flags & RAY_PASSES_DONE and film.count[paths.pixel[lane]] == 0:
-            film.points[paths.pixel[lane], FIRST_DEPTH] = NO_DEPTH
+        if use_features and flags & RAY_TRANSPARENT_BACKGROUND and not flags & RAY_PASSES_DONE:
+            if paths.sample[lane] == 0:
+                # Nothing is behind what was not opaque enough.
+                for column in range(FIRST_WIDTH):
+                    film.points[paths.pixel[lane], column] = 0.0

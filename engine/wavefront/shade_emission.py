@@ -13,7 +13,7 @@ from engine.kernels.radiance import add_emission, add_seen, power_heuristic
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     CLOSURE_WIDTH,
     RAY_MIS_HAD_TRANSMISSION,
@@ -91,7 +91,8 @@ def shade_emission(scene, unit, work, queue):
                 if pdf > 0.0:
                     weight = power_heuristic(paths.mis_pdf[lane], pdf)
             share = add_emission(
-                options, spectrum, paths, lane, closures.emission, weight, film, FEATURE_EMISSION, use_features
+                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,
             )
             if use_denoising:
                 add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)

@@ -12,6 +12,7 @@ from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
+from engine.state.film import FEATURE_EMISSION
 from engine.state.lanes import (
     RAY_CAMERA,
     RAY_DIFFUSE,
@@ -29,11 +30,12 @@ from engine.state.lights import (
     LAMP_ESTIMATE,
     LAMP_FLAG_MIS,
     LAMP_FLAGS,
+    LAMP_LIGHT_GROUP,
     LAMP_RADIANCE,
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
-from engine.wavefront.columns import UNIT_USE_DENOISING
+from engine.wavefront.columns import UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
 
@@ -51,11 +53,9 @@ def _sees(flags, visibility):
 
 
 @kernel
-def _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch):
-    """Add the lamp's radiance times `factor` and the throughput, clamped like all light found by scattering.
-
-    Returns the share that clamping leaves of it; it is in row `lane` of `scratch`.
-    """
+def _add_lamp(lights, row, factor, scene, unit, work, lane):
+    """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes."""
+    spectrum, paths, scratch = scene.spectrum, work.paths, work.f_cos
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
     if len(paths.channels) > RGB:
@@ -65,7 +65,12 @@ def _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    return add_found(options, paths, lane, scratch)
+    share = add_found(
+        scene.options, spectrum, paths, work.passes, lane, scratch, lights.lamp_table[row, LAMP_LIGHT_GROUP], unit.film,
+        FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
+    )
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
 
 
 @kernel
@@ -76,8 +81,7 @@ def shade_lights(scene, unit, work, queue):
     transparent surfaces since then only move the range of distances (`mis_distance`, `hit_distance`). Without
     light sampling (`use_nee` 0) every lamp counts whole, those without multiple importance sampling included.
     """
-    lights, spectrum, options, paths, scratch = scene.lights, scene.spectrum, scene.options, work.paths, work.f_cos
-    use_denoising = unit.header[UNIT_USE_DENOISING] != 0
+    lights, options, paths = scene.lights, scene.options, work.paths
     lanes, lane_count = queue.lanes, queue.count[0]
     hittable_count = lights.header[HEADER_HITTABLE]
     first_sun = lights.header[HEADER_FIRST_SUN]
@@ -113,9 +117,7 @@ def shade_lights(scene, unit, work, queue):
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
                 factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            share = _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
-            if use_denoising:
-                add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
+            _add_lamp(lights, row, factor, scene, unit, work, lane)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -128,6 +130,4 @@ def shade_lights(scene, unit, work, queue):
                 factor = power_heuristic(
                     paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
                 )
-            share = _add_lamp(lights, row, factor, spectrum, options, paths, lane, scratch)
-            if use_denoising:
-                add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
+            _add_lamp(lights, row, factor, scene, unit, work, lane)

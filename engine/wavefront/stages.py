@@ -16,6 +16,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
+    UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
 )
@@ -37,8 +38,10 @@ from engine.wavefront.scatter import scatter
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
+from engine.wavefront.write_data import write_aovs, write_data
 from engine.wavefront.write_denoising import write_denoising
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
@@ -59,6 +62,8 @@ _PLAIN = _by_name(
 _HITTABLE_LIGHTS = _by_name(shade_lights)
 _CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
 _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
+_LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
+_DATA, _AOVS = _by_name(write_data), _by_name(write_aovs)
 _EMITTERS = _by_name(choose_lights, connect_lights, intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
 _WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
@@ -77,6 +82,7 @@ STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT,
+    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_DATA, **_AOVS,
 }
 
 
@@ -92,6 +98,7 @@ def stage_arguments(
         By the stage's name, arguments of the types that the loop passes.
     """
     header, use_features = scene.header, unit.header[UNIT_USE_FEATURES]
+    splits_light = unit.header[UNIT_SPLITS_LIGHT]
     plain, guided = (scene, unit, work, work.active), (scene, unit, guidance, work, work.active)
     arguments: dict[str, tuple[Any, ...]] = {}
 
@@ -103,8 +110,12 @@ def stage_arguments(
     add(_HITTABLE_LIGHTS, plain, header[SCENE_HAS_HITTABLE_LIGHTS])
     add(_CONSTANT_WORLD if header[SCENE_WORLD_IS_CONSTANT] else _OTHER_WORLD, plain)
     add(_FEATURES, plain, use_features)
+    add(_DATA, plain, scene.data.options.is_used)
+    add(_AOVS, plain, scene.data.options.aov_width)
     add(_DENOISING, plain, unit.header[UNIT_USE_DENOISING])
+    add(_LIGHT_PASSES, plain, splits_light)
     add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
+    add(_SAMPLED_PASSES, plain, header[SCENE_HAS_EMITTERS] and splits_light)
     add(_TRANSPARENT_SHADOWS, plain, header[SCENE_HAS_EMITTERS] and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])
     add(_RECORDS, plain, records)

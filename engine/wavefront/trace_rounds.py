@@ -18,6 +18,7 @@ from engine.wavefront.columns import (
     UNIT_IS_GUIDED,
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
+    UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
     UNIT_USES_CACHE,
@@ -42,6 +43,8 @@ def _shade_background(stages, scene, unit, work):
         _evaluate(stages, scene, work, work.points, work.shaded, work.missed, MODE_EMISSION)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
         stages.upsample_emission(scene, work, work.points, work.closures, work.missed)
+    if scene.data.options.aov_width > 0:
+        stages.write_aovs(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
     mark(work.clock, CLOCK.shade_background)
 
@@ -75,6 +78,9 @@ def _sample_lights(stages, scene, unit, guidance, work):
         mark(clock, CLOCK.guide_lights)
     stages.connect_lights(scene, unit, work, work.lit)
     mark(clock, CLOCK.connect_lights)
+    if unit.header[UNIT_SPLITS_LIGHT] != 0:
+        stages.split_sampled(scene, unit, work, work.lit)
+        mark(clock, CLOCK.split_light)
     _trace_shadows(stages, scene, unit, work)
 
 
@@ -107,11 +113,18 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     stages.shade_emission(scene, unit, work, work.surface)
     mark(clock, CLOCK.shade_emission)
     if use_features:
+        if scene.data.options.aov_width > 0:
+            stages.write_aovs(scene, unit, work, work.surface)
+        if scene.data.options.is_used != 0:
+            stages.write_data(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:
         stages.write_denoising(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_denoising)
+    if unit.header[UNIT_SPLITS_LIGHT] != 0:
+        stages.write_colors(scene, unit, work, work.surface)
+        mark(clock, CLOCK.split_light)
     if is_spectral:
         stages.upsample_closures(scene, unit, work, work.surface)
         mark(clock, CLOCK.upsample)
@@ -168,6 +181,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_source)
         if work.several.count[0] > 0:
             _resample(stages, scene, unit, guidance, radiance, work)
+        if unit.header[UNIT_SPLITS_LIGHT] != 0:
+            stages.split_scattered(scene, unit, work, work.surface)
+            mark(clock, CLOCK.split_light)
         if unit.header[UNIT_USES_CACHE] != 0:
             stages.follow_footprints(scene, unit, work, work.surface)
             mark(clock, CLOCK.end_in_cache)

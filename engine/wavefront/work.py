@@ -16,6 +16,7 @@ from engine.ris.candidates import Candidates
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
+from engine.state.data_passes import DataView
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
@@ -23,6 +24,7 @@ from engine.state.lanes import (
     Closures,
     FeatureLanes,
     GuidedLanes,
+    LightPassLanes,
     LightSamples,
     PathState,
     ShadePoints,
@@ -50,6 +52,7 @@ class SceneView(Bundle):
     shaders: ShaderArrays
     tables: BsdfTables
     lights: LightArrays
+    data: DataView
     options: IntegratorOptions
 
 
@@ -128,6 +131,7 @@ class Work(Bundle):
     single, several : guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
+    passes : light taken apart, for passes of it
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
@@ -163,6 +167,7 @@ class Work(Bundle):
     guided: GuidedLanes
     cached: CachedLanes
     features: FeatureLanes
+    passes: LightPassLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

@@ -90,7 +90,7 @@ def test_every_requested_pass_reaches_the_file(cube_scene: Any, fake: FakeEngine
     images = render(cube_scene, tmp_path)
     asked = fake.asked_passes[0]
     assert asked == {
-        *("Combined", "Depth", "Normal", "Position", "Emission", "Environment", "IndexOB", "IndexMA"),
+        *("Combined", "Noisy Image", "Depth", "Normal", "Position", "Emission", "Environment", "IndexOB", "IndexMA"),
         *("Albedo", "Sample Count", "Variance", "Candidate Count", "Guiding Benefit"),
     }
     renamed = {"IndexOB": "Object Index", "IndexMA": "Material Index"}
@@ -104,7 +104,9 @@ def test_every_requested_pass_reaches_the_file(cube_scene: Any, fake: FakeEngine
 def test_only_requested_passes_are_asked_of_the_session(cube_scene: Any, fake: FakeEngine, tmp_path: Path) -> None:
     cube_scene.view_layers[0].use_pass_z = False
     render(cube_scene, tmp_path)
-    assert fake.asked_passes == [{"Combined"}]
+    cube_scene.cycles.use_denoising = False
+    render(cube_scene, tmp_path)
+    assert fake.asked_passes == [{"Combined", "Noisy Image"}, {"Combined"}]
 
 
 def test_all_view_layers_render_with_their_samples(
@@ -229,18 +231,20 @@ def test_settings_it_has_not_are_said_once_a_job_and_stand_in_the_file(
     import bpy
 
     scene = cube_scene
-    assert scene.cycles.use_denoising  # as in every new scene
+    scene.cycles.direct_light_sampling_type = "FORWARD_PATH_TRACING"
     scene.cycles.use_fast_gi = True
     scene.render.use_stamp_frame = True
     scene.frame_start, scene.frame_end = 1, 2
     scene.render.filepath = str(tmp_path / "frame_####.exr")
     bpy.ops.render.render(animation=True)
     shown = "".join(capfd.readouterr())
-    for words in ("Scene: fast global illumination is not supported", "Scene: denoising is not supported"):
+    for words in (
+        "Scene: fast global illumination is not supported", "Scene: sampling light in one way only is not supported",
+    ):  # fmt: skip
         assert shown.count(f"NeuralGuide: Warning: {words}") == 1
     for frame in (1, 2):
         with OpenEXR.File(str(tmp_path / f"frame_000{frame}.exr")) as file:
-            assert "denoising" in str(file.header()["neuralguide.ViewLayer.notices"])
+            assert "fast global illumination" in str(file.header()["neuralguide.ViewLayer.notices"])
 
 
 def test_passes_it_has_not_are_named(cube_scene: Any, fake: FakeEngine, capfd: Any) -> None:

@@ -16,11 +16,16 @@ from engine.settings import EXPERIMENT_SECTIONS, SETTINGS, RenderSettings
 from tests.helpers.fake_engine import FakeEngine
 
 #: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
-DEFAULTS = RenderSettings(guiding_method="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True)
+DEFAULTS = RenderSettings(
+    guiding_method="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True, use_denoising=True
+)
 
 #: Name of ours: owner below the scene, name there, a value that is not the default.
 CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
     "samples": ("cycles", "samples", 9),
+    "use_adaptive_sampling": ("cycles", "use_adaptive_sampling", False),
+    "adaptive_threshold": ("cycles", "adaptive_threshold", 0.25),
+    "adaptive_min_samples": ("cycles", "adaptive_min_samples", 40),
     "time_limit": ("cycles", "time_limit", 12.5),
     "seed": ("cycles", "seed", 5),
     "max_bounces": ("cycles", "max_bounces", 1),
@@ -40,6 +45,10 @@ CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
     "filter_width": ("cycles", "filter_width", 4.0),
     "film_exposure": ("cycles", "film_exposure", 1.75),
     "film_transparent": ("render", "film_transparent", True),
+    "use_denoising": ("cycles", "use_denoising", False),
+    "denoising_input_passes": ("cycles", "denoising_input_passes", "RGB"),
+    "denoising_prefilter": ("cycles", "denoising_prefilter", "FAST"),
+    "denoising_quality": ("cycles", "denoising_quality", "BALANCED"),
 }
 
 
@@ -147,6 +156,9 @@ SAVED_CHOICES = {
     "u_dimension": "NONE AUTO TIME WAVELENGTH",
     "mixture_u": "NONE FREQUENCY PLANES HASH4D",
     "network_u": "AUTO NONE FREQUENCY PLANES",
+    "denoising_input_passes": "RGB RGB_ALBEDO RGB_ALBEDO_NORMAL",
+    "denoising_prefilter": "NONE FAST ACCURATE",
+    "denoising_quality": "HIGH BALANCED FAST",
 }
 
 
@@ -249,7 +261,7 @@ def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, b
     for name in ("samples", "seed"):
         scene.neuralguide.property_unset(name)
     scene.neuralguide.guiding_method = "OFF"
-    scene.cycles.samples, scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = 4, False, False
+    scene.cycles.samples, scene.cycles.use_adaptive_sampling = 4, False
     scene.cycles.sample_clamp_indirect = 0.0
 
     def render() -> np.ndarray:
@@ -259,12 +271,18 @@ def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, b
         with OpenEXR.File(scene.render.filepath) as file:
             return np.array(file.channels()["RGBA"].pixels)
 
+    scene.cycles.use_denoising = False
     plain = render()
     np.testing.assert_array_equal(render(), plain)
+    scene.cycles.use_denoising = True
+    denoised = render()
     without_effect = []
     for name, (owner_name, their_name, value) in CYCLES_VALUES.items():
         owner = getattr(scene, owner_name)
         before = getattr(owner, their_name)
+        if "adaptive" in name:  # of no effect on so few samples
+            continue
+        scene.cycles.use_denoising = is_denoised = "denoising" in name
         if name == "time_limit":  # of so many samples that only the clock can end it
             scene.cycles.samples, value = 1 << 20, 0.2
         setattr(owner, their_name, value)
@@ -272,13 +290,22 @@ def test_each_of_cycles_settings_has_an_effect_on_the_picture(cube_scene: Any, b
         if name == "time_limit":
             assert 1.0 <= engine.outcomes[-1].report.sample_count < 1 << 20
             scene.cycles.samples = 4
-        elif np.array_equal(changed, plain):
+        elif np.array_equal(changed, denoised if is_denoised else plain):
             without_effect.append(name)
         setattr(owner, their_name, before)
     assert not without_effect
+    scene.cycles.use_denoising = False
     scene.cycles.use_animated_seed = True
     assert np.any(render() != plain)
     np.testing.assert_array_equal(render(), render())
+    scene.cycles.samples, scene.cycles.adaptive_threshold, scene.cycles.adaptive_min_samples = 64, 0.1, 4
+    counts = [64.0]
+    for name in ("use_adaptive_sampling", "adaptive_threshold", "adaptive_min_samples"):
+        setattr(scene.cycles, name, True if name == "use_adaptive_sampling" else CYCLES_VALUES[name][2])
+        render()
+        counts.append(engine.outcomes[-1].report.sample_count)
+    # Fewer with a threshold, fewer still with a larger one; the least is 48, the next look after 40.
+    assert 64.0 > counts[1] > counts[2] and counts[3] >= 48.0, counts
 
 
 def test_an_animated_seed_differs_between_frames_and_repeats(blender: Any) -> None:

@@ -91,7 +91,7 @@ class FakeSession:
         y, x = np.mgrid[y0:y1, x0:x1].astype(np.float32)
         images = {"Combined": np.stack([x, y, np.full_like(x, self.settings.samples), np.ones_like(x)], axis=-1)}
         for index, name in enumerate(sorted(passes - {"Combined"})):
-            images[name] = np.stack([x + 1000 * index] * 3, axis=-1)
+            images[name] = np.stack([x + 1000 * index] * 4, axis=-1)
         return images
 
     def render(
@@ -115,6 +115,7 @@ class FakeSession:
             compile_seconds=0.0,
             prepare_seconds=0.1,
             render_seconds=1.0,
+            denoise_seconds=0.5,
             rays={"camera": 600, "shadow": 400},
             sample_count=self.settings.samples,
             guiding=SimpleNamespace(lines=[]),

@@ -60,7 +60,9 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
     return _box_axis(_box_axis(image.astype(np.float64)).T).T
 
 
-def _kept(first: np.ndarray, second: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _kept(
+    first: np.ndarray, second: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How much of a band is kept, by its two halves and the variance of their mean in each pixel.
 
     A bright path in one pixel is noise there, and makes nothing certain of its neighbours: the Wiener weight is by the
@@ -74,8 +76,9 @@ def _kept(first: np.ndarray, second: np.ndarray, variance: np.ndarray) -> tuple[
 
     Returns
     -------
-    kept, signal : float (height, width)
-        The weight, and the mean square of the band's true difference as far as is known (it may be negative).
+    kept, signal, lacking : float (height, width)
+        The weight, the mean square of the band's true difference as far as is known (it may be negative), and the mean
+        square of what is surely there and not kept.
     """
     of_pixel = variance[..., 0]
     noise = np.maximum(of_pixel, _mean_around(of_pixel))
@@ -85,7 +88,8 @@ def _kept(first: np.ndarray, second: np.ndarray, variance: np.ndarray) -> tuple[
     # Noise alone makes products of this size: each of the halves has twice the variance of their mean.
     of_noise = 2.0 * np.sqrt(_mean_around(of_pixel * of_pixel) / seen)
     sure = np.maximum(signal - _DOUBT * of_noise, 0.0)
-    return sure / np.maximum(sure + noise, 1e-30), signal
+    kept = sure / np.maximum(sure + noise, 1e-30)
+    return kept, signal, (1.0 - kept) ** 2 * sure
 
 
 class _Band(NamedTuple):
@@ -162,7 +166,7 @@ class ResidualNoise(NamedTuple):
     known : float32 (P, 3)
     difference : float32 (P, 3)
         By how much `known` is more than what the first half of the paths alone would say, each band kept alike.
-    lacking : float32 (P,), root mean square over channels of what is not kept, as far as the halves tell
+    lacking : float32 (P,), root mean square over channels of what is surely there and not kept
     """
 
     known: np.ndarray
@@ -179,10 +183,9 @@ def residual_noise(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int
     """
     known, difference, squared = np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.zeros((1, 1, 1))
     for band in _bands(sums, variance, shape):
-        kept, signal = _kept(*band)
+        kept, _, lacking = _kept(*band)
         known = _with_band(known, kept, band)
         difference = _expand(difference, kept.shape) + kept[..., None] * (0.5 * (band.second - band.first))
-        lacking = (1.0 - kept) ** 2 * np.maximum(signal, 0.0)
         squared = _expand(squared, kept.shape) + lacking[..., None]
     return ResidualNoise(
         known.reshape(-1, 3).astype(np.float32), difference.reshape(-1, 3).astype(np.float32),
@@ -225,7 +228,7 @@ def residual_error(
     known = np.zeros((1, 1, 3))
     total_noise = bias_squared = bias_variance = wide_squared = wide_variance = 0.0
     for index, (band, of_pixel) in enumerate(zip(_bands(sums, variance, shape), reversed(weight), strict=True)):
-        kept, signal = _kept(*band)
+        kept, signal, _ = _kept(*band)
         noise = band.variance[..., 0]
         known = _with_band(known, kept, band)
         total_noise += float((kept * kept * noise * of_pixel[..., 0]).mean())

@@ -55,6 +55,7 @@ class Choice:
     has_lost : bool, the last iteration showed unguided rendering to be better
     efficiency : float, over unguided rendering when last compared
     trials : list of str, what was compared, for people
+    is_narrow : bool, few pixels are left: methods are compared no more, for what these say is luck
     """
 
     def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
@@ -64,6 +65,7 @@ class Choice:
         self.has_lost = False
         self.efficiency = math.nan
         self.trials: list[str] = []
+        self.is_narrow = False
         self._pixel_count = pixel_count
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
@@ -216,6 +218,9 @@ class Choice:
             and those of the iteration alone are compared.
         """
         self._knows_something = knows_something
+        if self.is_narrow:
+            self._end_comparison(first, count)
+            return
         is_tried = self._tries_plain and not self._has_won and knows_something
         self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
         self._looks_again = False
@@ -232,6 +237,12 @@ class Choice:
             # A finer method's rival is guided too, and changes.
             has_same_samples = is_whole and not self.challenger
             self._trial = GuidingTrial(self._pixel_count, self._plain if has_same_samples else None)
+
+    def _end_comparison(self, first: int, count: int) -> None:
+        """Go on with what is in use, whatever was being compared."""
+        self.parts = [Part(first, count, CURRENT)]
+        self._looks_again = False
+        self.challenger, self._trial, self._overheads = "", None, []
 
     def _is_due(self, first: int) -> bool:
         """Whether to compare with unguided rendering again."""

@@ -62,6 +62,10 @@ class Guidance:
         plain = Guidance(self.settings, 0)
         return plain.with_cells(self.cells, self.measure_threshold) if self.uses_cache else plain
 
+    def without_records(self) -> Guidance:
+        """The same, but nothing is recorded."""
+        return replace(self, record_threshold=0, challenger=None)
+
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""
         challenger = None if self.challenger is None else self.challenger.with_cells(cells, measure_threshold)

@@ -16,6 +16,8 @@ _FULL_WEIGHT_SAMPLES = 8
 RECORDS_PER_ITERATION = 1 << 18
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
+#: Share of the pixels below which few are left.
+_NARROW_SHARE = 0.5
 #: Share of its memory that a unit's records are to fill on average: some tiles have longer paths than others.
 _FULLEST_UNIT = 0.5
 
@@ -44,6 +46,36 @@ def iteration_weight(first_sample: int, settings: RenderSettings, known_samples:
         return 1.0
     share = min((known_samples + first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
     return share if settings.is_guided else math.sqrt(share)
+
+
+def is_narrow(pixel_count: int, all_pixels: int) -> bool:
+    """Whether a noise threshold has left so few pixels that methods are not compared and learning rests at times."""
+    return pixel_count < _NARROW_SHARE * all_pixels
+
+
+class LearningRests:
+    """Which iterations nothing is learned from, once few pixels are left.
+
+    Learning takes its time however few paths there were, and all threads wait for it. So it comes when as many paths
+    have been traced as half an iteration of the whole image has.
+
+    Parameters
+    ----------
+    all_pixels : int
+    """
+
+    def __init__(self, all_pixels: int) -> None:
+        self._all_pixels = all_pixels
+        self._paths = 0
+
+    def take(self, pixel_count: int, samples: int) -> bool:
+        """Take the next iteration; True if nothing is to be learned from it, so that it need not record."""
+        self._paths += pixel_count * samples
+        enough = _NARROW_SHARE * LONGEST_ITERATION * self._all_pixels
+        rests = is_narrow(pixel_count, self._all_pixels) and self._paths < enough
+        if not rests:
+            self._paths = 0
+        return rests
 
 
 class RecordBudget:

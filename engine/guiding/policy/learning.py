@@ -29,7 +29,7 @@ from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.horizon import Horizon
-from engine.guiding.policy.iterations import RecordBudget
+from engine.guiding.policy.iterations import RecordBudget, is_narrow
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.trial import NewestVariance, Part
@@ -214,6 +214,7 @@ class Learner:
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
         self._budget.paths_per_sample = pixel_count
+        self._choice.is_narrow = is_narrow(pixel_count, self._paths_per_sample)
         if self._gate is not None:
             self._gate.expect(expected_paths / max(self._paths_per_sample, 1))
 

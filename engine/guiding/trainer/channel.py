@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory that the renderer and the worker share: records one way, snapshots the other.
 
-The memory has no name wherever the system allows it (an anonymous file whose descriptor the worker inherits), so
-nothing is left behind when either process is killed, and two renders cannot meet. Who may touch what, and when, is said
-by messages over the worker's pipes, which order memory as well; the checksum in a snapshot's header catches what is
-torn all the same.
+Who may touch what, and when, is said by messages over the worker's pipes, which order memory as well; the checksum in a
+snapshot's header catches what is torn all the same.
 """
 
 from __future__ import annotations
 
 import mmap
-import os
-import tempfile
 import zlib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,10 +17,9 @@ from engine.array_types import Float32Array
 from engine.guiding.networks.radiance import NetworkShape, Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records.light import Records
 from engine.guiding.records.training_rows import pack_training_rows, pick_row
+from engine.processes.memory import PAGE, SharedMemory
 from engine.runtime.jit import kernel
 
-#: Whether a file can lose its name and still be handed to the worker.
-HAS_UNNAMED_FILES = os.name == "posix"
 #: Submissions and snapshots that can be under way at once.
 SLOT_COUNT = 2
 #: Where the worker finds the snapshot that it is to go on from, until it writes its own.
@@ -41,7 +35,6 @@ _HEADER = np.dtype(
         ("bounds", np.float32, (2, 3)),
     ]
 )
-_PAGE = 4096
 
 
 @kernel
@@ -94,13 +87,6 @@ def pack_rows(records, row_count, taken_count, seed, is_partial, out):
     return written
 
 
-def _anonymous_file() -> int:
-    if hasattr(os, "memfd_create"):
-        return os.memfd_create("neuralguide")
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())
-
-
 class Channel:
     """The shared memory, mapped. `Channel.create` in the renderer, `Channel.attach` in the worker.
 
@@ -109,26 +95,21 @@ class Channel:
     shape : TrainableShape
     slot_rows : int
         Records of one submission at most.
-    descriptor : int
-        Open file that holds the memory; belongs to the channel from now on.
-    path : Path or None
-        Name of that file where the system has no unnamed ones, removed by `close`.
+    memory : SharedMemory
+        Belongs to the channel from now on.
     """
 
-    def __init__(self, shape: TrainableShape, slot_rows: int, descriptor: int, path: Path | None = None) -> None:
+    def __init__(self, shape: TrainableShape, slot_rows: int, memory: SharedMemory) -> None:
         self.shape = shape
         self.slot_rows = slot_rows
-        self.descriptor = descriptor
-        self._path = path
-        self._owns_path = False
-        self._map: mmap.mmap | None = mmap.mmap(descriptor, self.size(shape, slot_rows))
+        self.memory = memory
 
     @staticmethod
     def size(shape: TrainableShape, slot_rows: int) -> int:
         """Bytes of the shared memory."""
         snapshot = _HEADER.itemsize + 4 * shape.parameter_count
         rows = 4 * shape.row_width * slot_rows
-        return SLOT_COUNT * (-(-snapshot // _PAGE) + -(-rows // _PAGE)) * _PAGE
+        return SLOT_COUNT * (-(-snapshot // PAGE) + -(-rows // PAGE)) * PAGE
 
     @classmethod
     def create(cls, shape: TrainableShape, settings: TrainingSettings) -> Channel:
@@ -137,29 +118,10 @@ class Channel:
         Raises
         ------
         OSError
-            If there is not enough of it. It is reserved here and now: to find out at the first write would be a signal
-            that ends the process.
+            If there is not enough of it.
         """
-        size = cls.size(shape, settings.submission_rows)
-        path = None
-        if HAS_UNNAMED_FILES:
-            descriptor = _anonymous_file()
-        else:
-            descriptor, name = tempfile.mkstemp(prefix="neuralguide-")
-            path = Path(name)
-        try:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(descriptor, 0, size)
-            else:
-                for start in range(0, size, _PAGE * 256):
-                    os.write(descriptor, bytes(min(_PAGE * 256, size - start)))
-            channel = cls(shape, settings.submission_rows, descriptor, path)
-        except BaseException:
-            os.close(descriptor)
-            if path is not None:
-                path.unlink(missing_ok=True)
-            raise
-        channel._owns_path = path is not None
+        memory = SharedMemory.create(cls.size(shape, settings.submission_rows))
+        channel = cls(shape, settings.submission_rows, memory)
         for slot in range(SLOT_COUNT):
             channel._header(slot)["version"] = -1
         return channel
@@ -167,16 +129,12 @@ class Channel:
     @property
     def address(self) -> dict[str, Any]:
         """What the worker needs for `attach`."""
-        if self._path is not None:
-            return {"path": str(self._path), "slot_rows": self.slot_rows}
-        return {"descriptor": self.descriptor, "slot_rows": self.slot_rows}
+        return {**self.memory.address, "slot_rows": self.slot_rows}
 
     @classmethod
     def attach(cls, shape: TrainableShape, address: dict[str, Any]) -> Channel:
         """The worker's end, from the renderer's `address`."""
-        path = address.get("path")
-        descriptor = address["descriptor"] if path is None else os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
-        return cls(shape, address["slot_rows"], descriptor, None if path is None else Path(path))
+        return cls(shape, address["slot_rows"], SharedMemory.attach(address))
 
     def _block(self, slot: int) -> int:
         return slot * (self.size(self.shape, self.slot_rows) // SLOT_COUNT)
@@ -185,14 +143,12 @@ class Channel:
         return np.frombuffer(self._memory(), _HEADER, 1, self._block(slot))
 
     def _memory(self) -> mmap.mmap:
-        if self._map is None:
-            raise ValueError("the channel is closed")
-        return self._map
+        return self.memory.map(self.size(self.shape, self.slot_rows))
 
     def rows(self, slot: int) -> Float32Array:
         """Records of a slot: float32 (slot_rows, row_width), a view."""
         snapshot = _HEADER.itemsize + 4 * self.shape.parameter_count
-        start = self._block(slot) + -(-snapshot // _PAGE) * _PAGE
+        start = self._block(slot) + -(-snapshot // PAGE) * PAGE
         width = self.shape.row_width
         return np.frombuffer(self._memory(), np.float32, self.slot_rows * width, start).reshape(self.slot_rows, width)
 
@@ -242,13 +198,4 @@ class Channel:
 
     def close(self) -> None:
         """Give the memory back. Views that are still alive keep the mapping, not the file."""
-        if self._map is None:
-            return
-        memory, self._map = self._map, None
-        os.close(self.descriptor)
-        try:
-            memory.close()
-        except BufferError:
-            pass  # A view is alive: the mapping goes with it.
-        if self._owns_path and self._path is not None:
-            self._path.unlink(missing_ok=True)
+        self.memory.close()

@@ -2,36 +2,31 @@
 """The renderer's handle on the worker that trains a network. Knows no torch, never blocks, never raises.
 
 Whatever goes wrong with the worker ends in `TrainerStatus.state == DEAD` with a message, and rendering goes on with the
-last snapshot or without one. The worker is a plain subprocess, so that it may run under another Python than the
-renderer's; when the renderer goes, however it goes, the worker's input ends, and with it the worker.
+last snapshot or without one.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import enum
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from engine.array_types import Float32Array
 from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records.light import Records
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
+from engine.processes.child import ENTRY, Child
 
-_SCRIPT = Path(__file__).resolve().parents[1] / "worker" / "__main__.py"
-_PACKAGE = f"{__package__.rpartition('.')[0]}.worker"
+_SERVICE = "guiding.worker.service"
 
 
 class TrainerState(enum.Enum):
@@ -101,8 +96,6 @@ class NetworkTrainer:
     ----------
     script : Path
         What the worker runs; before `start` it may be replaced by anything that speaks the same protocol.
-    process : Popen or None
-        The worker while there is one; the trainer ends it and waits for it.
     """
 
     def __init__(
@@ -134,14 +127,13 @@ class NetworkTrainer:
         self._first = first
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
-        self.script = _SCRIPT
+        self.script = ENTRY
         # Guards all below; notified at every message.
         self._changed = threading.Condition()
         self._status = TrainerStatus()
         self._channel: Channel | None = None
-        self.process: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
         self._reader: threading.Thread | None = None
-        self._errors: IO[bytes] | None = None
         self._free_slots = set(range(SLOT_COUNT))
         self._announced: tuple[int, int] | None = None  # slot and version of the newest snapshot not yet read
         self._trained_step = -1
@@ -170,41 +162,34 @@ class NetworkTrainer:
             self._die(f"the training worker could not be started: {error}")
 
     def _launch(self, channel: Channel) -> None:
-        environment = dict(os.environ)
+        config = {
+            "kind": self.shape.kind,
+            "shape": dataclasses.asdict(self.shape),  # type: ignore[call-overload]
+            "settings": dataclasses.asdict(self.settings),
+            "bounds": None if self._bounds is None else self._bounds.tolist(),
+            "seed": self._seed,
+            "deterministic": self._deterministic,
+            "on_command": self._on_command,
+            "training_share": self._training_share,
+            "thread_count": self._thread_count,
+            "goes_on": self._first is not None,
+            "channel": channel.address,
+        }
         # Threads that wait for work must not burn the renderer's processors.
-        environment.update(OMP_NUM_THREADS=str(self._thread_count), OMP_WAIT_POLICY="PASSIVE", KMP_BLOCKTIME="0")
-        extra: dict[str, Any] = {}
-        if "descriptor" in channel.address:
-            extra["pass_fds"] = (channel.address["descriptor"],)
-        if os.name == "nt":
-            extra["creationflags"] = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-        self._errors = tempfile.TemporaryFile()
-        self.process = subprocess.Popen(
-            [self._interpreter, str(self.script)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            env=environment,
-            **extra,
+        environment = {
+            "OMP_NUM_THREADS": str(self._thread_count), "OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"
+        }  # fmt: skip
+        self._child = Child(
+            self._interpreter, _SERVICE, config, memories=(channel.memory,), environment=environment, script=self.script
         )
-        self._send(
-            package=_PACKAGE,
-            path=[entry for entry in sys.path if entry],
-            parent=os.getpid(),
-            kind=self.shape.kind,
-            shape=dataclasses.asdict(self.shape),  # type: ignore[call-overload]
-            settings=dataclasses.asdict(self.settings),
-            bounds=None if self._bounds is None else self._bounds.tolist(),
-            seed=self._seed,
-            deterministic=self._deterministic,
-            on_command=self._on_command,
-            training_share=self._training_share,
-            thread_count=self._thread_count,
-            goes_on=self._first is not None,
-            channel=channel.address,
-        )
-        self._reader = threading.Thread(target=self._listen, args=(self.process,), name="training", daemon=True)
+        self._reader = threading.Thread(target=self._listen, args=(self._child,), name="training", daemon=True)
         self._reader.start()
+
+    @property
+    def process(self) -> subprocess.Popen[bytes] | None:
+        """The worker while there is one; the trainer ends it and waits for it."""
+        child = self._child
+        return None if child is None else child.process
 
     def close(self) -> None:
         """Stop the worker and give its memory back; the trainer cannot be used again."""
@@ -222,20 +207,15 @@ class NetworkTrainer:
         with self._changed:
             if self._status.state is not TrainerState.DEAD:
                 self._set(state=TrainerState.DEAD, message=reason)
-            process, self.process = self.process, None
+            child, self._child = self._child, None
             channel, self._channel = self._channel, None
-            errors, self._errors = self._errors, None
             self._changed.notify_all()
-        if process is not None:
-            with contextlib.suppress(OSError):
-                process.stdin.close()  # type: ignore[union-attr]
-            _end(process)
+        if child is not None:
+            child.close()
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(timeout=5.0)
-        if process is not None and process.stdout is not None:
-            process.stdout.close()
-        if errors is not None:
-            errors.close()
+        if child is not None:
+            child.release()
         if channel is not None:
             channel.close()
 
@@ -245,17 +225,13 @@ class NetworkTrainer:
         self._status = dataclasses.replace(self._status, **fields)
 
     def _send(self, **message: Any) -> None:
-        process = self.process
-        if process is None or process.stdin is None:
-            return
-        # A worker that is gone is found by the reader.
-        with contextlib.suppress(OSError, ValueError):
-            process.stdin.write(json.dumps(message).encode() + b"\n")
-            process.stdin.flush()
+        child = self._child
+        if child is not None:
+            child.send(**message)
 
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+    def _listen(self, child: Child) -> None:
         """Take the worker's messages until it is gone (thread)."""
-        stream = process.stdout
+        stream = child.process.stdout
         assert stream is not None
         try:
             for line in stream:
@@ -263,8 +239,7 @@ class NetworkTrainer:
         except (OSError, ValueError, KeyError, TypeError) as error:
             self._die(f"the training worker answered nonsense: {error}")
             return
-        code = process.wait()
-        self._die(self._reason(code))
+        self._die(f"the training worker {child.reason(child.process.wait())}")
 
     def _take(self, message: dict[str, Any]) -> None:
         with self._changed:
@@ -290,21 +265,6 @@ class NetworkTrainer:
             elif kind == "failed":
                 self._set(state=TrainerState.DEAD, message=f"the training worker gave up: {message['reason']}")
             self._changed.notify_all()
-
-    def _reason(self, code: int) -> str:
-        if code < 0:
-            with contextlib.suppress(ValueError):
-                name = signal.Signals(-code).name
-                hint = ", perhaps for want of memory" if name == "SIGKILL" else ""
-                return f"the training worker was ended by {name}{hint}"
-        last = ""
-        with self._changed:
-            if self._errors is not None:
-                size = self._errors.seek(0, os.SEEK_END)
-                self._errors.seek(max(0, size - 4096))
-                lines = self._errors.read().decode(errors="replace").strip().splitlines()
-                last = f": {lines[-1]}" if lines else ""
-        return f"the training worker ended with code {code}{last}"
 
     def _watch(self) -> None:
         """A worker that has said nothing for too long is hung."""
@@ -406,15 +366,3 @@ class NetworkTrainer:
                     return
                 self._changed.wait(timeout=0.5)
             self._watch()
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process whose input is closed; insist, if it stays."""
-    for insist in (lambda: None, process.terminate, process.kill):
-        insist()
-        try:
-            process.wait(timeout=0.7)
-            return
-        except subprocess.TimeoutExpired:
-            pass
-    process.wait()

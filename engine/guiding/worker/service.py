@@ -27,6 +27,7 @@ from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
 from engine.guiding.records.training_rows import ROW_WIDTH
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
 from engine.guiding.worker.patience import Patience
+from engine.processes.parent import leave_with_parent
 
 #: Steps between two looks at the held-out records.
 _CHECK_STEPS = 64
@@ -115,12 +116,6 @@ class Service:
                 while sum(rows.shape[0] for rows in list(self._pending)) > self.settings.buffer_rows:
                     self._pending.popleft()
             self._commands.put(message)
-        os._exit(0)
-
-    def watch_parent(self, parent: int) -> None:
-        """Leave when the renderer is gone, even if somebody else holds its end of the pipe (thread)."""
-        while os.getppid() == parent:
-            time.sleep(1.0)
         os._exit(0)
 
     def run(self) -> None:
@@ -252,8 +247,7 @@ def serve(config: dict[str, Any], stream: BinaryIO, answers: TextIO) -> None:
     try:
         service = Service(config, answers)
         threading.Thread(target=service.listen, args=(stream,), daemon=True).start()
-        if os.name == "posix":
-            threading.Thread(target=service.watch_parent, args=(config["parent"],), daemon=True).start()
+        leave_with_parent(config)
         service.run()
     except ModuleNotFoundError as error:
         reason = f"the package {error.name} is not installed for {sys.executable}"

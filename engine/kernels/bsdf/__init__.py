@@ -34,6 +34,11 @@ from engine.kernels.bsdf.no_lobes import add_transparent as add_transparent
 from engine.kernels.bsdf.normals import ensure_valid_specular_reflection as ensure_valid_specular_reflection
 from engine.kernels.bsdf.normals import valid_specular_normal as valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar as add_oren_nayar
+from engine.kernels.bsdf.parts import DIFFUSE_LOBES as DIFFUSE_LOBES
+from engine.kernels.bsdf.parts import GLOSSY_LOBES as GLOSSY_LOBES
+from engine.kernels.bsdf.parts import TRANSMISSIVE_LOBES as TRANSMISSIVE_LOBES
+from engine.kernels.bsdf.parts import albedo_parts as albedo_parts
+from engine.kernels.bsdf.parts import share_lobes as share_lobes
 from engine.kernels.bsdf.principled import PrincipledInputs as PrincipledInputs
 from engine.kernels.bsdf.principled import add_principled as add_principled
 from engine.kernels.bsdf.tables import BsdfTables as BsdfTables

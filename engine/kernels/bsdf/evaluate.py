@@ -68,6 +68,23 @@ def is_visible(kind, visibility):
     return visibility & RAY_TRANSMIT != 0
 
 
+@kernel(forceinline=True)
+def eval_lobe_of(kinds, param, channels, lane, i, wo, wi, visibility, sampled, out, row):
+    """Add f |cos| of a lane's lobe `i`, if it is not delta, to out[row] and return its density; see `eval_lobes`."""
+    kind = kinds[lane, i]
+    n = read3(param, lane, i, CLOSURE_N)
+    factor = 1.0
+    if param[lane, i, BUMP] != 0.0:
+        factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
+    if not is_visible(kind, visibility):
+        factor = 0.0
+    if kind <= LAST_DIFFUSE:
+        return eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
+    if kind <= LAST_MICROFACET:
+        return eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+    return 0.0
+
+
 @kernel
 def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled, u, out, row):
     """Write f |cos| of a lane's non-delta lobes into out[row]; return the mixture's pdf and a lobe picked by it.
@@ -82,20 +99,11 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
     pdf = 0.0
     weight_sum = 0.0
     for i in range(count):
-        kind = kinds[lane, i]
         sample_weight = param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         weight_sum += sample_weight
-        n = read3(param, lane, i, CLOSURE_N)
-        factor = 1.0
-        if param[lane, i, BUMP] != 0.0:
-            factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
-        if not is_visible(kind, visibility):
-            factor = 0.0
-        lobe_pdf = 0.0
-        if kind <= LAST_DIFFUSE:
-            lobe_pdf = sample_weight * eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
-        elif kind <= LAST_MICROFACET:
-            lobe_pdf = sample_weight * eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
+        lobe_pdf = sample_weight * eval_lobe_of(
+            kinds, param, channels, lane, i, wo, wi, visibility, sampled, out, row
+        )
         pdf += lobe_pdf
         if u >= 0.0 and lobe_pdf > 0.0:
             # One number decides all picks: what is left of it after each is uniform again.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closure instructions: each adds its lobes, emission or transparency to the lane's closures.
+"""Closure instructions: each adds its lobes, emission, transparency or AOV to the lane's closures.
 
 They have no outputs. The first input is always the weight that Mix and Add Shader nodes give the closure; one of zero
 adds nothing. Those that add lobes are in the table of closures, `engine/kernels/bsdf/lobes.py`.
@@ -13,19 +13,41 @@ from engine.kernels.shader.opcodes import CLOSURE_FIRST
 from engine.kernels.shader.surface import read_point
 from engine.kernels.vector import scale
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_NG, POINT_NS, POINT_WO
+from engine.state.lanes import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_NG,
+    POINT_NS,
+    POINT_RAY_FLAGS,
+    POINT_WO,
+    RAY_CAMERA,
+    RAY_PASSES_DONE,
+)
 
 OP_EMISSION = CLOSURE_FIRST + 0  # weight, color, strength
 OP_TRANSPARENT = CLOSURE_FIRST + 1  # weight, color
 OP_HOLDOUT = CLOSURE_FIRST + 2  # weight
 OP_ALPHA = CLOSURE_FIRST + 3  # weight, alpha: what alpha lets through
+OP_AOV = CLOSURE_FIRST + 4  # weight, value or colour; first column, 1 or 3 values, columns of a lane
 #: From here on they add lobes.
-LOBES_FIRST = CLOSURE_FIRST + 4
+LOBES_FIRST = CLOSURE_FIRST + 5
 
 
 def opcode(name: str) -> int:
     """Of an instruction in the table of closures."""
     return LOBES_FIRST + list(INSTRUCTIONS).index(name)
+
+
+@kernel
+def _add_aov(closures, lane, memory, code, pc):
+    """Add to the lane's columns of an AOV; a colour has an alpha of one, by which the film counts samples."""
+    at = lane * code[pc + 6] + code[pc + 4]
+    source = code[pc + 3]
+    count = code[pc + 5]
+    for k in range(count):
+        closures.aovs[at + k] += memory[source + k]
+    if count > 1:
+        closures.aovs[at + count] += 1.0
 
 
 @kernel(forceinline=True)
@@ -47,6 +69,11 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         return
     if opcode == OP_HOLDOUT:
         add_holdout(closures, lane, (w, w, w))
+        return
+    if opcode == OP_AOV:
+        # Of what the camera sees, up to the surface that is opaque enough.
+        if points.integer[lane, POINT_RAY_FLAGS] & (RAY_CAMERA | RAY_PASSES_DONE) == RAY_CAMERA:
+            _add_aov(closures, lane, memory, code, pc)
         return
     view = View(
         read_point(points, lane, POINT_WO),

@@ -223,12 +223,11 @@ def test_an_ies_lamp_is_named(scene: Any) -> None:
     assert len(found) == 1 and "Lamp" in found[0].subject and ies.name in found[0].subject
 
 
-def test_passes_of_cycles_and_light_groups_are_named(scene: Any) -> None:
+def test_passes_of_cycles_are_named(scene: Any) -> None:
     from addon.passes import unsupported_passes
 
     layer = scene.view_layers[0]
     assert unsupported_passes(layer) == []
-    layer.cycles.use_pass_volume_direct = True
+    layer.cycles.use_pass_volume_scatter = True
     layer.use_pass_subsurface_color = True
-    layer.lightgroups.add(name="Key")
-    assert unsupported_passes(layer) == ["Subsurface Color", "Volume Direct", "Light Group Key"]
+    assert unsupported_passes(layer) == ["Subsurface Color", "Volume Scatter"]

@@ -18,6 +18,7 @@ from engine.scene import description as contract
 from engine.scene.description import (
     VISIBLE_ALL,
     VISIBLE_CAMERA,
+    Aov,
     Attribute,
     Camera,
     Frame,
@@ -29,6 +30,8 @@ from engine.scene.description import (
     Node,
     NodeGraph,
     Notice,
+    PassMotion,
+    PassSettings,
     SceneDescription,
     World,
 )
@@ -149,13 +152,18 @@ def _original() -> SceneDescription:
     )
     flicker = NodeGraph([Node("ShaderNodeEmission", "Flicker", {"Strength": 2.0})], Link(0, "Emission"))
     white = (1.0, 0.9, 0.8)
+    materials = _materials()
+    tinted = materials[0].graph
+    assert tinted is not None
+    tinted.nodes.append(Node("ShaderNodeOutputAOV", "AOV", {"Color": white, "Value": 0.5}, {"aov_name": "Tint"}))
+    tinted.aovs.append(len(tinted.nodes) - 1)
     return SceneDescription(
         camera=Camera(transform=_at(0.1, 0.2, 9), motion=np.stack([_at(0, 0.2, 9), _at(0.2, 0.2, 9)]),
                       lens_motion=np.array([(49, 36, 24), (51, 36, 24)], np.float32), use_dof=True),
         frame=Frame(8, 6, (0, 0, 8, 6)),
         meshes=meshes,
         instances=instances,
-        materials=_materials(),
+        materials=materials,
         images=[_image("picture", 1), _image("sky", 2)],
         lights=[
             Light("spot", "Spot", "SPOT", _at(0, 0, 4), white, 300.0, radius=0.2, spot_angle=1.5),
@@ -165,6 +173,7 @@ def _original() -> SceneDescription:
         world=World("world", "World", sky, sampling="MANUAL", map_resolution=16),
         shutter=(0.0, 1.0),
         shutter_curve=np.array([0.5, 1.0, 0.5], np.float32),
+        passes=PassSettings(aovs=(Aov("Tint", True),)),
     )  # fmt: skip
 
 
@@ -325,6 +334,7 @@ CHANGES: dict[str, list[Change]] = {
     "Material.user": [_set("materials.0.user", "Somebody")],
     "NodeGraph.nodes": [_append("materials.0.graph.nodes", Node("ShaderNodeMath", "Unused")),
                         _edit("materials.1.graph.nodes", lambda n: n[:2])],
+    "NodeGraph.aovs": [_set("materials.0.graph.aovs", [])],
     "NodeGraph.surface": [_set("materials.1.graph.surface", None)],
     "NodeGraph.volume": [_set("materials.0.graph.volume", Link(1, "BSDF"))],
     "NodeGraph.displacement": [_set("materials.2.graph.displacement", Link(4, "Vector"))],
@@ -389,6 +399,20 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.motion": [_set("instances.motion", {}),
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),
                          _set("instances.motion", {2: np.stack([_at(2, 0, -0.5), _at(2, 0, 0.5)])})],
+    "Instances.asset": [_set("instances.asset", ["Whole"] * 6)],
+    "SceneDescription.passes": [_set("passes", PassSettings())],
+    "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
+    "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
+    "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
+    "PassSettings.mist_falloff": [_set("passes.mist_falloff", 2.0)],
+    "PassSettings.aovs": [_set("passes.aovs", ()), _set("passes.aovs", (Aov("Before", False), Aov("Tint", True)))],
+    "PassSettings.motion": [_set("passes.motion", PassMotion())],
+    "PassMotion.camera": [_set("passes.motion", PassMotion(camera=np.stack([_at(0, 0, 9), _at(0, 1, 9)])))],
+    "PassMotion.lens": [_set("passes.motion", PassMotion(lens=np.full((2, 3), 40.0, np.float32)))],
+    "PassMotion.instances": [_set("passes.motion", PassMotion(instances={0: np.stack([_at(0, 0, 0), _at(0, 1, 0)])}))],
+    "PassMotion.shapes": [_set("passes.motion", PassMotion(shapes={0: np.zeros((2, 1, 3), np.float32)}))],
+    "Aov.name": [_set("passes.aovs", (Aov("Another", True),))],
+    "Aov.is_color": [_set("passes.aovs", (Aov("Tint", False),))],
     "Notice.subject": [_set("notices", [Notice("x", "b", "c")])],
     "Notice.problem": [_set("notices", [Notice("a", "x", "c")])],
     "Notice.fallback": [_set("notices", [Notice("a", "b", "x")])],
@@ -398,7 +422,9 @@ CHANGES: dict[str, list[Change]] = {
 UNSEEN = frozenset({
     "SceneDescription.working_space", "SceneDescription.frame_current", "SceneDescription.shutter", "World.key",
     "World.name", "Light.key", "Light.name", "Light.random", "Material.key", "Material.name", "Material.user",
-    "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name",
+    "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
+    "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
+    "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
 })  # fmt: skip
 
 

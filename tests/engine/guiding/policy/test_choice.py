@@ -56,6 +56,22 @@ def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_p
     return choice, history, first
 
 
+def test_what_is_in_use_goes_on_once_few_pixels_are_left():
+    """Whatever was being compared then: what so few tell is luck."""
+    choice, _, first = run({"OFF": 1.0, "VMM": 4.0, "VMM_RIS": 4.0, "TABLE_RIS": 4.0}, iterations=8)
+    while not is_comparing(choice):
+        choice.judge(WEIGHTS, first, 0.0)
+        choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"))
+        first += SAMPLES
+    choice.is_narrow = True
+    for _ in range(40):
+        choice.judge(WEIGHTS, first, 0.0)
+        choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"))
+        assert choice.parts == [Part(first, SAMPLES, CURRENT)]
+        assert (choice.rung, choice.challenger, choice.has_lost) == ("VMM", "", False)
+        first += SAMPLES
+
+
 def test_unguided_rendering_is_compared_first():
     choice, history, _ = run({"OFF": 1.0, "VMM": 4.0, "VMM_RIS": 4.0, "TABLE_RIS": 4.0})
     firsts = [arms for _, _, arms in history if len(arms) > 1]

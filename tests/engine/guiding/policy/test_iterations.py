@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many paths of an iteration are recorded."""
+"""How many paths of an iteration are recorded, and which iterations are learned from."""
 
 from __future__ import annotations
 
 import pytest
 
-from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, RecordBudget
+from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, LearningRests, RecordBudget
 from engine.guiding.records.vertices import RECORD_ROWS
 
 
@@ -24,3 +24,11 @@ def test_records_fit(pixels: int, per_path: float, samples: float) -> None:
     of_unit = share * unit * samples * per_path / (0.5 * RECORD_ROWS)
     of_image = share * pixels * samples * per_path / RECORDS_PER_ITERATION
     assert share == 1.0 or max(of_unit, of_image) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_learning_rests_while_few_pixels_have_few_paths() -> None:
+    """An iteration of a tenth of the pixels is a tenth of one of all: five of them are half of it."""
+    rests = LearningRests(1000)
+    assert not any(rests.take(pixels, 16) for pixels in (1000, 500, 1000))
+    assert [rests.take(100, 16) for _ in range(10)] == 2 * ([True] * 4 + [False])
+    assert not rests.take(1000, 1)

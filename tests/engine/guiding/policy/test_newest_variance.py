@@ -54,7 +54,7 @@ def test_allocation_goes_by_the_guided_samples_of_late() -> None:
     """Guiding makes a hundredth of the variance; the first sample, and later unguided ones, had all of it."""
     rng = np.random.default_rng(3)
     learner = Learner(RenderSettings(guiding_method="VMM", guiding_trial=False, samples=64), 1, PIXELS)
-    sums = allocate_tile(PIXELS, 3, False)
+    sums = allocate_tile(PIXELS, 3)
     whole = np.zeros((PIXELS, 2), np.int32)
     first = 0
     guidance = learner.first()

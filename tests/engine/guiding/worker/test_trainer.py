@@ -25,9 +25,9 @@ from engine.guiding.networks.flow.shape import FlowShape
 from engine.guiding.networks.mixture.shape import MixtureShape
 from engine.guiding.networks.radiance import NetworkShape, Snapshot, TrainingSettings, initial_parameters
 from engine.guiding.records.light import allocate_records
-from engine.guiding.trainer import channel as channel_module
 from engine.guiding.trainer.channel import Channel
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
+from engine.processes import memory as memory_module
 
 SHAPE = NetworkShape(level_count=2, finest_resolution=16, table_size=1 << 8, width=16, hidden_layers=1)
 SETTINGS = TrainingSettings(submission_rows=1000, batch_size=256)
@@ -58,7 +58,7 @@ def snapshot(version, fill=None):
 
 def spoil(channel, published):
     """Change a byte of a snapshot's parameters where they lie in the memory."""
-    with mmap.mmap(channel.descriptor, Channel.size(SHAPE, channel.slot_rows)) as memory:
+    with mmap.mmap(channel.memory.descriptor, Channel.size(SHAPE, channel.slot_rows)) as memory:
         start = memory.find(published.parameters.tobytes())
         assert start >= 0
         memory[start + 20] ^= 0xFF
@@ -103,7 +103,7 @@ def test_records_cross_the_channel():
 
 @posix
 def test_the_memory_has_no_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(channel_module.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(memory_module.tempfile, "tempdir", str(tmp_path))
     before = set(os.listdir("/dev/shm")) if os.path.isdir("/dev/shm") else set()
     for missing in ((), ("memfd_create",)):
         for name in missing:
@@ -117,8 +117,8 @@ def test_the_memory_has_no_name(tmp_path, monkeypatch):
 
 def test_the_named_file_goes_with_the_channel(tmp_path, monkeypatch):
     """What systems without unnamed files get."""
-    monkeypatch.setattr(channel_module.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(channel_module, "HAS_UNNAMED_FILES", False)
+    monkeypatch.setattr(memory_module.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(memory_module, "HAS_UNNAMED_FILES", False)
     host = Channel.create(SHAPE, SETTINGS)
     worker = Channel.attach(SHAPE, host.address)
     host.rows(0)[0, 0] = 7.0
@@ -239,7 +239,7 @@ def test_no_shared_memory(trainer, monkeypatch):
     def refuse(*_arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(channel_module.os, "posix_fallocate", refuse, raising=False)
+    monkeypatch.setattr(memory_module.os, "posix_fallocate", refuse, raising=False)
     handle = trainer()
     assert handle.process is None
     assert "No space left" in end_of(handle)
@@ -272,7 +272,7 @@ def test_bad_snapshots_never_arrive(trainer):
         made = Snapshot(version, 10 * version, 0.5, 1.0, np.array(config["bounds"], np.float32), parameters)
         channel.write_snapshot(0, made)
         if version == 6:
-            with mmap.mmap(channel.descriptor, Channel.size(shape, channel.slot_rows)) as memory:
+            with mmap.mmap(channel.memory.descriptor, Channel.size(shape, channel.slot_rows)) as memory:
                 memory[memory.find(parameters.tobytes())] ^= 0xFF
         answer("snapshot", slot=0, version=version)
         answer("free", slot=slot)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Entry of the worker process, run by path: `python .../worker/__main__.py`.
+"""Entry of the engine's processes, run by path: `python .../processes/__main__.py`.
 
 Standard input brings one line of JSON with the configuration, then messages; its end is the order to go. Standard
-output carries answers (`service.py`). Nothing of the engine can be imported before the configuration tells what its
-package is called: `engine` in a checkout, a part of Blender's own packages in an extension.
+output carries answers. Nothing of the engine can be imported before the configuration tells what its package is called:
+`engine` in a checkout, a part of Blender's own packages in an extension.
 """
 
 import importlib
@@ -14,10 +14,10 @@ import types
 from pathlib import Path
 
 
-def find_engine(package: str) -> None:
-    """Make `package` (the worker's own name in the renderer) importable, without running an add-on's `__init__`."""
-    root = Path(__file__).resolve().parents[3]
-    parents = package.split(".")[:-3]
+def find_engine(engine: str) -> None:
+    """Make `engine` (the engine's own name in the renderer) importable, without running an add-on's `__init__`."""
+    root = Path(__file__).resolve().parents[2]
+    parents = engine.split(".")[:-1]
     if not parents:
         sys.path.insert(0, str(root))
     for depth in range(len(parents)):
@@ -35,15 +35,18 @@ def main() -> None:
     if not line:
         return
     config = json.loads(line)
+    if config["has_same_path"]:
+        sys.path[:] = config["path"]
     # The folder of this file came first on the path: its modules are not top-level ones.
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != Path(__file__).resolve().parent]
     sys.path.extend(entry for entry in config["path"] if entry not in sys.path)
-    find_engine(config["package"])
+    find_engine(config["engine"])
     try:
-        service = importlib.import_module(f"{config['package']}.service")
+        service = importlib.import_module(f"{config['engine']}.{config['service']}")
     except ImportError as error:
         answers.write(json.dumps({"kind": "failed", "reason": f"{error} (in {sys.executable})"}) + "\n")
-        return
+        answers.flush()
+        sys.exit(f"{error} (in {sys.executable})")
     service.serve(config, sys.stdin.buffer, answers)
 
 

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the view layer's passes ask of the export."""
+
+from __future__ import annotations
+
+from engine.scene.description import Aov, PassSettings
+
+from .context import ExportContext
+
+#: Mist's exponent by Blender's names.
+_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
+
+
+def read_requests(context: ExportContext) -> None:
+    """Note in `context` what else than the picture needs must be exported."""
+    layer = context.view_layer
+    context.aovs = {aov.name: aov.type == "COLOR" for aov in layer.aovs if aov.is_valid}
+    context.wants_assets = layer.use_pass_cryptomatte_asset
+    # Viewports have no passes, and stay at their frame.
+    is_final = context.depsgraph.mode == "RENDER"
+    context.wants_vectors = is_final and layer.use_pass_vector and not context.is_blurred
+    if layer.use_pass_vector and context.is_blurred:
+        problem = "has a Vector pass, which is empty where there is motion blur"
+        context.notice(f"View layer {layer.name}", problem, "zeros, as in Cycles")
+
+
+def export_pass_settings(context: ExportContext) -> PassSettings:
+    """Settings of the passes, all but what moves."""
+    settings = PassSettings(
+        alpha_threshold=context.view_layer.pass_alpha_threshold,
+        aovs=tuple(Aov(name, is_color) for name, is_color in context.aovs.items()),
+    )
+    world = context.scene.world
+    if world is not None:
+        mist = world.mist_settings
+        settings.mist_start, settings.mist_depth = mist.start, mist.depth
+        settings.mist_falloff = _FALLOFF[mist.falloff]
+    return settings

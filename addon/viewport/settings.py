@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a viewport renders by: the scene's settings, with those of Cycles that are for its viewport."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from engine.methods import METHODS, SOURCES
+from engine.settings import LEAST_GUIDED_SAMPLES, RenderSettings
+
+from ..properties import render_settings
+from ..shared_settings import follows_cycles, setting_value
+
+if TYPE_CHECKING:
+    import bpy
+
+#: Where Cycles' number is 0, without end: a day or so. Lengths of iterations are worked out ahead.
+_ENDLESS_SAMPLES = 1 << 16
+
+
+def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
+    """What the process is told for a viewport.
+
+    Raises
+    ------
+    ValueError
+        As `render_settings`.
+    """
+    settings = render_settings(scene)
+    samples = setting_value(scene, "preview_samples") or _ENDLESS_SAMPLES
+    settings = replace(
+        settings, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, strata=0,
+        guiding_method=_method(settings.guiding_method, samples),
+    )  # fmt: skip
+    if not follows_cycles(scene):
+        return settings
+    cycles = scene.cycles
+    return replace(
+        settings,
+        use_adaptive_sampling=cycles.use_preview_adaptive_sampling,
+        adaptive_threshold=cycles.preview_adaptive_threshold,
+        adaptive_min_samples=cycles.preview_adaptive_min_samples,
+        use_denoising=cycles.use_preview_denoising,
+        denoising_input_passes=cycles.preview_denoising_input_passes,
+        denoising_prefilter=cycles.preview_denoising_prefilter,
+        # Blender 4.2 and later ask how thoroughly.
+        denoising_quality=getattr(cycles, "preview_denoising_quality", settings.denoising_quality),
+    )
+
+
+def denoises_from(scene: bpy.types.Scene) -> int:
+    """Samples a pixel before which a viewport is not denoised."""
+    return scene.cycles.preview_denoising_start_sample if follows_cycles(scene) else 1
+
+
+def _method(name: str, samples: int) -> str:
+    """Guiding that starts anew with every edit: networks would be trained for nothing, and few candidates pay."""
+    if name == "OFF" or samples < LEAST_GUIDED_SAMPLES:
+        return "OFF"
+    source = METHODS[name].source
+    return source if source and not SOURCES[source].is_network else "VMM"
+
+
+def is_paused(scene: bpy.types.Scene) -> bool:
+    """Whether the pause button of viewports is pressed."""
+    return follows_cycles(scene) and bool(scene.cycles.preview_pause)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Motion vectors: how far what is seen moves over the image from the frame before, and to the frame after."""
+
+import math
+
+import numpy as np
+
+from engine.kernels.vector import load, normalize, transform_point
+from engine.runtime.jit import kernel
+from engine.state.camera import (
+    CAMERA_KIND,
+    CAMERA_OFFSET_X,
+    CAMERA_OFFSET_Y,
+    CAMERA_SCALE_X,
+    CAMERA_SCALE_Y,
+    KIND_EQUIRECTANGULAR,
+)
+from engine.state.data_passes import RASTER_AFTER, RASTER_BEFORE, RASTER_NOW
+from engine.state.geometry import INSTANCE_MESH, MESH_FIRST_VERTEX, MESH_VERTEX_COUNT
+
+
+@kernel
+def _on_image(data, camera, raster, p):
+    """Where the camera of row `raster` sees a point of the world [pixels]."""
+    projected = transform_point(data.rasters, raster, p)
+    if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
+        d = normalize(projected)
+        x = math.atan2(d[0], -d[2])
+        y = math.asin(min(max(d[1], -1.0), 1.0))
+        return (x - camera[CAMERA_OFFSET_X]) / camera[CAMERA_SCALE_X], (
+            y - camera[CAMERA_OFFSET_Y]
+        ) / camera[CAMERA_SCALE_Y]
+    if projected[2] == 0.0:
+        return 0.0 * projected[0], 0.0 * projected[1]
+    return projected[0] / projected[2], projected[1] / projected[2]
+
+
+@kernel
+def _shape_point(data, geometry, mesh, triangle, u, v, after):
+    """A point of a triangle of a mesh that changes its shape, in object space, before (0) or after (1)."""
+    shift = np.int64(data.shape_rows[mesh]) - geometry.mesh_table[mesh, MESH_FIRST_VERTEX]
+    shift += after * np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
+    a = load(data.shape_vertices, np.int64(geometry.triangles[triangle, 0]) + shift)
+    b = load(data.shape_vertices, np.int64(geometry.triangles[triangle, 1]) + shift)
+    c = load(data.shape_vertices, np.int64(geometry.triangles[triangle, 2]) + shift)
+    w = 1.0 - u - v
+    return (
+        w * a[0] + u * b[0] + v * c[0],
+        w * a[1] + u * b[1] + v * c[1],
+        w * a[2] + u * b[2] + v * c[2],
+    )
+
+
+@kernel
+def _elsewhen(data, geometry, instance, triangle, u, v, p, after):
+    """Where a point of a surface is before (0) or after (1), in the world."""
+    row = data.motion_rows[instance]
+    if row < 0:
+        return p
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    if data.shape_rows[mesh] >= 0:
+        p = _shape_point(data, geometry, mesh, triangle, u, v, after)
+    return transform_point(data.motion_matrices, 2 * row + after, p)
+
+
+@kernel
+def motion_vectors(data, camera, geometry, instance, triangle, u, v, p):
+    """Motion of what is seen at `p` [pixels], as Cycles' pass has it.
+
+    Returns
+    -------
+    x, y from where it is to where it was in the frame before; x, y from where it will be to where it is
+    """
+    before = _elsewhen(data, geometry, instance, triangle, u, v, p, 0)
+    after = _elsewhen(data, geometry, instance, triangle, u, v, p, 1)
+    now_x, now_y = _on_image(data, camera, RASTER_NOW, p)
+    before_x, before_y = _on_image(data, camera, RASTER_BEFORE, before)
+    after_x, after_y = _on_image(data, camera, RASTER_AFTER, after)
+    return before_x - now_x, before_y - now_y, now_x - after_x, now_y - after_y

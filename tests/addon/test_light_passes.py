@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Passes of light taken apart, by Blender's names and switches: their sum is the picture, and each is Cycles' own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import metrics
+from benchmarks.images import read_exr
+from benchmarks.rivals import Budget, find_rival
+from benchmarks.scene_files import SceneSource, open_scene
+from benchmarks.scenes import SCENES
+from tests.addon.test_parity import CELL_ALLOWANCE, COMPARABLE, SIGMAS
+from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
+
+PIXELS = 40 * 30
+SWITCHES = [
+    "use_pass_emit", "use_pass_environment",
+    *(f"use_pass_{lobes.lower()}_{light}" for lobes in LOBES for light in ("direct", "indirect", "color")),
+]  # fmt: skip
+NAMES = [
+    "Combined", "Emission", "Environment",
+    *(f"{lobes} {light}" for lobes in LOBES for light in ("Direct", "Indirect", "Color")),
+]  # fmt: skip
+
+
+def ask_for_passes(scene: Any) -> None:
+    """All passes that the picture is the sum of, into a file of layers."""
+    for switch in SWITCHES:
+        setattr(scene.view_layers[0], switch, True)
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    # Blender 5.0 writes no layers of other pixels.
+    scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
+
+
+def render(scene: Any, path: Path, names: list[str]) -> dict[str, np.ndarray]:
+    import bpy
+
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    return {name: read_exr(path, name)[0] for name in names}
+
+
+def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **settings: Any) -> dict[str, np.ndarray]:
+    find_rival(rival, settings).configure(scene, Budget(samples), seed, 0)
+    ask_for_passes(scene)
+    return render(scene, path, NAMES)
+
+
+#: Few scenes that touch much: all lobes, transparency, lamps that are seen, the world, emission, holes in the picture.
+FAST = ["principled-everything", "visibility", "world-image-sun"]
+
+
+def check_sum(name: str, path: Path, rival: str = "OFF", samples: int = 8, **settings: Any) -> None:
+    scene = open_scene(SceneSource(f"builtin:{name}"), pixels=PIXELS)
+    images = render_by(scene, rival, samples, 0, path, **settings)
+    combined = images["Combined"][..., :3]
+    assert combined.max() > 0.0
+    # Sums of some thousand float32 addends, and pixels that bright samples have come and gone in.
+    assert np.allclose(sum_of_passes(images), combined, rtol=2e-4, atol=1e-5 * combined.mean()), name
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_the_sum_of_passes_is_the_picture(name: str, tmp_path: Path, blender: Any) -> None:
+    check_sum(name, tmp_path / "i.exr")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_the_sum_of_passes_is_the_picture_in_every_builtin_scene(name: str, tmp_path: Path, blender: Any) -> None:
+    check_sum(name, tmp_path / "i.exr", samples=2)
+
+
+def check_against_cycles(name: str, tmp_path: Path, samples: int, seed_count: int) -> None:
+    """As in test_parity, for each pass of colour, for light with its colour, and for what the camera sees itself.
+
+    Relative to a pass's own cells, or to a twentieth of its mean where they are darker. Passes that bring less than a
+    thousandth of the picture's light are left out: there are few samples in them.
+    """
+    scene = open_scene(SceneSource(f"builtin:{name}"), pixels=PIXELS)
+    renders = {
+        rival: [
+            render_by(scene, rival, samples, seed, tmp_path / "i.exr") for seed in range(seed_count)
+        ]
+        for rival in ("OFF", "cycles")
+    }
+    compared = {
+        **{f"{lobes} Color": lambda images, key=f"{lobes} Color": images[key][..., :3] for lobes in LOBES},
+        **{
+            f"{lobes} {light}": lambda images, lobes=lobes, light=light: lit_by(images, lobes, light)
+            for lobes in LOBES
+            for light in ("Direct", "Indirect")
+        },
+        **{key: lambda images, key=key: images[key][..., :3] for key in ("Emission", "Environment")},
+    }
+    least = 1e-3 * np.mean([images["Combined"][..., :3] for images in renders["cycles"]])
+    count = 0
+    for key, of in compared.items():
+        ours, theirs = ([of(images) for images in renders[rival]] for rival in ("OFF", "cycles"))
+        if max(np.mean(ours), np.mean(theirs)) <= least:
+            continue
+        count += 1
+        cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
+        allowance = max(CELL_ALLOWANCE, SCENES[name].allowance)
+        beyond = np.abs(cells.difference) > allowance + SIGMAS * cells.standard_error
+        assert not beyond.any(), (
+            f"{name}, {key}: cells (row, column) {np.argwhere(beyond).tolist()} differ by "
+            f"{100 * cells.difference[beyond]} % +- {100 * cells.standard_error[beyond]} %"
+        )
+    assert count >= 1
+
+
+@pytest.mark.parametrize("name", ["principled-everything", "glass-rough", "light-visibility"])
+def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> None:
+    check_against_cycles(name, tmp_path, samples=24, seed_count=4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMPARABLE)
+def test_passes_are_those_of_cycles_in_every_builtin_scene(name: str, tmp_path: Path, blender: Any) -> None:
+    check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
+
+
+def grouped(scene: Any) -> None:
+    """The cube scene with the sun, a cube that glows and the world in groups of their own."""
+    import bpy
+
+    layer = scene.view_layers[0]
+    for name in ("Key", "Glow", "Sky"):
+        layer.lightgroups.add(name=name)
+    scene.objects["Sun"].lightgroup = "Key"
+    bpy.ops.mesh.primitive_cube_add(size=0.5, location=(2.0, -1.0, 0.0))
+    lamp = bpy.context.object
+    lamp.lightgroup = "Glow"
+    material = bpy.data.materials.new("Glow")
+    material.use_nodes = True
+    material.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 5.0
+    lamp.data.materials.append(material)
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.lightgroup = "Sky"
+
+
+def test_light_groups_are_passes_and_their_sum_is_the_picture(cube_scene: Any, tmp_path: Path) -> None:
+    grouped(cube_scene)
+    ask_for_passes(cube_scene)
+    names = ["Combined_Key", "Combined_Glow", "Combined_Sky"]
+    images = render(cube_scene, tmp_path / "i.exr", ["Combined", *names])
+    assert all(images[name].mean() > 1e-4 for name in names)
+    total = sum(images[name][..., :3] for name in names)
+    assert np.allclose(total, images["Combined"][..., :3], rtol=1e-4, atol=1e-6)
+
+
+def test_light_groups_are_those_of_cycles(cube_scene: Any, tmp_path: Path) -> None:
+    """Means over cells as in test_parity: 24 cells and 3 passes of normal noise, 4 seeds each."""
+    scene = cube_scene
+    grouped(scene)
+    names = ["Combined_Key", "Combined_Glow", "Combined_Sky"]
+    renders: dict[str, list[dict[str, np.ndarray]]] = {"OFF": [], "cycles": []}
+    for rival, found in renders.items():
+        for seed in range(4):
+            find_rival(rival).configure(scene, Budget(64), seed, 0)
+            ask_for_passes(scene)
+            found.append(render(scene, tmp_path / "i.exr", names))
+    for name in names:
+        ours, theirs = ([images[name] for images in renders[rival]] for rival in ("OFF", "cycles"))
+        cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
+        assert (np.abs(cells.difference) <= CELL_ALLOWANCE + SIGMAS * cells.standard_error).all(), name
+
+
+def test_an_object_of_a_group_that_the_layer_has_not_is_of_none(cube_scene: Any) -> None:
+    from tests.helpers.blender_scenes import export
+
+    grouped(cube_scene)
+    cube_scene.objects["Sun"].lightgroup = "Nowhere"
+    cube_scene.objects["Sun"].update_tag()
+    description = export()
+    assert description.light_groups == ("Key", "Glow", "Sky")
+    assert description.lights[0].light_group == -1
+    assert sorted(description.instances.light_group.tolist()) == [-1, 1]
+    assert description.world.light_group == 2
+
+
+def test_volume_passes_are_black(cube_scene: Any, tmp_path: Path) -> None:
+    layer = cube_scene.view_layers[0]
+    layer.cycles.use_pass_volume_direct = layer.cycles.use_pass_volume_indirect = True
+    ask_for_passes(cube_scene)
+    images = render(cube_scene, tmp_path / "i.exr", ["Volume Direct", "Volume Indirect"])
+    assert not any(image.any() for image in images.values())

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a window sends for what Blender says: real scenes and spaces, a process that notes what it gets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon.viewport import host as host_module  # noqa: E402
+from addon.viewport import window_view  # noqa: E402
+from engine.viewport.protocol import DEAD, DONE, Status  # noqa: E402
+from engine.viewport.view import Update  # noqa: E402
+
+
+class FakeProcess:
+    """Notes what it is told."""
+
+    def __init__(self) -> None:
+        self.updates: list[Update] = []
+        self.status = Status(DONE)
+        self.is_alive = self.has_image = self.is_waiting = False
+
+    def start(self) -> None:
+        self.is_alive = True
+
+    def send(self, update: Update) -> None:
+        self.updates.append(update)
+
+    def poll(self) -> Status:
+        return self.status
+
+    def read_image(self) -> None:
+        return None
+
+    def close(self) -> None:
+        self.is_alive = False
+
+
+def touched(item: Any, flags: str = "") -> Any:
+    """An update of a datablock."""
+    return SimpleNamespace(
+        id=item, is_updated_geometry="g" in flags, is_updated_transform="t" in flags, is_updated_shading="s" in flags
+    )
+
+
+class Window:
+    """A window of 100 x 50 that looks down from 5 m."""
+
+    def __init__(self) -> None:
+        screen = bpy.data.screens["Layout"]
+        space = next(area for area in screen.areas if area.type == "VIEW_3D").spaces.active
+        matrix = np.zeros((4, 4), np.float32)
+        matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[3, 2] = 1.0, 2.0, -1.0, -1.0
+        view = np.eye(4, dtype=np.float32)
+        view[2, 3] = -5.0
+        self.region_3d = SimpleNamespace(
+            window_matrix=matrix, view_matrix=view, view_perspective="PERSP", is_perspective=True
+        )
+        self.context = SimpleNamespace(
+            region=SimpleNamespace(width=100, height=50), space_data=space, region_data=self.region_3d
+        )
+        self.space = space
+        self.view = window_view.WindowView()
+        self.texts: list[str] = []
+        self.engine = SimpleNamespace(update_stats=lambda _stats, text: self.texts.append(text))
+
+    @property
+    def updates(self) -> list[Update]:
+        """What was sent since the last look."""
+        process: Any = self.view.host.process
+        sent, process.updates = process.updates, []
+        return sent
+
+    def draw(self, *updates: Any) -> list[Update]:
+        """Have Blender say what it has touched, and draw; what was sent."""
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        if updates:
+            # Blender shows its own to handlers only.
+            told: Any = SimpleNamespace(updates=updates)
+            self.view.update(told)
+        self.view.draw(self.engine, self.context, depsgraph)
+        return self.updates
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch, blender: Any) -> Iterator[Window]:
+    monkeypatch.setattr(host_module, "ViewProcess", FakeProcess)
+    bpy.ops.wm.read_homefile(use_empty=False)
+    bpy.context.scene.render.engine = "NEURALGUIDE"
+    made = Window()
+    (first,) = made.draw()
+    assert first.view is not None and first.scene is not None and first.settings is not None
+    yield made
+    made.view.close()
+    host_module.close_all()
+
+
+def test_nothing_is_sent_twice(window: Window) -> None:
+    assert window.draw() == []
+
+
+def test_names_selections_and_colour_management_restart_nothing(window: Window) -> None:
+    cube, scene = bpy.data.objects["Cube"], bpy.context.scene
+    cube.name = "Box"
+    scene.view_settings.exposure = 2.0
+    scene.frame_set(7)
+    assert window.draw(touched(cube), touched(scene)) == []
+
+
+def test_a_view_that_turns_sends_a_camera(window: Window) -> None:
+    window.region_3d.view_matrix = window.region_3d.view_matrix.copy()
+    window.region_3d.view_matrix[0, 3] = 1.0
+    (update,) = window.draw()
+    assert update == Update(view=update.view)
+    assert update.view.camera.transform[:3, 3].tolist() == [-1.0, 0.0, 5.0]
+
+
+@pytest.mark.parametrize("edit", ["transform", "light", "material", "mesh", "hide"])
+def test_an_edit_sends_a_scene_in_which_only_that_is_new(window: Window, edit: str) -> None:
+    before = window.view.host.scene
+    cube = bpy.data.objects["Cube"]
+    if edit == "transform":
+        cube.location.x += 1.0
+        (update,) = window.draw(touched(cube, "t"))
+        new = {"instances"}
+    elif edit == "light":
+        light = bpy.data.objects["Light"]
+        light.data.energy *= 2.0
+        (update,) = window.draw(touched(light, "g"), touched(light.data, "gts"))
+        new = {"lights"}
+    elif edit == "material":
+        material = cube.data.materials[0]
+        material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (1.0, 0.0, 0.0, 1.0)
+        (update,) = window.draw(touched(material, "s"))
+        new = {"materials"}
+    elif edit == "mesh":
+        cube.data.vertices[0].co.x += 0.5
+        cube.data.update()
+        (update,) = window.draw(touched(cube, "g"), touched(cube.data, "gts"))
+        new = {"meshes"}
+    else:
+        cube.hide_viewport = True
+        (update,) = window.draw(touched(bpy.context.scene))
+        new = {"meshes", "instances", "materials"}
+    assert update == Update(scene=update.scene)
+    names = ("meshes", "instances", "materials", "images", "lights", "world")
+    assert {name for name in names if getattr(update.scene, name) is not getattr(before, name)} == new
+
+
+def test_settings_of_the_viewport_are_cycles(window: Window) -> None:
+    scene = bpy.context.scene
+    scene.cycles.preview_samples = 77
+    scene.cycles.use_preview_denoising = True
+    scene.cycles.preview_denoising_start_sample = 5
+    (update,) = window.draw(touched(scene))
+    assert update.scene is None
+    assert update.settings.samples == 77 and update.settings.use_denoising and update.denoises_from == 5
+    scene.cycles.preview_pause = True
+    assert window.draw(touched(scene)) == [Update(is_paused=True)]
+
+
+def test_a_border_leaves_a_part_of_the_window(window: Window) -> None:
+    space = window.space
+    space.use_render_border = True
+    space.render_border_min_x, space.render_border_max_x = 0.25, 0.5
+    space.render_border_min_y, space.render_border_max_y = 0.0, 1.0
+    (update,) = window.draw()
+    assert update.view.region == (25, 0, 50, 50)
+    space.use_render_border = False
+
+
+def test_a_scene_without_a_camera_is_shown(window: Window) -> None:
+    bpy.data.objects.remove(bpy.data.objects["Camera"])
+    window.region_3d.view_perspective = "CAMERA"
+    window.draw(touched(bpy.context.scene))
+    assert "camera" not in window.texts[-1]
+    assert window.view.host.process.is_alive
+
+
+def test_a_camera_that_cannot_be_looked_through_is_named(window: Window) -> None:
+    camera = bpy.context.scene.camera
+    camera.scale = (0.0, 0.0, 0.0)
+    window.region_3d.view_perspective = "CAMERA"
+    assert window.draw(touched(camera, "t")) == []
+    assert "Camera" in window.texts[-1] and "scale" in window.texts[-1]
+    camera.scale = (1.0, 1.0, 1.0)
+    assert len(window.draw(touched(camera, "t"))) == 1
+
+
+def test_a_dead_process_is_said_and_the_next_change_starts_another(
+    window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process: Any = window.view.host.process
+    process.is_alive, process.status = False, Status(DEAD, "The viewport's process was ended by SIGKILL")
+    assert window.draw() == []
+    assert window.texts[-1] == "The viewport's process was ended by SIGKILL. Any change starts it again"
+    now = host_module.time.monotonic
+    monkeypatch.setattr(host_module.time, "monotonic", lambda: now() + 10.0)
+    window.region_3d.is_perspective = False
+    (update,) = window.draw()
+    assert None not in (update.view, update.scene, update.settings)
+
+
+def test_a_window_that_changes_its_size_is_left_alone_meanwhile(
+    window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.context.region.width = 120
+    assert window.draw() == []
+    assert window.view.tick() == (True, True)
+    now = window_view.time.monotonic
+    monkeypatch.setattr(window_view.time, "monotonic", lambda: now() + 1.0)
+    (update,) = window.draw()
+    assert update.view.width == 120

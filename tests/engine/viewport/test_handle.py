@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The host's handle: a process that renders, and processes that do everything else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.processes import memory as memory_module
+from engine.scene.description import Camera, SceneDescription
+from engine.settings import RenderSettings
+from engine.viewport.handle import ViewProcess
+from engine.viewport.protocol import DEAD, DONE, FAILED, PAUSED, RENDERING, ViewImage
+from engine.viewport.view import Plane, Update, View
+from tests.helpers.small_scenes import floor_scene, looking_down, sun
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals")
+SETTINGS = RenderSettings(samples=4, guiding_method="OFF", threads=1)
+
+
+def view(width: int = 32, height: int = 16, camera: Camera | None = None) -> View:
+    return View(
+        looking_down() if camera is None else camera, Plane(-0.2, 0.2, -0.1, 0.1), width, height,
+        (0, 0, width, height),
+    )  # fmt: skip
+
+
+def whole(scene: SceneDescription | None = None, settings: RenderSettings = SETTINGS, **options: int) -> Update:
+    scene = floor_scene(lights=[sun()]) if scene is None else scene
+    return Update(view=view(**options), scene=scene, settings=settings, is_paused=False)
+
+
+def wait_for(process: ViewProcess, condition: Callable[[], bool], seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while True:
+        process.poll()
+        if condition():
+            return
+        assert time.monotonic() < deadline, process.status
+        time.sleep(0.005)
+
+
+def result_of(process: ViewProcess) -> ViewImage:
+    """The picture at full resolution of what was sent last."""
+    images: list[ViewImage] = []
+
+    def has_ended() -> bool:
+        image = process.read_image()
+        if image is not None:
+            images.append(image)
+        return process.status.state in (DONE, FAILED, DEAD) and not process.is_waiting
+
+    wait_for(process, has_ended)
+    assert process.status.state == DONE, process.status
+    image = process.read_image()
+    newest = images[-1] if image is None else image
+    assert newest.update == process.sent and newest.divider == 1
+    return newest
+
+
+@pytest.fixture(scope="module")
+def process() -> Iterator[ViewProcess]:
+    """A process that renders, for many tests."""
+    handle = ViewProcess()
+    handle.start()
+    yield handle
+    number = handle.process_id
+    handle.close()
+    assert number is None or not is_running(number)
+
+
+def is_running(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    status = Path(f"/proc/{number}/stat")
+    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_a_scene_is_rendered(process: ViewProcess) -> None:
+    """A white floor under a sun of 2 W/m2, straight above: 0.5 * 2 / pi."""
+    process.send(whole())
+    image = result_of(process)
+    assert image.pixels.shape == (16, 32, 4) and image.rectangle == (0, 0, 32, 16)
+    assert np.allclose(image.pixels[..., :3], 1.0 / np.pi, rtol=1e-4)
+    assert process.status.sample == 4
+
+
+def test_a_camera_alone_is_sent(process: ViewProcess) -> None:
+    process.send(whole())
+    result_of(process)
+    up = looking_down()
+    up.transform[1, 1] = up.transform[2, 2] = -1.0
+    process.send(Update(view=view(camera=up)))
+    assert not result_of(process).pixels[..., :3].any()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 1), (33, 47)])
+def test_windows_of_any_size(process: ViewProcess, size: tuple[int, int]) -> None:
+    process.send(whole(width=size[0], height=size[1]))
+    assert result_of(process).pixels.shape == (size[1], size[0], 4)
+
+
+def test_a_border_is_all_that_is_rendered(process: ViewProcess) -> None:
+    update = whole()
+    process.send(replace(update, view=replace(update.view, region=(5, 3, 20, 9))))
+    image = result_of(process)
+    assert image.rectangle == (5, 3, 20, 9) and image.pixels.shape == (6, 15, 4)
+
+
+def test_what_cannot_be_rendered_is_said_and_the_next_can(process: ViewProcess) -> None:
+    broken = looking_down()
+    broken.transform[0, 0] = np.nan
+    process.send(Update(view=view(camera=broken)))
+    wait_for(process, lambda: process.status.state == FAILED)
+    assert "camera" in process.status.message
+    process.send(whole())
+    result_of(process)
+
+
+def test_a_pause_stops_and_its_end_goes_on(process: ViewProcess) -> None:
+    process.send(whole(settings=replace(SETTINGS, samples=1 << 16)))
+    wait_for(process, lambda: process.status.state == RENDERING)
+    process.send(Update(is_paused=True))
+    wait_for(process, lambda: process.status.state == PAUSED)
+    process.send(replace(whole(), is_paused=False))
+    result_of(process)
+
+
+def test_many_updates_at_once_end_with_the_newest(process: ViewProcess) -> None:
+    process.send(whole(settings=replace(SETTINGS, samples=1 << 16)))
+    for step in range(50):
+        camera = looking_down(10.0 + step)
+        process.send(Update(view=view(camera=camera)))
+    process.send(replace(whole(), view=view(20, 10)))
+    assert result_of(process).pixels.shape == (10, 20, 4)
+
+
+@posix
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+def test_a_view_that_is_done_takes_no_processor(process: ViewProcess) -> None:
+    """At most 2% of one processor, over two seconds."""
+    process.send(whole())
+    result_of(process)
+
+    def ticks() -> int:
+        return sum(map(int, Path(f"/proc/{process.process_id}/stat").read_text().rpartition(")")[2].split()[11:13]))
+
+    time.sleep(0.3)
+    before = ticks()
+    time.sleep(2.0)
+    assert ticks() - before <= 0.02 * 2.0 * os.sysconf("SC_CLK_TCK")
+
+
+# Faults
+
+HELLO = """
+    import json, sys, time
+    config = json.loads(sys.stdin.readline())
+    sys.path[:] = config["path"]
+    from engine.viewport.protocol import Block, Status
+    block = Block.attach(config["block"])
+"""
+
+
+@pytest.fixture
+def faulty(tmp_path: Path) -> Iterator[Callable[..., ViewProcess]]:
+    """Makes handles whose process is a script; closes them, and looks for what they left."""
+    made: list[ViewProcess] = []
+    processes: list[int | None] = []
+
+    def make(*script: str, **options: float) -> ViewProcess:
+        handle = ViewProcess(**options)  # type: ignore[arg-type]
+        path = tmp_path / f"process{len(made)}.py"
+        path.write_text("".join(textwrap.dedent(part) for part in (HELLO, *script)))
+        handle.script = path
+        handle.start()
+        made.append(handle)
+        processes.append(handle.process_id)
+        return handle
+
+    yield make
+    for handle, number in zip(made, processes, strict=True):
+        handle.close()
+        assert handle.status.state == DEAD
+        assert number is None or not is_running(number)
+
+
+def end_of(handle: ViewProcess) -> str:
+    wait_for(handle, lambda: handle.status.state == DEAD, 30.0)
+    assert not handle.is_alive and handle.read_image() is None
+    handle.send(whole())
+    return handle.status.message
+
+
+@posix
+def test_a_killed_process_is_noticed_and_another_renders(faulty: Callable[..., ViewProcess]) -> None:
+    handle = faulty("sys.stdin.read()\n")
+    os.kill(handle.process_id, signal.SIGKILL)
+    assert "SIGKILL" in end_of(handle)
+
+
+def test_a_process_that_ends_says_why(faulty: Callable[..., ViewProcess]) -> None:
+    assert "code 3: no such luck" in end_of(faulty("print('no such luck', file=sys.stderr); sys.exit(3)\n"))
+
+
+@posix
+def test_a_hung_process_is_ended(faulty: Callable[..., ViewProcess]) -> None:
+    """It reads nothing, and does not mind being asked to go."""
+    handle = faulty(
+        "import signal; signal.signal(15, signal.SIG_IGN); block.write_status(Status('RENDERING')); time.sleep(60)\n",
+        answer_timeout=0.5,
+    )
+    began = time.monotonic()
+    for _ in range(200):
+        handle.send(whole())
+    assert time.monotonic() - began < 10.0, "sending waits for the process"
+    assert "not answered" in end_of(handle)
+
+
+def test_a_process_that_never_starts_is_ended(faulty: Callable[..., ViewProcess]) -> None:
+    handle = faulty("time.sleep(60)\n", start_timeout=0.3)
+    handle.send(whole())
+    assert "not answered" in end_of(handle)
+
+
+def test_a_host_that_slept_does_not_blame_the_process(
+    faulty: Callable[..., ViewProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle = faulty("block.write_status(Status('RENDERING')); sys.stdin.read()\n", answer_timeout=20.0)
+    handle.send(whole())
+    wait_for(handle, lambda: handle.status.state == RENDERING)
+    now = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: now() + 3600.0)
+    assert handle.poll().state == RENDERING
+
+
+def test_without_shared_memory_the_view_says_so(
+    faulty: Callable[..., ViewProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(memory_module.os, "posix_fallocate", refuse, raising=False)
+    handle = faulty()
+    assert handle.process_id is None
+    assert handle.status.message == "No shared memory for the viewport: No space left on device"
+
+
+def test_without_shared_memory_for_the_scene_the_view_says_so(
+    faulty: Callable[..., ViewProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle = faulty("sys.stdin.read()\n")
+
+    def refuse(*_arguments: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(memory_module.SharedMemory, "reserve", refuse)
+    handle.send(whole())
+    assert handle.status.message == "No shared memory for the scene: No space left on device"
+
+
+def test_without_a_python_the_view_says_so() -> None:
+    handle = ViewProcess(interpreter="/nowhere/python")
+    handle.start()
+    assert "could not be started" in handle.status.message
+
+
+@posix
+@pytest.mark.parametrize("how", ["kill -9 $$", "exit 3"])
+def test_the_process_goes_with_its_host_however_that_goes(how: str, tmp_path: Path) -> None:
+    code = (
+        "import os, sys, time; from engine.viewport.handle import ViewProcess; p = ViewProcess(); p.start(); "
+        "print(p.process_id, flush=True); time.sleep(1.0); "
+        + ("os.kill(os.getpid(), 9)" if "kill" in how else "os._exit(3)")
+    )
+    root = Path(__file__).resolve().parents[3]
+    before = set(os.listdir("/dev/shm")) if os.path.isdir("/dev/shm") else set()
+    host = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, timeout=60)
+    number = int(host.stdout)
+    deadline = time.monotonic() + 20.0
+    while is_running(number):
+        assert time.monotonic() < deadline, "the process outlived its host"
+        time.sleep(0.05)
+    if os.path.isdir("/dev/shm"):
+        assert not {name for name in set(os.listdir("/dev/shm")) - before if "neuralguide" in name}
