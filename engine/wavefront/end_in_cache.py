@@ -187,8 +187,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
             if paths.throughput[lane, c] > 0.0:
                 # Not finite where no path has brought anything of this channel to the cell.
                 weight = cells.sums[slot, SUM_WEIGHT + c] * survival
-                arriving = paths.throughput[lane, c] * cells.scale[0]
-                value = arriving * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
+                value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
             # Written so that NaN fails.
             is_known = is_known and value >= 0.0 and value < FLOAT_MAX
             contribution[lane, c] = value

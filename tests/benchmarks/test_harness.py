@@ -100,6 +100,14 @@ def test_unknown_rival_is_named() -> None:
         find_rival("luxcore")
 
 
+def test_fast_gi_is_a_rival_that_leaves_the_next_one_without_it() -> None:
+    import bpy
+
+    for name, is_fast in (("cycles-fast-gi", True), ("cycles", False)):
+        find_rival(name).configure(bpy.context.scene, Budget(samples=4), 0, 1)
+        assert bpy.context.scene.cycles.use_fast_gi is is_fast
+
+
 def test_tables_align_and_survive_nan() -> None:
     lines = tables.table(["a", "b"], [["x", 1.23456], ["long name", math.nan], ["y", 1234567.0]]).splitlines()
     assert len({len(line) for line in lines}) == 1

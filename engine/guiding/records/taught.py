@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.array_types import Float32Array, Int32Array
 from engine.kernels.constants import FLOAT_MAX
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
@@ -34,7 +34,6 @@ class TaughtRecords(Bundle):
     radiance : float32 (R, 3), sent back along the path
     weight : float32 (R, 3), throughput with which the path arrived; less behind the first surface
     side : float32 (R,) [m], of the footprint with which the path arrived
-    is_first : uint8 (R,), whether the path has taught nothing before
     """
 
     position: Float32Array
@@ -43,14 +42,13 @@ class TaughtRecords(Bundle):
     radiance: Float32Array
     weight: Float32Array
     side: Float32Array
-    is_first: Uint8Array
 
 
 def allocate_taught_records(row_count: int) -> TaughtRecords:
     """Zeroed `TaughtRecords` of `row_count` rows."""
     position, normal, radiance, weight = (np.zeros((row_count, RGB), np.float32) for _ in range(4))
     program, side = np.zeros(row_count, np.int32), np.zeros(row_count, np.float32)
-    return TaughtRecords(position, normal, program, radiance, weight, side, np.zeros(row_count, np.uint8))
+    return TaughtRecords(position, normal, program, radiance, weight, side)
 
 
 def join_taught(units: Sequence[TaughtRecords]) -> TaughtRecords:
@@ -98,7 +96,6 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
                 records.position[record_count, c] = cached.taught[row, TAUGHT_P + c]
                 records.normal[record_count, c] = cached.taught[row, TAUGHT_NG + c]
             if is_finite:
-                records.is_first[record_count] = 1 if vertex == 0 else 0
                 records.side[record_count] = cached.taught[row, TAUGHT_SIDE]
                 records.program[record_count] = cached.taught_program[row]
                 record_count += 1

@@ -64,7 +64,6 @@ def test_a_record_is_the_gain_over_the_throughput() -> None:
     np.testing.assert_array_equal(work.taught.position[:4, :2], [[0, 0], [0, 1], [1, 0], [1, 1]])
     np.testing.assert_array_equal(work.taught.program[:4], [0, 10, 0, 10])
     np.testing.assert_array_equal(work.taught.side[:4], [7, 8, 7, 8])
-    np.testing.assert_array_equal(work.taught.is_first[:4], [1, 0, 1, 0])
     np.testing.assert_allclose(work.taught.weight[:4, 2], [1.0, 0.05, 1.0, 0.05])
 
 

@@ -42,7 +42,6 @@ class CellField(Bundle):
     sums : float32 (S, SUM_WIDTH), of what was recorded in the cell: weight times radiance by channel, weight by
         channel, number of records
     size : float32 (1,) [m], side of the smallest cells
-    scale : float32 (1,), by which all that cells say is to be multiplied
     mask : uint32 (1,), S - 1
     """
 
@@ -50,7 +49,6 @@ class CellField(Bundle):
     tag: Uint32Array
     sums: Float32Array
     size: Float32Array
-    scale: Float32Array
     mask: Uint32Array
 
 
@@ -59,7 +57,7 @@ def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
     places = aligned_bytes(slot_count * _PLACE_WIDTH * 4).view(np.float32).reshape(slot_count, _PLACE_WIDTH)
     return CellField(
         places.view(np.uint32)[:, SUM_WIDTH], places[:, :SUM_WIDTH], np.full(1, size, np.float32),
-        np.ones(1, np.float32), np.full(1, slot_count - 1, np.uint32),
+        np.full(1, slot_count - 1, np.uint32),
     )
 
 

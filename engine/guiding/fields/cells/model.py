@@ -6,8 +6,7 @@ bring of it to the camera. Guided paths come more often to where a cell is brigh
 would be too bright. Each channel has weights of its own: a path that comes from something red says nothing of blue.
 
 Paths whose footprints are too small for a cell, or so large that they ask larger ones, come to other parts of it:
-near an edge, for example, from the wall beside it, where it is dark. They weigh less. What is still wrong on the whole
-is mended on the whole: each iteration's records are compared with what the cells of earlier ones say.
+near an edge, for example, from the wall beside it, where it is dark. They weigh less.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from engine.guiding.fields.cells.field import (
     claim_cell,
     empty_cells,
 )
-from engine.guiding.fields.cells.query import first_level, is_small, look_up
+from engine.guiding.fields.cells.query import first_level, is_small
 from engine.guiding.records.taught import TaughtRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
@@ -36,8 +35,6 @@ _OUTERMOST_PERCENT = 2.0
 _ROWS_AHEAD = 8
 #: Weight of paths that would not ask cells of this size.
 _OTHERS_SHARE = np.float32(0.1)
-#: What cells say is scaled once so many records have been compared with it: single bright paths would decide before.
-_LEAST_COMPARED = 1 << 16
 
 
 @kernel
@@ -71,32 +68,6 @@ def _learn(cells, rows, level, shares, places, tags):
     return lost_count
 
 
-@kernel
-def _compare(cells, rows):
-    """What cells say of the surfaces at which paths could end first, and what these paths have found, both weighed:
-    float64, float64; and of how many records, int. The cells must not have learned from these records.
-    """
-    said = found = 0.0
-    count = 0
-    for row in range(rows.program.shape[0]):
-        side = rows.side[row]
-        level = first_level(cells, side)
-        if rows.is_first[row] == 0 or not is_small(cells, level, side):
-            continue
-        p, n = load(rows.position, row), load(rows.normal, row)
-        place, tag = cell_key(cells, p, n, rows.program[row], level)
-        slot = look_up(cells, level, place, tag, p, n, rows.program[row], side)
-        if slot < 0:
-            continue
-        count += 1
-        for c in range(RGB):
-            weight = cells.sums[slot, SUM_WEIGHT + c]
-            if weight > 0.0:
-                said += rows.weight[row, c] * cells.sums[slot, c] / weight
-                found += rows.weight[row, c] * rows.radiance[row, c]
-    return said, found, count
-
-
 class CellModel:
     """Cells of a render.
 
@@ -109,8 +80,6 @@ class CellModel:
     def __init__(self) -> None:
         self.field: CellField | None = None
         self.lost_count = 0
-        self._said = self._found = 0.0
-        self._compared_count = 0
 
     def learn(self, records: TaughtRecords) -> None:
         """Add the records of an iteration; no thread may look cells up meanwhile."""
@@ -122,12 +91,6 @@ class CellModel:
             low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
             extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
-        said, found, count = _compare(self.field, records)
-        self._said += said
-        self._found += found
-        self._compared_count += count
-        if self._compared_count >= _LEAST_COMPARED and self._said > 0.0:
-            self.field.scale[0] = self._found / self._said
         scratch = [np.zeros(row_count, kind) for kind in (np.float32, np.int64, np.uint32)]
         for level in range(LEVEL_COUNT):
             self.lost_count += int(_learn(self.field, records, level, *scratch))

@@ -123,22 +123,6 @@ def test_paths_from_close_by_hardly_speak_for_paths_from_afar():
     np.testing.assert_allclose(said, 3 * [0.1 / 1.1] + 3 * [1.0 / 1.1], rtol=1e-5)
 
 
-def test_what_cells_say_is_scaled_to_what_later_paths_find_on_the_whole():
-    """Cells that are asked elsewhere than where they learned are wrong: rooms came out half a percent too dark."""
-    model = CellModel()
-    model.field = empty_cells(1.0)
-    place = np.array([[0.5, 0.5, 0.0]], np.float32)
-    model.learn(records(np.repeat(place, 100, axis=0), UP, 1.0, ASKS[0]))
-    found = records(np.repeat(place, 1 << 16, axis=0), UP, 1.5, ASKS[0])
-    model.learn(found)
-    # What a path finds behind the first surface is none of it.
-    assert model.field.scale[0] == 1.0
-    found.is_first[:] = 1
-    model.field.sums[:, :SUM_WEIGHT] = model.field.sums[:, SUM_WEIGHT : SUM_WEIGHT + 3]
-    model.learn(found)
-    assert model.field.scale[0] == pytest.approx(1.5)
-
-
 def test_cells_are_found_again_and_no_two_are_taken_for_one(rng):
     count = 20000
     position = (rng.random((count, 3)) * 200.0 - 100.0).astype(np.float32)
