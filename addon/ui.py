@@ -148,6 +148,8 @@ class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
         """Draw."""
         scene, problem = context.scene, denoiser_problem()
         column = self._column()
+        if follows_cycles(scene):
+            column.prop(scene.cycles, "use_preview_denoising", text="Viewport")
         if problem:
             # A label is one line.
             for part in problem.split(": "):
