@@ -136,7 +136,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "View Layer", "view_layer.cycles",
         (
             *_rows("works", "use_denoising denoising_store_passes use_pass_shadow_catcher"),
-            *_rows("works", "pass_debug_sample_count"),
+            *_rows("no", "pass_debug_sample_count", "the pass Sample Count of NeuralGuide has counts, not shares"),
             *_rows("said", "pass_render_time"),
             *_rows("works", "use_pass_volume_direct use_pass_volume_indirect", "black: " + _VOLUMES),
             *_rows("said", "use_pass_volume_scatter use_pass_volume_transmit use_pass_volume_majorant"),
