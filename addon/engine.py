@@ -119,6 +119,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def render_frame_finish(self) -> None:
         """All view layers of the frame are done."""
+        from engine.guiding.trainer import standby
+
+        # A render too short to train anything has left it.
+        standby.dismiss()
         self._layers_done = 0
 
     def view_update(self, _context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -133,6 +137,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
+        from engine.guiding.trainer import standby
         from engine.scene.description import Notice
         from engine.scene.limits import check_frame
 
@@ -147,6 +152,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             use_denoising=layer_is_denoised(scene, layer, settings.use_denoising),
         )
         self._fields = FieldPlan(depsgraph, settings)
+        if settings.trains_network and not scene.neuralguide.sequence_field:
+            # It gets ready while the scene is exported.
+            standby.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]

@@ -81,6 +81,10 @@ _LIGHT_NAMES = {
 LIGHT = {
     switch: RenderPass(name, name if _RENAMED else old.replace("Color", "Col"), "RGB", "COLOR")
     for switch, (name, old) in _LIGHT_NAMES.items()
+} | {
+    "use_pass_ambient_occlusion": RenderPass(
+        "Ambient Occlusion", "Ambient Occlusion" if _RENAMED else "AO", "RGB", "COLOR"
+    )
 }
 #: The same among Cycles' own settings of a view layer.
 CYCLES_LIGHT = {
@@ -90,6 +94,7 @@ CYCLES_LIGHT = {
     "use_pass_volume_indirect": RenderPass(
         "Volume Indirect", "Volume Indirect" if _RENAMED else "VolumeInd", "RGB", "COLOR"
     ),
+    "use_pass_shadow_catcher": RenderPass("Shadow Catcher", "Shadow Catcher", "RGB", "COLOR"),
 }
 
 
@@ -172,7 +177,9 @@ def write_layer(
 
 #: Blender's switches for passes that the engine does not have, and their names in the user interface.
 UNSUPPORTED = {
-    "use_pass_ambient_occlusion": "Ambient Occlusion",
+    "use_pass_mist": "Mist",
+    "use_pass_vector": "Vector",
+    "use_pass_uv": "UV",
     "use_pass_shadow": "Shadow",
     "use_pass_subsurface_direct": "Subsurface Direct",
     "use_pass_subsurface_indirect": "Subsurface Indirect",
@@ -184,7 +191,6 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_scatter": "Volume Scatter",
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
-    "use_pass_shadow_catcher": "Shadow Catcher",
     "pass_render_time": "Render Time",
 }
 

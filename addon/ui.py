@@ -58,10 +58,12 @@ _CYCLES_PANELS = (
     "CYCLES_WORLD_PT_ray_visibility",
     "CYCLES_WORLD_PT_settings",
     "CYCLES_WORLD_PT_settings_surface",
+    "CYCLES_WORLD_PT_settings_light_group",
     "CYCLES_CAMERA_PT_dof",
     "CYCLES_CAMERA_PT_dof_aperture",
     "CYCLES_RENDER_PT_override",  # Blender 3 and 4: later it is VIEWLAYER_PT_override
     "CYCLES_OBJECT_PT_motion_blur",
+    "CYCLES_OBJECT_PT_lightgroup",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
 )
@@ -124,7 +126,7 @@ class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Ble
         threshold.active = setting_value(scene, "use_adaptive_sampling")
         for name in ("adaptive_threshold", "adaptive_min_samples"):
             _draw_shared(threshold, scene, name)
-        for name in ("samples", "time_limit"):
+        for name in ("samples", "preview_samples", "time_limit"):
             _draw_shared(column, scene, name)
         column.prop(settings, "spectral")
 
@@ -146,6 +148,8 @@ class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
         """Draw."""
         scene, problem = context.scene, denoiser_problem()
         column = self._column()
+        if follows_cycles(scene):
+            column.prop(scene.cycles, "use_preview_denoising", text="Viewport")
         if problem:
             # A label is one line.
             for part in problem.split(": "):
@@ -416,9 +420,16 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         if hasattr(layer, "cycles"):
             data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
         column.prop(layer, "pass_alpha_threshold")
+        for lobes in ("diffuse", "glossy", "transmission"):
+            light = column.column(heading=lobes.capitalize(), align=True)
+            for kind in ("direct", "indirect", "color"):
+                light.prop(layer, f"use_pass_{lobes}_{kind}", text=kind.capitalize())
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
+        light.prop(layer, "use_pass_ambient_occlusion", text="Ambient Occlusion")
+        if hasattr(layer, "cycles"):
+            light.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
         light.prop(layer.neuralguide, "use_pass_albedo")
         quality = column.column(heading="Quality", align=True)
         quality.prop(layer.neuralguide, "use_pass_sample_count")
@@ -464,6 +475,28 @@ class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
         buttons.operator("scene.view_layer_remove_aov", icon="REMOVE", text="")
         if layer.active_aov is not None and not layer.active_aov.is_valid:
             column.label(text="Another pass has this name", icon="ERROR")
+
+
+class NEURALGUIDE_PT_light_groups(_RenderPanel, bpy.types.Panel):  # noqa: N801
+    """Light groups of the view layer: a pass each."""
+
+    bl_label = "Light Groups"
+    bl_context = "view_layer"
+    bl_parent_id = "NEURALGUIDE_PT_passes"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        layer = context.view_layer
+        row = self.layout.row()
+        row.template_list(
+            "UI_UL_list", "lightgroups", layer, "lightgroups", layer, "active_lightgroup_index", rows=3
+        )
+        buttons = row.column(align=True)
+        buttons.operator("scene.view_layer_add_lightgroup", icon="ADD", text="")
+        buttons.operator("scene.view_layer_remove_lightgroup", icon="REMOVE", text="")
+        buttons.separator()
+        buttons.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
 
 
 class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
@@ -550,6 +583,7 @@ _classes = (
     NEURALGUIDE_PT_passes,
     NEURALGUIDE_PT_passes_cryptomatte,
     NEURALGUIDE_PT_passes_aov,
+    NEURALGUIDE_PT_light_groups,
     NEURALGUIDE_PT_dispersion,
 )
 

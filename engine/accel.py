@@ -25,6 +25,7 @@ from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_CATCHER,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
     INSTANCE_MESH,
@@ -57,6 +58,8 @@ RAY_HIT_FLOATS = 24
 #: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
 MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128
+#: By so many bits higher are the masks of rays that see shadow catchers only.
+CATCHER_MASK_SHIFT = 16
 
 
 def _library() -> ctypes.CDLL:
@@ -398,6 +401,8 @@ def build_accelerator(
     top = _EmbreeScene(device, geometry)
     table = geometry.instance_table
     masks = (table[:, INSTANCE_VISIBILITY].astype(np.uint32) & np.uint32(31)) | shadow_masks.astype(np.uint32)
+    is_catcher = (table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER) != 0
+    masks |= np.where(is_catcher, masks << np.uint32(CATCHER_MASK_SHIFT), np.uint32(0))
     has_triangles = geometry.mesh_table[table[:, INSTANCE_MESH], MESH_TRIANGLE_COUNT] > 0
     wanted = has_triangles & (masks != 0)
     is_baked = (table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED) != 0

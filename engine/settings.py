@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
-from engine.methods import METHODS, SOURCES, Method
+from engine.methods import METHODS, SOURCES, Method, rungs_of
 
 #: Sections of settings for experiments.
 EXPERIMENT_SECTIONS = ("Learning", "Candidates", "Neural Mixtures", "Time and Wavelengths", "Paths")
@@ -476,6 +476,13 @@ class RenderSettings:
     def source(self) -> str:
         """What directions are drawn from, one of SOURCES."""
         return self.method.source or self.source_field
+
+    @property
+    def trains_network(self) -> bool:
+        """Whether a process beside the render will train a network; AUTO may, but seldom does."""
+        first = METHODS[rungs_of(self.method)[0]]
+        learns = SOURCES[self.source].is_network or first.predictor == "NETWORK"
+        return self.is_guided and learns
 
 
 #: All settings of a render by name, in the order of panels and page.

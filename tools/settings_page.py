@@ -31,7 +31,7 @@ and `addon/declared_settings.py`.
 - Files keep their pictures. In a file that was saved with settings of ours by a version that did not read Cycles'
   settings, *Use Cycles' Settings* is off. Settings for experiments that a file holds under their former names are
   moved to `scene.neuralguide.experiment`, with their animation, when it is opened.
-- What Cycles' settings ask for and NeuralGuide does not have (denoising, the GPU and others) is
+- What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is
   said once a render.
 
 ## How to set them
@@ -130,8 +130,10 @@ _ELSEWHERE = """\
   `rolling_shutter_duration`).
 - **Threads** are Blender's own (*Performance*) unless `threads` is set.
 - **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, Object Index, Material
-  Index, Emission and Environment. Those of `view_layer.neuralguide` are Albedo, Sample Count, Variance, Candidate
-  Count and Guiding Benefit.
+  Index, Emission, Environment, Ambient Occlusion, Shadow Catcher, those of diffuse, glossy and transmitted light
+  (Direct, Indirect, Color), and one of each light group of the layer. Objects and the world say which group they
+  belong to (`object.lightgroup`, `world.lightgroup`). Those of `view_layer.neuralguide` are Albedo, Sample Count,
+  Variance, Candidate Count and Guiding Benefit.
 - **Passes of data** are Blender's too: Mist (its distances are in the world's *Mist Pass* panel), UV, Vector, the
   view layer's *Shader AOV*s, and *Cryptomatte* of objects, materials and assets. *Alpha Threshold* says which surface
   passes of one surface show. Cryptomatte needs a multilayer EXR of 32 bits; for programs that read files of one part

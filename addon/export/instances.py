@@ -76,6 +76,7 @@ class Appearance:
     is_instance: bool
     #: Index into the view layer's light groups, -1 = none.
     light_group: int
+    is_shadow_catcher: bool
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
@@ -218,6 +219,7 @@ def _classify(
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
             light_group=context.light_group(shown),
+            is_shadow_catcher=is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
@@ -232,8 +234,6 @@ def _classify(
         kinds[-1].use_deform_motion = True
     if context.wants_assets:
         kinds[-1].asset = _topmost(shown).name
-    if is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher):
-        context.notice(shown.name, "shadow catchers are not supported", "an ordinary object")
     return len(kinds) - 1
 
 

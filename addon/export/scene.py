@@ -240,6 +240,7 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
         light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )

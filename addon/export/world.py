@@ -46,4 +46,5 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         max_bounces=cycles_property(world, "max_bounces", 1024),
         cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
         light_group=context.light_group(world),
+        occlusion_distance=world.light_settings.distance,
     )

@@ -73,15 +73,14 @@ class WindowView:
     def _export(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Read again what can have changed; nothing of Blender's is read later, or elsewhere."""
         space = context.space_data
-        scene = depsgraph.scene_eval
         shading = space.shading
         key = (bool(shading.use_scene_lights_render), bool(shading.use_scene_world_render), space.local_view is None)
         if key != self._window_key:
             self._window_key = key
             self._change |= Change.TOPOLOGY
         change, self._change = self._change, Change.NOTHING
-        if self._settings is None or change & Change.SETTINGS:
-            self._settings = preview_settings(scene)
+        # Not all that sets settings has Blender copy them for the evaluated scene.
+        self._settings = preview_settings(depsgraph.scene)
         if not change & ~Change.CAMERA:
             return
         updated = None if self._touched is None else frozenset(self._touched)

@@ -7,7 +7,24 @@ import math
 from typing import Any
 
 from benchmarks.scenes.registry import scene
-from benchmarks.scenes.studio import add_object, box, camera, diffuse, emitter, material, mesh, quad, resolution, sphere
+from benchmarks.scenes.studio import (
+    Nodes,
+    Socket,
+    add_object,
+    box,
+    camera,
+    diffuse,
+    emitter,
+    light,
+    material,
+    mesh,
+    quad,
+    resolution,
+    sphere,
+)
+
+#: Noise textures of a weathered wall, one bending the next, and octaves of each: a ray to it costs ten candidates.
+_LAYERS, _OCTAVES = 6, 12.0
 
 
 @scene("evening-room", samples=256)
@@ -63,3 +80,25 @@ def torus_in_glass() -> None:
     add_object("Case", box("Case", glass, (2.6, 2.6, 1.3)), (0.0, 0.0, 0.66))
     add_object("Torus", _torus(), (0.0, 0.0, 0.6), (35, 0, 0))
     add_object("Lamp", sphere("Lamp", emitter((1.0, 0.9, 0.8), 960.0), 0.1, 24, 12), (1.2, -1.0, 3.2))
+
+
+def _weathered(nodes: Nodes) -> Socket:
+    """A wall of many layers of noise."""
+    place = nodes("TexCoord", output="Object")
+    for layer in range(_LAYERS):
+        place = nodes("TexNoise", output="Color", Vector=place, Scale=1.5 + layer, Detail=_OCTAVES)
+    return nodes("BsdfDiffuse", Color=place)
+
+
+@scene("weathered-rooms", samples=256)
+def weathered_rooms() -> None:
+    """A room lit through the gap in a wall. Shading takes most of the time: candidates are cheap beside it."""
+    resolution(96, 64)
+    wall = material("weathered", _weathered)
+    # Seen from within.
+    add_object("Rooms", box("Rooms", wall, (4.0, 7.0, 3.0)), (0.0, 1.5, 1.5))
+    for name, middle, width in (("Left", -1.15, 1.7), ("Right", 1.15, 1.7)):
+        add_object(name, box(name, wall, (width, 0.1, 3.0)), (middle, 2.0, 1.5))
+    add_object("Block", box("Block", diffuse((0.7, 0.7, 0.7), "block"), (0.8, 0.8, 0.8)), (0.9, 0.6, 0.4))
+    light("POINT", 400.0, (-1.2, 3.8, 2.4), shadow_soft_size=0.1)
+    camera((-1.5, -1.7, 1.6), (0.6, 1.2, 0.9), 24.0)

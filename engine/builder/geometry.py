@@ -247,6 +247,8 @@ def _assemble(
         key_total += len(keys)
     flags[placed.determinant < 0.0] |= layout.INSTANCE_FLAG_MIRRORED
     flags[instances.is_holdout] |= layout.INSTANCE_FLAG_HOLDOUT
+    if instances.is_shadow_catcher is not None:
+        flags[instances.is_shadow_catcher & ~instances.is_holdout] |= layout.INSTANCE_FLAG_CATCHER
     visibility = instances.visibility.astype(np.int32)
     visibility[unusable] = 0
     table[:, layout.INSTANCE_MESH] = instances.mesh

@@ -61,6 +61,12 @@ class Scene:
     has_transparent_shadows: bool
     notices: list[Notice] = field(default_factory=list)
 
+    @property
+    def has_catchers(self) -> bool:
+        """Whether there are shadow catchers."""
+        is_catcher = self.description.instances.is_shadow_catcher
+        return is_catcher is not None and bool(is_catcher.any())
+
 
 class SceneCache:
     """What a session keeps between frames: each step's newest result, by the content it was made from."""

@@ -41,7 +41,7 @@ def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
     What the camera sees of a light is in the Emission and Environment passes, and in its group only.
     """
     count = len(channels)
-    if passes.is_open[lane] == 0:
+    if passes.is_open[lane] != 1:
         return
     if depth >= 0:
         step = count if depth > 0 else 0

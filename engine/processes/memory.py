@@ -76,6 +76,11 @@ class SharedMemory:
         return {"descriptor": self.descriptor} if self._path is None else {"path": str(self._path)}
 
     @property
+    def address_for_others(self) -> dict[str, Any]:
+        """`address` for a process that runs already, so that it has inherited nothing (where there is /proc)."""
+        return {"path": f"/proc/{os.getpid()}/fd/{self.descriptor}"} if self._path is None else self.address
+
+    @property
     def size(self) -> int:
         """Bytes that the file has now, whoever made it grow."""
         return os.fstat(self.descriptor).st_size

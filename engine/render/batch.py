@@ -25,6 +25,7 @@ from engine.state.lanes import (
     LANE_COUNT,
     RGB,
     allocate_cached_lanes,
+    allocate_catcher_lanes,
     allocate_closures,
     allocate_feature_lanes,
     allocate_guided_lanes,
@@ -46,6 +47,7 @@ from engine.wavefront.columns import (
     CLOSEST_RAYS,
     COUNT_WIDTH,
     GUIDED_VERTICES,
+    NEXT_PATH,
     RECORD_REJECTS,
     RECORDS,
     RECORDS_DROPPED,
@@ -162,6 +164,7 @@ class Batch:
             features=allocate_feature_lanes(lanes if layout.use_denoising else 1),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
             passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
+            catcher=allocate_catcher_lanes(lanes if layout.has_catchers else 1, channel_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
@@ -220,11 +223,20 @@ class Batch:
         work.counts[:] = 0
         work.clock[:] = 0
         work.closures.aovs[:] = 0.0
+        self._guide_none()
+        begin(work.clock)
+
+    def begin_followers(self) -> None:
+        """As `begin`, for the followers of a unit that has been traced: what that has left stays."""
+        self.work.counts[NEXT_PATH] = 0
+        self._guide_none()
+
+    def _guide_none(self) -> None:
+        work = self.work
         # No lane is guided, whatever the last unit was.
         work.guided.rough_share[:] = 0.0
         work.samples.guide_pdf[:] = 0.0
         work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
-        begin(work.clock)
 
     def count(self, seconds: float, path_count: int) -> None:
         """Add what the unit counted to the statistics; it took so many seconds."""

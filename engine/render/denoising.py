@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.denoise import library
 from engine.denoise.filter import denoise
+from engine.render.film import Film
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
@@ -59,8 +60,14 @@ class Denoising:
             self._inputs = _INPUTS[settings.denoising_input_passes]
         self.passes = frozenset(self._inputs.values())
 
-    def run(self, images: dict[str, np.ndarray], should_cancel: Callable[[], bool] | None) -> bool:
+    def run(
+        self, images: dict[str, np.ndarray], should_cancel: Callable[[], bool] | None, film: Film | None = None,
+        exposure: float = 1.0,
+    ) -> bool:
         """Replace Combined by the denoised picture; alpha stays.
+
+        Of a render that ends paths in the radiance cache their light is denoised, and what it lacks is added then: that
+        is known in bands, whose noise a denoiser takes for detail.
 
         Parameters
         ----------
@@ -68,6 +75,10 @@ class Denoising:
             As `Film.passes` returns them, of `passes` and more.
         should_cancel : callable, optional
             Called in this thread only, often.
+        film : Film, optional
+            That they were made from; without it Combined is denoised as it is.
+        exposure : float
+            That they were made with.
 
         Returns
         -------
@@ -75,13 +86,14 @@ class Denoising:
             False: it was cancelled, and the picture is as it was.
         """
         start = time.perf_counter()
+        cached = film if film is not None and film.has_residual else None
         is_cancelled = threading.Event()
         noisy = images["Combined"]
         # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
         with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
             future = pool.submit(
                 denoise,
-                noisy,
+                noisy if cached is None else cached.cached_image(exposure=exposure),
                 **{name: images[pass_name] for name, pass_name in self._inputs.items()},
                 quality=self._settings.denoising_quality,
                 prefilter=self._settings.denoising_prefilter,
@@ -91,7 +103,6 @@ class Denoising:
             while not wait((future,), _POLL_SECONDS).done:
                 if should_cancel is not None and should_cancel():
                     is_cancelled.set()
-        self.seconds = time.perf_counter() - start
         try:
             denoised = future.result()
         except library.DenoiserFailed as error:
@@ -99,5 +110,8 @@ class Denoising:
             return True
         if denoised is None:
             return False
+        if cached is not None:
+            denoised = cached.with_residual(denoised, exposure=exposure)
         images["Combined"] = np.concatenate((denoised, noisy[..., 3:]), axis=2)
+        self.seconds = time.perf_counter() - start
         return True

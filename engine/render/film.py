@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.guiding.models.residual import with_residual
+from engine.guiding.models.residual import with_relative_residual, with_residual
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout
-from engine.render.light_passes import LIGHT_PASSES, light_images, light_part_count
+from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
+from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
 from engine.scene.description import PassSettings
 from engine.settings import RenderSettings
 from engine.state.film import (
@@ -56,6 +57,7 @@ PASS_NAMES = (
     "Guiding Benefit",
     *DATA_PASSES,
     *LIGHT_PASSES,
+    CATCHER_PASS,
     "Denoising Albedo",
     "Denoising Normal",
     "Denoising Depth",
@@ -69,15 +71,17 @@ _DENOISING_COLUMNS = {
 DENOISING_PASSES = frozenset(_DENOISING_COLUMNS)
 #: Passes that need the features; without any, they are neither computed nor stored. Others have sums of their own.
 FEATURE_PASSES = frozenset(PASS_NAMES) - {
-    "Combined", "Noisy Image", "Sample Count", "Variance", *LIGHT_PASSES, *DENOISING_PASSES
+    "Combined", "Noisy Image", "Sample Count", "Variance", CATCHER_PASS, *LIGHT_PASSES, *DENOISING_PASSES
 }  # fmt: skip
 
 
 def film_layout(
     passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = (),
-    pass_settings: PassSettings | None = None,
+    pass_settings: PassSettings | None = None, *, has_catchers: bool = False,
 ) -> FilmLayout:
-    """What a film needs for these passes and settings, of a scene with these light groups and settings of passes."""
+    """What a film needs for these passes and settings, of a scene with these light groups, settings of passes and
+    shadow catchers.
+    """
     data = data_layout(passes, pass_settings or PassSettings())
     part_count = light_part_count(passes, light_groups)
     return FilmLayout(
@@ -87,6 +91,9 @@ def film_layout(
         use_denoising=bool(passes & DENOISING_PASSES),
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
+        use_occlusion=OCCLUSION_PASS in passes,
+        has_catchers=has_catchers,
+        is_transparent=has_catchers and settings.film_transparent,
         data=data,
     )
 
@@ -125,6 +132,8 @@ class Film:
             self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
         if len(self.sums.light):
             self.sums.light[pixels] += tile.light[: len(pixels)] * factor
+        if len(self.sums.caught):
+            self.sums.caught[pixels] += tile.caught[: len(pixels)] * factor
         if len(self.sums.data):
             self.sums.data[pixels] += tile.data[: len(pixels)] * factor
         if len(self.sums.mattes):
@@ -143,6 +152,31 @@ class Film:
     def nbytes(self) -> int:
         """Memory of the sums."""
         return sum(array.nbytes for array in self.sums)
+
+    @property
+    def has_residual(self) -> bool:
+        """Whether paths ended in the radiance cache, and some measured what that lacks."""
+        return len(self.sums.residual) > 0
+
+    def cached_image(self, *, exposure: float) -> np.ndarray:
+        """What paths brought that ended in the radiance cache, without what that lacks: float32 (height, width, 3)."""
+        scale = np.float32(exposure) * self._scale()
+        return (self.sums.radiance[:, :3] * scale).reshape(self.height, self.width, 3)
+
+    def with_residual(self, denoised: np.ndarray, *, exposure: float) -> np.ndarray:
+        """The denoised `cached_image` with what is known of what it lacks: float32 (height, width, 3)."""
+        scale = np.float32(exposure) * self._scale()
+        shape = (self.height, self.width)
+        whole = with_relative_residual(
+            denoised.reshape(-1, 3), self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
+        )
+        return whole.astype(np.float32).reshape(*shape, 3)
+
+    def _scale(self) -> np.ndarray:
+        """What makes means of sums: float32 (P, 1), 0 where there is no sample."""
+        has_samples = self.sums.count > 0
+        weight = np.where(has_samples, self.sums.weight, 1.0).astype(np.float32)
+        return np.where(has_samples, 1.0 / weight, 0.0).astype(np.float32)[:, None]
 
     def passes(self, names: set[str] | frozenset[str], *, exposure: float) -> dict[str, np.ndarray]:
         """Images by pass name.
@@ -178,10 +212,20 @@ class Film:
             whole = with_residual(
                 mean, self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
             )
-        combined = np.empty((*shape, 4), np.float32)
-        combined[..., :3] = (whole * exposure).reshape(*shape, 3)
         # Without a transparent film only holdouts have an alpha below one.
         alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
+        color = whole
+        if CATCHER_PASS in names:
+            images[CATCHER_PASS] = np.ones((*shape, 3), np.float32)
+        if len(self.sums.caught):
+            caught = self.sums.caught * scale
+            if CATCHER_PASS in names:
+                images[CATCHER_PASS] = caught_share(caught, alpha).reshape(*shape, 3)
+            color, alpha = with_shadows(
+                whole, alpha, caught, is_transparent=self.layout.is_transparent, has_pass=CATCHER_PASS in names
+            )
+        combined = np.empty((*shape, 4), np.float32)
+        combined[..., :3] = (color * exposure).reshape(*shape, 3)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
         if "Noisy Image" in names:

@@ -12,16 +12,18 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from engine.state.film import LIGHT_DIFFUSE_COLOR, LIGHT_PARTS
+from engine.state.film import LIGHT_DIFFUSE_COLOR, LIGHT_OCCLUSION, LIGHT_PARTS
 from engine.state.lanes import PART_DIFFUSE, PART_GLOSSY, PART_GROUPS, PART_TRANSMISSION, RGB
 
 #: First part of each kind of lobes, in the order of the columns of colours.
 _LOBES = {"Diffuse": PART_DIFFUSE, "Glossy": PART_GLOSSY, "Transmission": PART_TRANSMISSION}
 #: There are no volumes: black, for node trees that add up all passes.
 _VOLUME_PASSES = ("Volume Direct", "Volume Indirect")
+OCCLUSION_PASS = "Ambient Occlusion"
 LIGHT_PASSES = (
     *(f"{lobes} {light}" for lobes in _LOBES for light in ("Direct", "Indirect", "Color")),
     *_VOLUME_PASSES,
+    OCCLUSION_PASS,
 )
 _GROUP_PREFIX = "Combined_"
 
@@ -91,7 +93,7 @@ def light_images(
         factor = np.where(has_light, residual / np.where(has_light, total, np.float32(1.0)), np.float32(0.0))
         indirect = {lobes: values + values * factor for lobes, values in indirect.items()}
         indirect["Diffuse"] = indirect["Diffuse"] + rest
-    images: dict[str, np.ndarray] = {}
+    images: dict[str, np.ndarray] = {OCCLUSION_PASS: light[:, LIGHT_OCCLUSION : LIGHT_OCCLUSION + RGB]}
     for index, (lobes, first) in enumerate(_LOBES.items()):
         column = LIGHT_DIFFUSE_COLOR + RGB * index
         color = light[:, column : column + RGB]

@@ -262,15 +262,17 @@ class Session:
             settings = replace(settings, radiance_cache="OFF")
         names = frozenset(passes)
         groups = scene.description.light_groups
-        if names.intersection(map(group_pass, groups)):
-            # Nor light groups.
+        if names.intersection(map(group_pass, groups)) or scene.has_catchers:
+            # Nor light groups, nor what shadow catchers would have alone.
             settings = replace(settings, radiance_cache="OFF")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
-        layout = film_layout(names | denoising.passes, settings, groups, scene.description.passes)
+        layout = film_layout(
+            names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers
+        )
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
         tracer = self._take_tracer(scene, settings, layout)
@@ -299,7 +301,7 @@ class Session:
         if denoising.is_on and job.ended_by != "CANCEL":
             if on_progress is not None:
                 on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
-            if not denoising.run(result_passes, should_cancel):
+            if not denoising.run(result_passes, should_cancel, film, frame.exposure):
                 job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
@@ -342,7 +344,7 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups"
+        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups or shadow catchers"
         return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:

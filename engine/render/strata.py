@@ -132,6 +132,8 @@ class StrataFilm(Film):
             whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
         if len(whole.denoising):
             whole.denoising[pixels] = (sums.denoising[rows] * factor[..., None]).sum(axis=0)
+        if len(whole.caught):
+            whole.caught[pixels] = (sums.caught[rows] * factor[..., None]).sum(axis=0)
         if len(whole.light):
             whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
         if self.layout.use_features:

@@ -19,6 +19,7 @@ from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
+from engine.kernels.constants import DISTANT
 from engine.render.batch import Arm, Batch
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -52,7 +53,9 @@ from engine.wavefront.columns import (
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
     SHADOW_ROWS,
+    UNIT_CATCHES,
     UNIT_DIVIDES_WAVELENGTHS,
+    UNIT_FOLLOWS,
     UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
     UNIT_MEASURE_THRESHOLD,
@@ -66,6 +69,7 @@ from engine.wavefront.columns import (
     UNIT_STRATUM,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
+    UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
     VERTICES,
 )
@@ -78,6 +82,11 @@ from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneVi
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
+]  # fmt: skip
+
+#: Entries of the unit's header that are for paths of the picture alone.
+_OF_NO_FOLLOWER = [
+    UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
 ]  # fmt: skip
 
 
@@ -113,6 +122,9 @@ class Tracer:
         world = scene.world_program
         facts = scene.shaders.programs[world, PROGRAM_FLAGS]
         world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
+        description = scene.description
+        distance = description.world.occlusion_distance if description.world else float(DISTANT)
+        options = make_options(settings, description.frame.exposure, distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -128,7 +140,7 @@ class Tracer:
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
             scene.shaders, scene.tables, scene.lights, build_data_view(scene, layout.data.options),
-            make_options(settings, scene.description.frame.exposure),
+            options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -186,6 +198,7 @@ class Tracer:
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
             batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
             self.layout.use_denoising, self.layout.light_part_count > 0,
+            self.layout.use_occlusion, self.layout.has_catchers,
             scene.data.options.is_used, scene.data.options.aov_width > 0,
             *scene.header[_STAGE_FLAGS].tolist(),
         )
@@ -318,9 +331,17 @@ class Tracer:
         session = self._arms[unit.arm].session
         asks_session = session is not None and session.provider
         if self.ray_observer is None and not asks_session and self._compiled_loop is not None:
-            is_finished = self._compiled_loop(*self._arguments(self.stages, batch, unit, stop))
+            loop: Callable[..., Any] = self._compiled_loop
+            arguments = self._arguments(self.stages, batch, unit, stop)
         else:
-            is_finished = self._python_loop(*self._arguments(self._python_stages(session), batch, unit, stop))
+            loop = self._python_loop
+            arguments = self._arguments(self._python_stages(session), batch, unit, stop)
+        is_finished = loop(*arguments)
+        if is_finished and self.layout.has_catchers:
+            batch.begin_followers()
+            arguments[2].header[_OF_NO_FOLLOWER] = 0
+            arguments[2].header[UNIT_FOLLOWS] = 1
+            is_finished = loop(*arguments)
         batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
         return bool(is_finished)
 
@@ -343,6 +364,8 @@ class Tracer:
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
         header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
+        header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
+        header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

@@ -229,6 +229,7 @@ class Instances:
     asset: list[str] | None = None
     #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
     light_group: Int32Array | None = None
+    is_shadow_catcher: npt.NDArray[np.bool_] | None = None  # (N,); None = none
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -310,6 +311,8 @@ class World:
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
     light_group: int = -1
+    #: How far the Ambient Occlusion pass looks [m].
+    occlusion_distance: float = 10.0
 
 
 # ---------------------------------------------------------------------------------------------------------------------

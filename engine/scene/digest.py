@@ -59,8 +59,8 @@ def light_digest(description: SceneDescription) -> str:
     images = [image.name for image in description.images]
     others = (description.materials, description.lights, description.world)
     # Keys may be numbers that start anew with every export; users of materials are for messages; groups only
-    # sort light.
-    return content_digest((shapes, placed, images, others), ("key", "user", "light_group"))
+    # sort light, and what the Ambient Occlusion pass sees is no light.
+    return content_digest((shapes, placed, images, others), ("key", "user", "light_group", "occlusion_distance"))
 
 
 def camera_digest(description: SceneDescription) -> str:

@@ -37,7 +37,17 @@ FIRST_WIDTH = 6
 LIGHT_DIFFUSE_COLOR = 0
 LIGHT_GLOSSY_COLOR = 3
 LIGHT_TRANSMISSION_COLOR = 6
-LIGHT_PARTS = 9
+LIGHT_OCCLUSION = 9  # share of the hemisphere that nothing hides
+LIGHT_PARTS = 12
+
+# Columns of FilmTile.caught: light of shadow catchers, and what they would have alone; background, behind and beside
+# them; by how much they raise alpha; samples that have met one.
+CAUGHT_LIGHT = 0
+CAUGHT_ALONE = 3
+CAUGHT_BACKGROUND = 6
+CAUGHT_COVER = 9
+CAUGHT_COUNT = 10
+CAUGHT_WIDTH = 11
 
 #: Depth where nothing was hit, as Cycles writes it.
 NO_DEPTH = np.float32(1e10)
@@ -63,6 +73,7 @@ class FilmTile(Bundle):
     half_weight : float32 (P or 0,), as `weight`, of those
     denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
     light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
+    caught : float32 (P or 0, CAUGHT_WIDTH), of shadow catchers
     data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
         (`engine.state.data_passes.DataOptions`)
     """
@@ -86,6 +97,7 @@ class FilmTile(Bundle):
     half_weight: np.ndarray
     denoising: np.ndarray
     light: np.ndarray
+    caught: np.ndarray
     data: np.ndarray
     mattes: np.ndarray
 
@@ -103,6 +115,10 @@ class FilmLayout:
     #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
     light_part_count: int = 0
     light_groups: tuple[str, ...] = ()
+    use_occlusion: bool = False
+    has_catchers: bool = False
+    #: Of scenes with shadow catchers.
+    is_transparent: bool = False
     data: DataLayout = NO_DATA
 
 
@@ -133,6 +149,7 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         np.zeros(half_count, np.float32),
         np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
         np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
+        np.zeros((pixel_count if layout.has_catchers else 0, CAUGHT_WIDTH), np.float32),
         np.zeros((pixel_count if data.width else 0, data.width), np.float32),
         np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
     )

@@ -39,6 +39,8 @@ INSTANCE_FLAG_MIRRORED = 2
 INSTANCE_FLAG_HOLDOUT = 4
 #: The transform depends on time (`engine.kernels.motion`); never with BAKED.
 INSTANCE_FLAG_MOVING = 8
+#: A shadow catcher, and no holdout.
+INSTANCE_FLAG_CATCHER = 16
 
 # Columns of GeometryArrays.mesh_table
 MESH_FIRST_TRIANGLE = 0

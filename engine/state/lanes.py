@@ -84,6 +84,8 @@ RAY_TRANSPARENT_BACKGROUND = 16384
 RAY_EMISSION = 32768
 #: Passes of the first surface have been written.
 RAY_PASSES_DONE = 65536
+#: The camera's ray has met a shadow catcher.
+RAY_CATCHER_HIT = 131072
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
@@ -469,7 +471,9 @@ class LightPassLanes(Bundle):
         that has scattered it, or in that surface's light sample; transmission has the rest
     parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
     group : int32 (L,), light group of the lane's light sample, -1 = none
-    is_open : uint8 (L,), 0 once the path's light counts no more: it measures what the radiance cache lacks
+    is_open : uint8 (L,), not 1 while the path's light is not to be taken apart: it measures what the radiance cache
+        lacks, has met a shadow catcher, or its ray of the Ambient Occlusion pass is under way
+    kept : float32 (L, C), the path's radiance meanwhile
     value : float32 (3, C), a thread's scratch: of diffuse, glossy and transmission lobes
     color : float32 (3, 3), likewise, in RGB
     """
@@ -481,6 +485,7 @@ class LightPassLanes(Bundle):
     parts: Float32Array
     group: Int32Array
     is_open: Uint8Array
+    kept: Float32Array
     value: Float32Array
     color: Float32Array
 
@@ -493,6 +498,7 @@ def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: i
         parts=np.zeros((lanes, channel_count * part_count), np.float32),
         group=np.full(lanes, -1, np.int32),
         is_open=np.zeros(lanes, np.uint8),
+        kept=np.zeros((lanes, channel_count), np.float32),
         value=np.zeros((3, value_width(channel_count)), np.float32),
         color=np.zeros((3, RGB), np.float32),
     )
@@ -515,6 +521,21 @@ class FeatureLanes(Bundle):
 def allocate_feature_lanes(lane_count: int) -> FeatureLanes:
     """Zeroed `FeatureLanes` for `lane_count` lanes."""
     return FeatureLanes(np.zeros((lane_count, RGB), np.float32))
+
+
+class CatcherLanes(Bundle):
+    """What a path knows of the shadow catcher that the camera's ray has met, L lanes, or one where there are none.
+
+    base : float32 (L, C), radiance gathered before; alpha : float32 (L,), if the catcher were not there
+    """
+
+    base: Float32Array
+    alpha: Float32Array
+
+
+def allocate_catcher_lanes(lane_count: int, channel_count: int) -> CatcherLanes:
+    """Zeroed `CatcherLanes` for `lane_count` lanes."""
+    return CatcherLanes(np.zeros((lane_count, channel_count), np.float32), np.zeros(lane_count, np.float32))
 
 
 class LightSamples(Bundle):

@@ -9,9 +9,16 @@ from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
-from engine.state.film import LIGHT_PARTS
-from engine.state.lanes import RGB
-from engine.wavefront.columns import REJECTS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT, UNIT_USES_CACHE
+from engine.state.film import CAUGHT_ALONE, CAUGHT_COVER, CAUGHT_LIGHT, LIGHT_PARTS
+from engine.state.lanes import RAY_CATCHER_HIT, RGB
+from engine.wavefront.columns import (
+    REJECTS,
+    UNIT_CATCHES,
+    UNIT_FOLLOWS,
+    UNIT_MEASURE_THRESHOLD,
+    UNIT_SPLITS_LIGHT,
+    UNIT_USES_CACHE,
+)
 
 #: Every second bit of a sample's index.
 _CLASS_BITS = np.uint32(0xAAAAAAAA)
@@ -75,12 +82,25 @@ def _keep_parts(spectrum, paths, passes, lane, film):
 
 
 @kernel
+def _keep_caught(spectrum, paths, catcher, lane, film, follows):
+    """Add the light of a shadow catcher to the film; `catcher.base` becomes it."""
+    for c in range(len(paths.channels)):
+        catcher.base[lane, c] = paths.radiance[lane, c] - catcher.base[lane, c]
+    pixel, first = paths.pixel[lane], CAUGHT_ALONE if follows else CAUGHT_LIGHT
+    color = to_rgb(spectrum, paths, lane, catcher.base, lane)
+    for c in range(RGB):
+        film.caught[pixel, first + c] += color[c]
+    if not follows:
+        film.caught[pixel, CAUGHT_COVER] += paths.alpha[lane] - catcher.alpha[lane]
+
+
+@kernel
 def accumulate(scene, unit, work, queue):
     """Keep living lanes in the queue; add the others to the film and free them.
 
     A sample with a NaN or infinite channel counts as black and as a reject. A path that measures the radiance cache
     counts as it would have ended there; what that lacked goes to the film's residual. A film that has a half gets half
-    of the samples there too.
+    of the samples there too. Followers of shadow catchers count for nothing else.
 
     Parameters
     ----------
@@ -92,6 +112,7 @@ def accumulate(scene, unit, work, queue):
     free, free_count = work.free.lanes, work.free.count[0]
     uses_cache, splits_light = unit.header[UNIT_USES_CACHE] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
     residual_scale = np.float32(2.0**32 / max(unit.header[UNIT_MEASURE_THRESHOLD], 1))
+    catches, follows = unit.header[UNIT_CATCHES] != 0, unit.header[UNIT_FOLLOWS] != 0
     has_half = film.half.shape[0] > 0
     kept = 0
     reject_count = 0
@@ -108,6 +129,12 @@ def accumulate(scene, unit, work, queue):
         finite = True
         for c in range(len(paths.channels)):
             finite = finite and math.isfinite(paths.radiance[lane, c])
+        if catches and finite and paths.flags[lane] & RAY_CATCHER_HIT:
+            _keep_caught(spectrum, paths, work.catcher, lane, film, follows)
+        if follows:
+            free[free_count] = lane
+            free_count += 1
+            continue
         is_halved = has_half and is_in_half(paths.sample[lane])
         if is_halved:
             film.half_weight[pixel] += np.float32(1.0)

@@ -34,7 +34,10 @@ UNIT_USES_CACHE = 10  # paths end where the cache knows the rest
 UNIT_MEASURE_THRESHOLD = 11  # but for those whose hash is below this: they go on and measure what the cache lacks
 UNIT_USE_DENOISING = 12  # the film has what helps denoisers
 UNIT_SPLITS_LIGHT = 13  # light passes are asked for
-UNIT_HEADER_WIDTH = 14
+UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
+UNIT_CATCHES = 15  # the scene has shadow catchers
+UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
+UNIT_HEADER_WIDTH = 17
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -74,6 +77,7 @@ class ClockEntries(NamedTuple):
     write_features: int
     write_denoising: int
     split_light: int
+    catch_shadows: int
     prepare_guides: int
     write_guiding: int
     choose_lights: int
@@ -81,6 +85,7 @@ class ClockEntries(NamedTuple):
     guide_lights: int
     connect_lights: int
     intersect_shadow: int
+    occlusion: int
     scatter: int
     sample_source: int
     draw_candidates: int

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: find what each path's ray hits first."""
 
-from engine.accel import read_hit, trace_closest
+from engine.accel import CATCHER_MASK_SHIFT, read_hit, trace_closest
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT
-from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE
+from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT
+from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
 
 
 @kernel
@@ -14,6 +14,7 @@ def intersect_closest(scene, unit, work, queue):
     """Trace the lanes' rays; a miss leaves `hit_instance` at -1."""
     handle, geometry, paths = scene.header[SCENE_HANDLE], scene.geometry, work.paths
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
+    follows = unit.header[UNIT_FOLLOWS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     work.counts[CLOSEST_RAYS] += lane_count
     for k in range(lane_count):
@@ -23,6 +24,8 @@ def intersect_closest(scene, unit, work, queue):
         if visibility & RAY_TRANSMIT:
             # Visibility to diffuse and glossy rays is about reflection only.
             visibility &= ~(RAY_DIFFUSE | RAY_GLOSSY)
+        if follows and paths.flags[lane] & RAY_CATCHER_HIT:
+            visibility <<= CATCHER_MASK_SHIFT
         hit = trace_closest(
             handle, ray, bits, address, load(paths.origin, lane), load(paths.direction, lane), 0.0,
             paths.hit_distance[lane], paths.time[lane], visibility,

@@ -5,7 +5,14 @@ Opaque blockers end a shadow ray at once. Transparent ones dim it: where their t
 kernel, else the ray waits in `pending` until `evaluate_shaders` has run the program at the blocker.
 """
 
-from engine.accel import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT, read_hit, trace_closest, trace_occluded
+from engine.accel import (
+    CATCHER_MASK_SHIFT,
+    MASK_SHADOW_OPAQUE,
+    MASK_SHADOW_TRANSPARENT,
+    read_hit,
+    trace_closest,
+    trace_occluded,
+)
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_sampled
@@ -30,6 +37,7 @@ from engine.wavefront.columns import (
     SHADOW_RAYS,
     SHADOW_ROWS,
     TRANSPARENT_SHADOW_RAYS,
+    UNIT_FOLLOWS,
 )
 
 _ROWS_AHEAD = 2
@@ -52,7 +60,9 @@ def intersect_shadow(scene, unit, work, queue):
     pending = queue.lanes
     pending_count = 0
     # Most rays meet nothing at all, and this way need no second look.
-    mask = MASK_SHADOW_OPAQUE | (MASK_SHADOW_TRANSPARENT if has_transparent else 0)
+    shift = CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0
+    opaque = MASK_SHADOW_OPAQUE << shift
+    mask = (MASK_SHADOW_OPAQUE | (MASK_SHADOW_TRANSPARENT if has_transparent else 0)) << shift
     for row in range(shadow_count):
         lane = shadows.lane[row]
         ahead = shadows.lane[min(row + _ROWS_AHEAD, shadow_count - 1)]
@@ -69,7 +79,7 @@ def intersect_shadow(scene, unit, work, queue):
         if not blocked:
             add_sampled(options, paths, passes, lane, shadows, row)
         elif has_transparent and not trace_occluded(
-            handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], MASK_SHADOW_OPAQUE
+            handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], opaque
         ):
             shadows.transparent_depth[row] = paths.transparent_depth[lane]
             pending[pending_count] = row
@@ -94,6 +104,7 @@ def pass_transparent(scene, unit, work, queue):
     paths, shadows, points, closures = work.paths, work.shadows, work.light_points, work.light_shaded
     passes = work.passes
     pending, pending_count = queue.lanes, queue.count[0]
+    mask = MASK_SHADOW_TRANSPARENT << (CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0)
     work.counts[TRANSPARENT_SHADOW_RAYS] += pending_count
     kept = 0
     for k in range(pending_count):
@@ -112,7 +123,7 @@ def pass_transparent(scene, unit, work, queue):
         while True:
             hit = trace_closest(
                 handle, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
-                paths.time[lane], MASK_SHADOW_TRANSPARENT,
+                paths.time[lane], mask,
             )
             if not hit:
                 add_sampled(options, paths, passes, lane, shadows, row)

@@ -28,9 +28,11 @@ class IntegratorOptions(NamedTuple):
     #: Light samples that would add less than 1 / this are played roulette with; 0 = off.
     inverse_light_threshold: np.float32
     filter_glossy: np.float32
+    #: How far the Ambient Occlusion pass looks [m].
+    occlusion_distance: np.float32
 
 
-def make_options(settings: RenderSettings, exposure: float) -> IntegratorOptions:
+def make_options(settings: RenderSettings, exposure: float, occlusion_distance: float) -> IntegratorOptions:
     """Options from a user's settings; a limit of N bounces is N + 1 scatterings, as in Cycles."""
     threshold = settings.light_sampling_threshold
     return IntegratorOptions(
@@ -48,6 +50,7 @@ def make_options(settings: RenderSettings, exposure: float) -> IntegratorOptions
         clamp_indirect=np.float32(settings.clamp_indirect),
         inverse_light_threshold=np.float32(exposure / threshold if threshold > 0.0 else 0.0),
         filter_glossy=np.float32(settings.filter_glossy),
+        occlusion_distance=np.float32(occlusion_distance),
     )
 
 

@@ -17,7 +17,7 @@ from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_LIGHT_GROUP
+from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
@@ -52,7 +52,7 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LIGHT_BACKGROUND,
 )
-from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_SPLITS_LIGHT
+from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
@@ -69,7 +69,7 @@ def choose_lights(scene, unit, work, queue):
     lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
     paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
     light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
-    splits_light = unit.header[UNIT_SPLITS_LIGHT] != 0
+    splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
@@ -98,6 +98,10 @@ def choose_lights(scene, unit, work, queue):
             continue
         if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
             continue
+        if follows and instance >= 0:
+            # Nothing but catchers is there for them.
+            if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
+                continue
         store(samples.direction, lane, wi)
         samples.pdf[lane] = pdf
         samples.terminate[lane] = u3

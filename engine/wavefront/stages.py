@@ -8,6 +8,7 @@ from typing import Any
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
+from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
@@ -16,9 +17,11 @@ from engine.wavefront.columns import (
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
+    UNIT_CATCHES,
     UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
+    UNIT_USE_OCCLUSION,
 )
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
@@ -28,6 +31,7 @@ from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_roulette import play_roulette
 from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
@@ -64,7 +68,9 @@ _CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_back
 _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
 _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
 _DATA, _AOVS = _by_name(write_data), _by_name(write_aovs)
-_EMITTERS = _by_name(choose_lights, connect_lights, intersect_shadow)
+_CATCHERS = _by_name(meet_catchers, show_background)
+_OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
+_EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
 _WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
 _RECORDS = _by_name(collect_records)
@@ -82,7 +88,7 @@ STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT,
-    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_DATA, **_AOVS,
+    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
 }
 
 
@@ -98,7 +104,7 @@ def stage_arguments(
         By the stage's name, arguments of the types that the loop passes.
     """
     header, use_features = scene.header, unit.header[UNIT_USE_FEATURES]
-    splits_light = unit.header[UNIT_SPLITS_LIGHT]
+    splits_light, use_occlusion = unit.header[UNIT_SPLITS_LIGHT], unit.header[UNIT_USE_OCCLUSION]
     plain, guided = (scene, unit, work, work.active), (scene, unit, guidance, work, work.active)
     arguments: dict[str, tuple[Any, ...]] = {}
 
@@ -116,7 +122,11 @@ def stage_arguments(
     add(_LIGHT_PASSES, plain, splits_light)
     add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
     add(_SAMPLED_PASSES, plain, header[SCENE_HAS_EMITTERS] and splits_light)
-    add(_TRANSPARENT_SHADOWS, plain, header[SCENE_HAS_EMITTERS] and header[SCENE_HAS_TRANSPARENT_SHADOWS])
+    add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
+    add(_OCCLUSION, plain, use_occlusion)
+    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
+    add(_SHADOWS, plain, has_shadows)
+    add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])
     add(_RECORDS, plain, records)
     add(_GUIDED, guided, is_guided)

@@ -15,12 +15,15 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
+    UNIT_CATCHES,
+    UNIT_FOLLOWS,
     UNIT_IS_GUIDED,
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
     UNIT_SPLITS_LIGHT,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
+    UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
 )
 
@@ -34,16 +37,34 @@ def _evaluate(stages, scene, work, points, closures, queue, mode):
 
 
 @kernel
-def _shade_background(stages, scene, unit, work):
-    """Radiance of the world along the rays that met nothing."""
+def _evaluate_background(stages, scene, unit, work, queue):
+    """Radiance of the world along the rays of a queue's lanes."""
     if scene.header[SCENE_WORLD_IS_CONSTANT] != 0:
-        stages.fill_background(scene, unit, work, work.missed)
+        stages.fill_background(scene, unit, work, queue)
     else:
-        stages.prepare_background(scene, unit, work, work.missed)
-        _evaluate(stages, scene, work, work.points, work.shaded, work.missed, MODE_EMISSION)
+        stages.prepare_background(scene, unit, work, queue)
+        _evaluate(stages, scene, work, work.points, work.shaded, queue, MODE_EMISSION)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
-        stages.upsample_emission(scene, work, work.points, work.closures, work.missed)
-    if scene.data.options.aov_width > 0:
+        stages.upsample_emission(scene, work, work.points, work.closures, queue)
+
+
+@kernel
+def _catch_shadows(stages, scene, unit, work):
+    """Mark paths that have met a shadow catcher; followers see the background behind it."""
+    stages.meet_catchers(scene, unit, work, work.traced)
+    if work.pending.count[0] > 0:
+        _evaluate_background(stages, scene, unit, work, work.pending)
+        stages.show_background(scene, unit, work, work.pending)
+    mark(work.clock, CLOCK.catch_shadows)
+
+
+@kernel
+def _shade_background(stages, scene, unit, work):
+    """Light of the world along the rays that met nothing."""
+    _evaluate_background(stages, scene, unit, work, work.missed)
+    if unit.header[UNIT_CATCHES] != 0 and unit.header[UNIT_FOLLOWS] == 0:
+        stages.show_background(scene, unit, work, work.missed)
+    if scene.data.options.aov_width > 0 and unit.header[UNIT_USE_FEATURES] != 0:
         stages.write_aovs(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
     mark(work.clock, CLOCK.shade_background)
@@ -164,6 +185,8 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
             stages.shade_lights(scene, unit, work, work.traced)
             mark(clock, CLOCK.shade_lights)
+        if unit.header[UNIT_CATCHES] != 0:
+            _catch_shadows(stages, scene, unit, work)
         stages.prepare_surface(scene, unit, work, work.traced)
         mark(clock, CLOCK.prepare_surface)
         if unit.header[UNIT_USES_CACHE] != 0:
@@ -174,6 +197,12 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         _shade_surfaces(stages, scene, unit, guidance, work)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, unit, guidance, work)
+        if unit.header[UNIT_USE_OCCLUSION] != 0:
+            stages.aim_occlusion(scene, unit, work, work.surface)
+            mark(clock, CLOCK.occlusion)
+            _trace_shadows(stages, scene, unit, work)
+            stages.keep_occlusion(scene, unit, work, work.surface)
+            mark(clock, CLOCK.occlusion)
         stages.scatter(scene, unit, work, work.surface)
         mark(clock, CLOCK.scatter)
         if work.single.count[0] > 0:

@@ -21,6 +21,7 @@ from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
     CachedLanes,
+    CatcherLanes,
     Closures,
     FeatureLanes,
     GuidedLanes,
@@ -131,7 +132,7 @@ class Work(Bundle):
     single, several : guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
-    passes : light taken apart, for passes of it
+    passes : light taken apart, for passes of it; catcher : of shadow catchers
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
@@ -168,6 +169,7 @@ class Work(Bundle):
     cached: CachedLanes
     features: FeatureLanes
     passes: LightPassLanes
+    catcher: CatcherLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

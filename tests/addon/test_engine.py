@@ -264,3 +264,31 @@ def test_the_file_says_how_it_was_made(cube_scene: Any, fake: FakeEngine, tmp_pa
     assert header["neuralguide.ViewLayer.samples"] == "4"
     assert header["neuralguide.ViewLayer.ended_by"] == "All samples taken"
     assert header["neuralguide.ViewLayer.rays"] == "1000"
+
+
+@pytest.mark.parametrize(
+    ("method", "source", "stands_by"),
+    [
+        ("NPM", "VMM", True),
+        ("NEURAL_RIS", "VMM", True),
+        ("TABLE_RIS", "NASG", True),
+        ("TABLE_RIS", "VMM", False),
+        ("VMM", "NASG", False),
+        ("AUTO", "VMM", False),
+        ("OFF", "NASG", False),
+    ],
+)
+def test_a_worker_stands_by_for_renders_that_train_a_network(
+    cube_scene: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: Any, method: str, source: str, stands_by: bool
+) -> None:
+    from engine.guiding.trainer import standby
+
+    calls: list[str] = []
+    monkeypatch.setattr(standby, "stand_by", lambda: calls.append("stand by"))
+    monkeypatch.setattr(standby, "dismiss", lambda: calls.append("dismiss"))
+    fake.during_render = lambda _fake: calls.append("render")
+    ours = cube_scene.neuralguide
+    ours.guiding_method, ours.experiment.source_field = method, source
+    render(cube_scene, tmp_path)
+    # It begins before the render does, and nothing is left behind.
+    assert calls == ["stand by", "render", "dismiss"][not stands_by :]

@@ -68,7 +68,11 @@ class FakeEngine:
                 int(render.border_max_x * width),
                 int(render.border_max_y * height),
             )
-        return SimpleNamespace(frame=Frame(width=width, height=height, region=region))
+        # What the Cryptomatte passes are told of is nothing.
+        return SimpleNamespace(
+            frame=Frame(width=width, height=height, region=region), instances=SimpleNamespace(name=(), asset=()),
+            materials=(),
+        )
 
 
 class FakeSession:

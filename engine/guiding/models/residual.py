@@ -19,6 +19,8 @@ import numpy as np
 #: be less than it seems: noise must not pass for it.
 _WINDOW = 4
 _DOUBT = 2.0
+#: What is added to the image that differences are relative to, as a share of its mean.
+_LEAST_SHARE = np.float32(0.01)
 #: Bands of details below 8 pixels.
 _FINE_BANDS = 3
 
@@ -143,6 +145,26 @@ def known_residual(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int
     for band in _bands(sums, variance, shape):
         known = _with_band(known, _kept(*band)[0], band)
     return known.reshape(-1, 3).astype(np.float32)
+
+
+def with_relative_residual(
+    denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
+    """The denoised cached image with what is known of what it lacks: float32 (P, 3), nowhere negative.
+
+    Bands are those of the difference over the denoised image: what is known only in wide bands then follows the image's
+    edges, and does not light what is dark beside something bright. With ever more samples every band is kept whole here
+    too, and the sum is the measured difference.
+
+    Parameters
+    ----------
+    denoised : float32 (P, 3)
+    sums, variance, shape : see `known_residual`
+    """
+    scale = np.maximum(denoised + _LEAST_SHARE * denoised.mean(), np.float32(1e-12))
+    relative = sums / np.concatenate((scale, scale), axis=1)
+    known = known_residual(relative, variance / (scale * scale).mean(axis=1), shape)
+    return np.maximum(denoised + known * scale, np.float32(0.0))
 
 
 def with_residual(

@@ -19,6 +19,9 @@ FIRST_SAMPLE = 15
 #: A network is on trial for this share of what is left, but for as many samples as it takes to learn and be judged.
 TRIAL_SHARE = 0.1
 _LEAST_TRIAL = 64
+#: Training of a network that is kept ends after this share of the render, as the paper's mixtures have it (Dong et al.
+#: 2023, section 5.2): what it has learned has to pay for itself in what is left.
+TRAINED_SHARE = 0.25
 #: Figures that decide together: each is of one iteration's records.
 LOOKS = 3
 #: Mean promised efficiency, over going on without, from which on a network is kept, and below which it is given up
@@ -44,7 +47,7 @@ class Gate:
         self._report = report
         self._horizon = horizon
         self._judges_on = judges_on
-        self._until = math.inf
+        self._until = self._trained_until = math.inf
         self._is_kept = False
         self._evidence: list[float] = []
         report.is_network_gated = True
@@ -72,7 +75,9 @@ class Gate:
         if self.predictor.has_begun or next_sample < FIRST_SAMPLE or not self._horizon.is_long(next_sample):
             return
         self.predictor.begin(region_count)
-        self._until = next_sample + max(TRIAL_SHARE * self._horizon.samples_left(next_sample), _LEAST_TRIAL)
+        left = self._horizon.samples_left(next_sample)
+        self._until = next_sample + max(TRIAL_SHARE * left, _LEAST_TRIAL)
+        self._trained_until = max(self._until, TRAINED_SHARE * (next_sample + left))
 
     def judge(self, next_sample: int, efficiency: float | None) -> None:
         """Take an iteration.
@@ -87,6 +92,8 @@ class Gate:
         # One that another render has learned is judged before it is trained on.
         if not (self.predictor.has_begun or self.predictor.is_ready) or self._report.network_stopped_at:
             return
+        if self._is_kept and next_sample >= self._trained_until:
+            self.predictor.close()
         if efficiency is not None and efficiency > 0.0:
             self._evidence = [*self._evidence, math.log(efficiency)][-LOOKS:]
         if not self._is_undecided:

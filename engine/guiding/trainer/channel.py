@@ -131,6 +131,11 @@ class Channel:
         """What the worker needs for `attach`."""
         return {**self.memory.address, "slot_rows": self.slot_rows}
 
+    @property
+    def address_for_others(self) -> dict[str, Any]:
+        """`address` for a process that runs already."""
+        return {**self.memory.address_for_others, "slot_rows": self.slot_rows}
+
     @classmethod
     def attach(cls, shape: TrainableShape, address: dict[str, Any]) -> Channel:
         """The worker's end, from the renderer's `address`."""

@@ -23,10 +23,9 @@ from typing import Any
 from engine.array_types import Float32Array
 from engine.guiding.networks.radiance import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.records.light import Records
+from engine.guiding.trainer import standby
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
 from engine.processes.child import ENTRY, Child
-
-_SERVICE = "guiding.worker.service"
 
 
 class TrainerState(enum.Enum):
@@ -173,15 +172,16 @@ class NetworkTrainer:
             "training_share": self._training_share,
             "thread_count": self._thread_count,
             "goes_on": self._first is not None,
-            "channel": channel.address,
         }
-        # Threads that wait for work must not burn the renderer's processors.
-        environment = {
-            "OMP_NUM_THREADS": str(self._thread_count), "OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"
-        }  # fmt: skip
-        self._child = Child(
-            self._interpreter, _SERVICE, config, memories=(channel.memory,), environment=environment, script=self.script
-        )
+        child = standby.take(self._interpreter) if self.script == ENTRY else None
+        if child is None:
+            child = standby.launch(
+                self._interpreter, config | {"channel": channel.address}, thread_count=self._thread_count,
+                memories=(channel.memory,), script=self.script,
+            )
+        else:
+            child.send(**config, channel=channel.address_for_others)
+        self._child = child
         self._reader = threading.Thread(target=self._listen, args=(self._child,), name="training", daemon=True)
         self._reader.start()
 

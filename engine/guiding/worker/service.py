@@ -8,6 +8,7 @@ Messages out: `ready`, `free` (slot), `progress` (step, loss, state), `snapshot`
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -22,8 +23,8 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.guiding.networks.flow.shape import FlowSettings, FlowShape
-from engine.guiding.networks.mixture.shape import MixtureSettings, MixtureShape
-from engine.guiding.networks.radiance import NetworkShape, TrainingSettings
+from engine.guiding.networks.mixture.shape import NPM, MixtureSettings, MixtureShape
+from engine.guiding.networks.radiance import COMPACT_SHAPE, NetworkShape, TrainingSettings
 from engine.guiding.records.training_rows import ROW_WIDTH
 from engine.guiding.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
 from engine.guiding.worker.patience import Patience
@@ -40,6 +41,9 @@ _KINDS: dict[str, tuple[type, type]] = {
     MixtureShape.kind: (MixtureShape, MixtureSettings),
     FlowShape.kind: (FlowShape, FlowSettings),
 }
+
+#: What workers that stand by rehearse; other shapes are trained by the same kernels.
+_USUAL_SHAPES = (COMPACT_SHAPE, NPM)
 
 
 def _make_training(
@@ -72,6 +76,15 @@ def _rehearse(training: Any, row_width: int) -> None:
     training.step()
     training.improvement()
     training.snapshot()
+
+
+def warm_up() -> None:
+    """Import torch, and load the kernels of the usual trainings by training a little: all of it takes seconds."""
+    # What is missing matters to whoever trains, who will hear of it.
+    with contextlib.suppress(ImportError):
+        for shape in _USUAL_SHAPES:
+            arguments = (shape, shape.training_settings, 0, None, 1, True)
+            _rehearse(_make_training(*arguments)[0], shape.row_width)
 
 
 class Service:
@@ -242,7 +255,16 @@ class Service:
 
 
 def serve(config: dict[str, Any], stream: BinaryIO, answers: TextIO) -> None:
-    """Run the service in this process; returns only if it failed, after saying why."""
+    """Run the service in this process; returns only if it failed, after saying why.
+
+    One that is to stand by gets ready first, and the rest of its configuration in a line of its own.
+    """
+    if config.get("stands_by"):
+        warm_up()
+        line = stream.readline()
+        if not line:
+            return
+        config = config | json.loads(line)
     service = None
     try:
         service = Service(config, answers)

@@ -414,7 +414,8 @@ def test_object_values(scene: Any) -> None:
     )
     # What Cycles 5.0.1 renders for Object Info > Random of an object of this name.
     np.testing.assert_allclose(instances.random, [0.1357643], rtol=1e-6)
-    assert [notice.subject for notice in description.notices] == ["Plane"]
+    assert list(instances.is_shadow_catcher) == [True]
+    assert description.notices == []
 
 
 def test_random_of_a_name_that_is_not_ascii(scene: Any) -> None:

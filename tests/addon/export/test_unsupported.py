@@ -90,7 +90,6 @@ CASES = {
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
     "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
-    "shadow-catcher": (switch("plane", "is_shadow_catcher"), "Plane", "shadow catchers"),
     "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip
 

@@ -138,6 +138,8 @@ def _original() -> SceneDescription:
     instances.materials = np.array([0, 2, 1, 2, 3, 3, 0, 0], np.int32)
     instances.material_offset = np.array([0, 0, 2, 2, 6, 4], np.int32)
     instances.terminator_offset = np.full(6, 0.1, np.float32)
+    instances.light_group = np.full(6, -1, np.int32)
+    instances.is_shadow_catcher = np.zeros(6, np.bool_)
     instances.motion = {1: np.stack([_at(0, 0, -0.2), _at(0, 0, 0.2)])}
     meshes = [_bumpy(key, seed) for seed, key in enumerate(("shared", "single", "other", "waving"))]
     waving = meshes[3]
@@ -174,6 +176,7 @@ def _original() -> SceneDescription:
         shutter=(0.0, 1.0),
         shutter_curve=np.array([0.5, 1.0, 0.5], np.float32),
         passes=PassSettings(aovs=(Aov("Tint", True),)),
+        light_groups=("Key",),
     )  # fmt: skip
 
 
@@ -255,6 +258,7 @@ CHANGES: dict[str, list[Change]] = {
     "SceneDescription.shutter": [_set("shutter", (0.0, 0.5))],
     "SceneDescription.shutter_curve": [_set("shutter_curve", None),
                                        _set("shutter_curve", np.array([0.0, 1.0, 0.1], np.float32))],
+    "SceneDescription.light_groups": [_set("light_groups", ("Key", "Rim"))],
     "SceneDescription.rolling_shutter_duration": [_set("rolling_shutter_duration", 0.3)],
     "Camera.kind": [_set("camera.kind", "ORTHO"), _set("camera.kind", "PANO_EQUIRECTANGULAR")],
     "Camera.transform": [_set("camera.transform", _at(0.5, 0, 7))],
@@ -299,6 +303,8 @@ CHANGES: dict[str, list[Change]] = {
     "World.map_resolution": [_set("world.map_resolution", 32)],
     "World.max_bounces": [_set("world.max_bounces", 0)],
     "World.cast_shadow": [_set("world.cast_shadow", False)],
+    "World.light_group": [_set("world.light_group", 0)],
+    "World.occlusion_distance": [_set("world.occlusion_distance", 2.0)],
     "Light.key": [_set("lights.0.key", "another")],
     "Light.name": [_set("lights.0.name", "Another")],
     "Light.kind": [_set("lights.0.kind", "POINT")],
@@ -321,6 +327,7 @@ CHANGES: dict[str, list[Change]] = {
     "Light.visibility": [_set("lights.0.visibility", VISIBLE_ALL & ~2)],
     "Light.graph": [_set("lights.2.graph", None), _graph("lights.2", 0, "Strength", 0.1)],
     "Light.random": [_set("lights.0.random", 0.7)],
+    "Light.light_group": [_set("lights.0.light_group", 0)],
     "Light.temperature": [_set("lights.0.temperature", 3000.0)],
     "Material.key": [_set("materials.0.key", "another")],
     "Material.name": [_set("materials.0.name", "Another")],
@@ -396,6 +403,8 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.dupli_uv": [_edit("instances.dupli_uv", _with_entry(5, 0.4))],
     "Instances.terminator_offset": [_set("instances.terminator_offset", None),
                                     _edit("instances.terminator_offset", _with_entry(0, 0.5))],
+    "Instances.light_group": [_edit("instances.light_group", _with_entry(0, 0))],
+    "Instances.is_shadow_catcher": [_edit("instances.is_shadow_catcher", _with_entry(0, True))],
     "Instances.motion": [_set("instances.motion", {}),
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),
                          _set("instances.motion", {2: np.stack([_at(2, 0, -0.5), _at(2, 0, 0.5)])})],
@@ -425,6 +434,7 @@ UNSEEN = frozenset({
     "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
+    "SceneDescription.light_groups", "World.light_group", "World.occlusion_distance",
 })  # fmt: skip
 
 

@@ -46,10 +46,11 @@ def sheet_scene(color, kind="ShaderNodeBsdfTransparent"):
 
 def test_a_diffuse_floor_under_a_sun_has_direct_light_alone():
     images = render(floor_scene(lights=[sun(2.0)], materials=[material(color=(0.6, 0.3, 0.0))])).passes
+    assert np.allclose(images["Ambient Occlusion"], 1.0)
     assert np.allclose(images["Diffuse Color"], (0.6, 0.3, 0.0), rtol=1e-5)
     # White light, in the channel without colour too.
     assert np.allclose(images["Diffuse Direct"], 2.0 / np.pi, rtol=1e-4)
-    for name in set(LIGHT_PASSES) - {"Diffuse Color", "Diffuse Direct"}:
+    for name in set(LIGHT_PASSES) - {"Diffuse Color", "Diffuse Direct", "Ambient Occlusion"}:
         assert not images[name].any(), name
 
 
@@ -177,7 +178,7 @@ def test_meshes_that_glow_have_groups():
 def test_cells_of_the_cache_know_no_groups_and_the_report_says_so():
     description = grouped_scene()
     result = render(description, passes=["Combined", "Combined_Key"], radiance_cache="FAST", samples=8)
-    assert any(notice.problem == "knows no light groups" for notice in result.report.notices)
+    assert any(notice.problem == "knows no light groups or shadow catchers" for notice in result.report.notices)
     assert sum(result.report.cached_shares) == 0.0
 
 
@@ -198,6 +199,35 @@ def test_the_picture_is_the_same_with_and_without_passes():
     plain = render(description, passes=["Combined"]).passes["Combined"]
     split = render(description, passes=[*PASSES, "Combined_Key"]).passes["Combined"]
     assert np.array_equal(plain, split)
+
+
+@pytest.mark.parametrize("distance", [10.0, 100.0])
+def test_occlusion_is_what_hides_the_sky_within_a_distance(distance):
+    """A floor and a wall of 50 m, at y = 3: the wall hides (1 - the cosine of its elevation) / 2 of the hemisphere."""
+    wall = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
+    description = floor_scene(transforms=[np.eye(4), wall], size=(16, 16))
+    description.world = World("world", "World", None, occlusion_distance=distance)
+    images = render(description, passes=["Combined", "Ambient Occlusion", "Position"], samples=64).passes
+    share, y = images["Ambient Occlusion"][..., 0], images["Position"][..., 1]
+    z = images["Position"][..., 2]
+    on_floor = (np.abs(z) < 1e-3) & (y < 2.5)
+    assert on_floor.sum() > 50
+    hidden = 1.0 - share[on_floor]
+    whole = 0.5 * (1.0 - (3.0 - y[on_floor]) / np.hypot(3.0 - y[on_floor], 50.0))
+    if distance > 90.0:
+        assert hidden == pytest.approx(whole, abs=0.08) and hidden.mean() == pytest.approx(whole.mean(), abs=0.01)
+    else:
+        assert hidden.mean() < whole.mean() - 0.02
+
+
+def test_occlusion_alone_leaves_the_picture_as_it_is():
+    description = grouped_scene()
+    plain = render(description, passes=["Combined"]).passes["Combined"]
+    assert np.array_equal(plain, render(description, passes=["Combined", "Ambient Occlusion"]).passes["Combined"])
+    description.lights, description.world = [], None
+    dark = render(description, passes=["Combined", "Ambient Occlusion"]).passes
+    assert dark["Ambient Occlusion"].min() >= 0.0 and dark["Ambient Occlusion"].mean() > 0.3
+    assert not dark["Combined"][..., :3].any()
 
 
 def test_only_light_passes_need_parts():

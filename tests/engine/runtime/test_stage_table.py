@@ -15,6 +15,7 @@ from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
+from engine.scene.description import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 
@@ -102,8 +103,13 @@ def test_the_main_loop_passes_what_its_stages_take(
     session = Session(
         RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral, radiance_cache=cache)
     )
-    session.load(small_scene())
-    session.render(passes=("Combined", "Normal"))
+    description = small_scene()
+    has_catchers = cache == "OFF"  # for with them there is no cache
+    description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
+    description.passes = PassSettings(aovs=(Aov("Value", False),))
+    session.load(description)
+    # A pass of each kind: they have stages of their own.
+    session.render(passes=("Combined", "Normal", "Mist", "Denoising Albedo", "Glossy Color", "Ambient Occlusion"))
     assert arguments, "the loop was not compiled"
     table = arguments[-1][0]
     assert isinstance(table, StageTable)
@@ -114,10 +120,12 @@ def test_the_main_loop_passes_what_its_stages_take(
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene, and three stages are for wavelengths.
-    unused = {"fill_background"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
+    # The world is not constant in this scene, three stages are for wavelengths, and there are no AOVs.
+    unused = {"fill_background", "write_aovs"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
     if cache == "OFF" or spectral == "ON":
         unused |= {"end_in_cache", "follow_footprints", "collect_taught"}
+    if not has_catchers:
+        unused |= {"meet_catchers", "show_background"}
     assert set(stages) - set(bound) == unused
     for name, stage in bound.items():
         assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.denoise import library
 from engine.processes import memory as memory_module
 from engine.scene.description import Camera, SceneDescription
 from engine.settings import RenderSettings
@@ -145,6 +146,32 @@ def test_many_updates_at_once_end_with_the_newest(process: ViewProcess) -> None:
         process.send(Update(view=view(camera=camera)))
     process.send(replace(whole(), view=view(20, 10)))
     assert result_of(process).pixels.shape == (10, 20, 4)
+
+
+def test_two_views_at_once_do_not_meet(process: ViewProcess) -> None:
+    other = ViewProcess()
+    other.start()
+    try:
+        process.send(whole(width=20, height=10))
+        other.send(whole(floor_scene(lights=[sun(4.0)]), width=16, height=8))
+        assert np.allclose(result_of(other).pixels[..., :3], 2.0 / np.pi, rtol=1e-4)
+        assert np.allclose(result_of(process).pixels[..., :3], 1.0 / np.pi, rtol=1e-4)
+    finally:
+        other.close()
+
+
+@pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise")
+def test_a_view_is_denoised(process: ViewProcess) -> None:
+    """A floor under a soft lamp: what is left of the noise is smooth."""
+    lamp = replace(sun(), kind="AREA", energy=300.0, size_x=3.0, size_y=3.0, transform=looking_down(4.0).transform)
+    scene = floor_scene(lights=[lamp])
+    spread = {}
+    for is_denoised in (False, True):
+        settings = replace(SETTINGS, samples=2, use_denoising=is_denoised)
+        process.send(whole(scene, settings, width=64, height=64))
+        pixels = result_of(process).pixels[..., 0]
+        spread[is_denoised] = np.abs(np.diff(pixels, axis=1)).mean() / pixels.mean()
+    assert spread[True] < 0.5 * spread[False]
 
 
 @posix

@@ -13,8 +13,20 @@ from engine.runtime.bundle import Bundle
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_DIFFUSE
 from engine.settings import RenderSettings
 from engine.spectral.tables import SpectralTables, no_spectral_tables
-from engine.state.lanes import RAY_CAMERA, RAY_DIFFUSE, RAY_MIS_SKIP, PathState, allocate_paths
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.lanes import (
+    RAY_CAMERA,
+    RAY_DIFFUSE,
+    RAY_MIS_SKIP,
+    FeatureLanes,
+    LightPassLanes,
+    PathState,
+    allocate_feature_lanes,
+    allocate_light_pass_lanes,
+    allocate_paths,
+)
 from engine.state.lights import LightArrays
+from engine.wavefront.columns import UNIT_HEADER_WIDTH
 from engine.wavefront.options import IntegratorOptions, make_options
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.work import allocate_queue
@@ -49,14 +61,26 @@ class _Work(Bundle):
 
     paths: PathState
     f_cos: np.ndarray
+    passes: LightPassLanes
+    features: FeatureLanes
+
+
+class _Unit(Bundle):
+    """What it reads and writes of a unit: no passes are asked for."""
+
+    header: np.ndarray
+    film: FilmTile
 
 
 def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     count = len(paths.flags)
-    scene = _Scene(lights, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0))
+    scene = _Scene(lights, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
-    shade_lights(scene, None, _Work(paths, np.zeros((count, 3), np.float32)), queue)
+    work = _Work(
+        paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1)
+    )
+    shade_lights(scene, _Unit(np.zeros(UNIT_HEADER_WIDTH, np.int64), allocate_tile(1, 3)), work, queue)
     return paths.radiance.copy()
 
 

@@ -11,7 +11,7 @@ from engine.guiding.models.predictors import Predictor, TablePredictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.choice import Choice
-from engine.guiding.policy.gate import FIRST_SAMPLE, GIVEN_UP, KEPT, LOOKS, Gate
+from engine.guiding.policy.gate import FIRST_SAMPLE, GIVEN_UP, KEPT, LOOKS, TRAINED_SHARE, Gate
 from engine.guiding.policy.horizon import LEAST_PATHS_LEFT, Horizon
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.records.vertices import allocate_vertex_records
@@ -29,7 +29,7 @@ class Counting(Predictor):
 
     def __init__(self, report: GuidingReport) -> None:
         super().__init__(RenderSettings(), report, [])
-        self.begun_count = self.dropped_count = 0
+        self.begun_count = self.dropped_count = self.closed_count = 0
 
     def begin(self, region_count: int) -> None:
         self.begun_count += 1
@@ -38,6 +38,9 @@ class Counting(Predictor):
     def drop(self) -> None:
         self.is_ready = False
         self.dropped_count += 1
+
+    def close(self) -> None:
+        self.closed_count += 1
 
 
 def gate_of(pixels: float = LEAST_PATHS_LEFT, *, judges_on: bool = True) -> tuple[Gate, Counting, GuidingReport]:
@@ -103,6 +106,21 @@ def test_what_is_kept_is_judged_on_where_nobody_else_does(judges_on: bool) -> No
         gate.judge(sample, 0.9)
     assert gate.is_open != judges_on and (report.network_stopped_at > 0) == judges_on
     assert math.isfinite(report.network_promise)
+
+
+def test_training_ends_after_a_quarter_of_the_render_and_what_was_learned_stays() -> None:
+    gate, predictor, report = gate_of()
+    gate.begin(15, 1)
+    predictor.is_ready = True
+    for sample in range(31, int(TRAINED_SHARE * SAMPLES), 16):
+        gate.judge(sample, 1.2)
+        assert gate.is_open == (sample >= 63) and predictor.closed_count == 0
+    gate.judge(255, 1.2)
+    assert predictor.closed_count == 1 and gate.is_open and predictor.dropped_count == 0
+    # It is judged on all the same.
+    for sample in (271, 287, 303):
+        gate.judge(sample, 0.9)
+    assert not gate.is_open and report.network_stopped_at == 287
 
 
 def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
