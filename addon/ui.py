@@ -63,9 +63,10 @@ _CYCLES_PANELS = (
     "CYCLES_CAMERA_PT_dof_aperture",
     "CYCLES_RENDER_PT_override",  # Blender 3 and 4: later it is VIEWLAYER_PT_override
     "CYCLES_OBJECT_PT_motion_blur",
-    "CYCLES_OBJECT_PT_lightgroup",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
+    "CYCLES_OBJECT_PT_shading",  # Blender 3 and 4: later it is OBJECT_PT_shading
+    "CYCLES_OBJECT_PT_lightgroup",
 )
 
 

@@ -53,4 +53,6 @@ def cube_scene(blender: Any) -> Any:
     render.image_settings.file_format = "OPEN_EXR"
     render.image_settings.color_depth = "32"
     scene.neuralguide.samples = 4
+    # Each pixel has all samples, and shows them.
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
     return scene

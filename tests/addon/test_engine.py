@@ -90,7 +90,7 @@ def test_every_requested_pass_reaches_the_file(cube_scene: Any, fake: FakeEngine
     images = render(cube_scene, tmp_path)
     asked = fake.asked_passes[0]
     assert asked == {
-        *("Combined", "Noisy Image", "Depth", "Normal", "Position", "Emission", "Environment", "IndexOB", "IndexMA"),
+        *("Combined", "Depth", "Normal", "Position", "Emission", "Environment", "IndexOB", "IndexMA"),
         *("Albedo", "Sample Count", "Variance", "Candidate Count", "Guiding Benefit"),
     }
     renamed = {"IndexOB": "Object Index", "IndexMA": "Material Index"}
@@ -103,9 +103,9 @@ def test_every_requested_pass_reaches_the_file(cube_scene: Any, fake: FakeEngine
 
 def test_only_requested_passes_are_asked_of_the_session(cube_scene: Any, fake: FakeEngine, tmp_path: Path) -> None:
     cube_scene.view_layers[0].use_pass_z = False
-    render(cube_scene, tmp_path)
-    cube_scene.cycles.use_denoising = False
-    render(cube_scene, tmp_path)
+    for is_denoised in (True, False):
+        cube_scene.cycles.use_denoising = is_denoised
+        render(cube_scene, tmp_path)
     assert fake.asked_passes == [{"Combined", "Noisy Image"}, {"Combined"}]
 
 
@@ -250,10 +250,10 @@ def test_settings_it_has_not_are_said_once_a_job_and_stand_in_the_file(
 def test_passes_it_has_not_are_named(cube_scene: Any, fake: FakeEngine, capfd: Any) -> None:
     import bpy
 
-    cube_scene.view_layers[0].use_pass_mist = True
-    cube_scene.view_layers[0].use_pass_cryptomatte_object = True
+    cube_scene.view_layers[0].use_pass_subsurface_direct = True
+    cube_scene.view_layers[0].use_pass_shadow = True
     bpy.ops.render.render()
-    assert "View layer ViewLayer: no passes Mist, Cryptomatte Object" in "".join(capfd.readouterr())
+    assert "View layer ViewLayer: no passes Shadow, Subsurface Direct" in "".join(capfd.readouterr())
 
 
 def test_the_file_says_how_it_was_made(cube_scene: Any, fake: FakeEngine, tmp_path: Path) -> None:

@@ -245,6 +245,7 @@ def test_passes_are_known_or_reported() -> None:
     layer = bpy.context.view_layer
     switches = {name for name in layer.bl_rna.properties.keys() if name.startswith("use_pass_")}
     ours = {name for name, is_ours, _pass in passes.OPTIONAL if not is_ours} | set(passes.LIGHT)
+    ours |= {name for name, _kind in passes.MATTES}
     # What comes anyway, and an option of Cryptomatte.
     assert switches - ours - set(passes.UNSUPPORTED) <= {"use_pass_combined", "use_pass_cryptomatte_accurate"}
     switches = {name for name in layer.cycles.bl_rna.properties.keys() if name.startswith(("use_pass_", "pass_"))}

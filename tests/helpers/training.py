@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from engine.guiding.trainer import standby
+from engine.processes.child import ENTRY
+
 
 def require_torch() -> Any:
     """The module torch; where it is not installed, the test (or the file) that asks is skipped."""
@@ -17,11 +20,12 @@ def require_torch() -> Any:
 
 
 def refuse_workers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the system start no training workers: OSError, 'no process'."""
+    """Have the system start no training workers: OSError, 'no process'. None stands by either."""
+    standby.dismiss()
 
     class Popen(subprocess.Popen):  # type: ignore[type-arg]
         def __init__(self, command: Any, *arguments: Any, **options: Any) -> None:
-            if "worker" in str(command[-1]):
+            if str(command[-1]) == str(ENTRY):
                 raise OSError("no process")
             super().__init__(command, *arguments, **options)
 

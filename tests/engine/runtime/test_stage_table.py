@@ -120,8 +120,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene, three stages are for wavelengths, and there are no AOVs.
-    unused = {"fill_background", "write_aovs"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
+    # The world is not constant in this scene, and three stages are for wavelengths.
+    unused = {"fill_background"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
     if cache == "OFF" or spectral == "ON":
         unused |= {"end_in_cache", "follow_footprints", "collect_taught"}
     if not has_catchers:
