@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from engine.scene.description import Notice
 
 
+def _is_set_on(group: bpy.types.PropertyGroup, name: str) -> bool:
+    """Whether a switch was turned on by hand; older Blenders may not have it."""
+    return hasattr(group, name) and bool(group.is_property_set(name) and getattr(group, name))
+
+
 def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> list[Notice]:
     """Notices of a scene that follows Cycles' settings; none of one that does not."""
     from engine.scene.description import Notice
@@ -31,7 +36,7 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
         ),
         (
             # Where it is on by default nobody has asked.
-            is_denoised and cycles.is_property_set("denoising_use_gpu") and cycles.denoising_use_gpu,
+            is_denoised and _is_set_on(cycles, "denoising_use_gpu"),
             "denoising on the GPU is not supported",
             "the CPU denoises",
         ),

@@ -69,6 +69,7 @@ render.filepath = "//out_"
 render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
 render.image_settings.color_depth = "32"
 scene.neuralguide.samples = 64
+scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
 scene.neuralguide.seed = 1
 scene.view_layers[0].neuralguide.use_pass_variance = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[-1])
