@@ -98,7 +98,10 @@ def main(arguments: list[str] | None = None) -> int:
     addon.register()
     scene = open_scene(expand([chosen.scene])[0], chosen.pixels)
     still = export_scene(bpy.context.evaluated_depsgraph_get())
-    plain = replace(render_settings(scene), threads=chosen.threads, time_limit=0.0, guiding_method="OFF")
+    plain = replace(
+        render_settings(scene), threads=chosen.threads, time_limit=0.0, guiding_method="OFF",
+        use_adaptive_sampling=False, use_denoising=False,
+    )
     angles = np.radians(chosen.degrees) * np.linspace(-0.5, 0.5, chosen.frames)
     frames = [turned(still, float(angle)) for angle in angles]
     settings = replace(plain, samples=chosen.reference_samples)

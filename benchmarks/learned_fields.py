@@ -90,7 +90,8 @@ def compare(
     scene = open_scene(source, pixels)
     hide_lamps(scene)
     settings = replace(
-        render_settings(scene), guiding_method=method, time_limit=0.0, threads=threads, use_nee=use_nee
+        render_settings(scene), guiding_method=method, time_limit=0.0, threads=threads, use_nee=use_nee,
+        use_adaptive_sampling=False, use_denoising=False,
     )
     session = Session(settings)
     depsgraph = bpy.context.evaluated_depsgraph_get()

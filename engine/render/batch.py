@@ -133,8 +133,10 @@ class Batch:
         *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        closures = allocate_closures(lanes, channel_count, layout.data.options.aov_width)
-        light_closures = allocate_closures(lanes, channel_count)
+        # Of one type, though AOVs are of surfaces alone: shaders are compiled once for both.
+        closures, light_closures = (
+            allocate_closures(lanes, channel_count, layout.data.options.aov_width) for _ in range(2)
+        )
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self._scratch = RayScratch()

@@ -140,7 +140,7 @@ def test_the_image_of_a_network_does_not_depend_on_threads():
 
 @pytest.mark.parametrize("method", ["NASG", "FLOW"])
 def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
-    settings = {"scene": pit_scene, "samples": 31, "guiding_trial": False}
+    settings = {"scene": pit_scene, "samples": 15, "guiding_trial": False}
     mixture = render("VMM", 0, **settings).passes["Combined"]
     images = []
     for silence in (99, 3):
