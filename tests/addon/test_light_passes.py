@@ -24,7 +24,7 @@ CELL_ALLOWANCE = 0.01
 COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()
-    if scene.group not in ("failures", "spectral") and name != "torus-in-glass"
+    if scene.group not in ("failures", "spectral", "furnished") and name != "torus-in-glass"
 )
 
 
@@ -103,8 +103,8 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPARABLE)
-def test_passes_are_those_of_cycles_in_every_builtin_scene(name: str, tmp_path: Path, blender: Any) -> None:
+@pytest.mark.parametrize("name", COMPARABLE[::10])  # all would take ten minutes
+def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
 
 
