@@ -166,12 +166,9 @@ def planks() -> bpy.types.Material:
 
 
 def cloth(name: str, color: Color) -> bpy.types.Material:
-    """Woven cloth."""
+    """Cloth with a soft nap."""
     graph = _Graph(name)
-    place = graph.add("ShaderNodeTexCoord").outputs["Object"]
-    weave = graph.add("ShaderNodeTexNoise", {"Vector": place, "Scale": 160.0, "Detail": 2.0})
-    bump = graph.add("ShaderNodeBump", {"Height": weave.outputs["Fac"], "Strength": 0.3, "Distance": 0.004})
-    graph.set(Base_Color=(*color, 1.0), Roughness=0.95, Sheen_Weight=0.4, Normal=bump.outputs["Normal"])
+    graph.set(Base_Color=(*color, 1.0), Roughness=0.95, Sheen_Weight=0.4)
     return graph.material
 
 
