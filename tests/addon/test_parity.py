@@ -42,8 +42,8 @@ FAST = [
     "film-transparent",
 ]
 
-#: Where light is made to be found seldom, unguided samples say nothing in a test's time (the study's lamps are all hidden);
-#: Cycles disperses nothing. Furnished rooms take minutes.
+#: Where light is made to be found seldom, unguided samples say nothing in a test's time: the study's lamps are all
+#: hidden. Cycles disperses nothing. Furnished rooms take minutes.
 COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()
