@@ -23,7 +23,10 @@ _THICK = 0.14
 
 
 def _shell() -> None:
-    """Study and hall: floor, walls, the doorway between them, ceiling with a cove."""
+    """Study and hall: floor, walls, the doorway between them, ceiling with a cove.
+
+    No two faces in sight lie in one plane: Cycles shows such faces black.
+    """
     (x0, y0, z0), (x1, y1, z1) = _LOW, _HIGH
     hall_end = y1 + 2.6
     wall = materials.plaster("Wall paint", (0.50, 0.52, 0.44))
@@ -44,10 +47,10 @@ def _shell() -> None:
         box(name, low, high, wall)
     for name, low, high in (
         ("Skirting back", (x0, y1 - 0.018, z0), (1.17, y1, 0.14)),
-        ("Skirting left", (x0, y0, z0), (x0 + 0.018, y1, 0.14)),
-        ("Skirting right", (x1 - 0.018, y0, z0), (x1, y1, 0.14)),
-        ("Frame left", (1.17, y1 - 0.03, z0), (1.27, y1 + _THICK + 0.03, 2.16)),
-        ("Frame right", (2.13, y1 - 0.03, z0), (2.23, y1 + _THICK + 0.03, 2.16)),
+        ("Skirting left", (x0, y0, z0), (x0 + 0.018, y1 - 0.018, 0.14)),
+        ("Skirting right", (x1 - 0.018, y0, z0), (x1, y1 - 0.018, 0.14)),
+        ("Frame left", (1.17, y1 - 0.03, z0), (1.27, y1 + _THICK + 0.03, 2.098)),
+        ("Frame right", (2.13, y1 - 0.03, z0), (2.23, y1 + _THICK + 0.03, 2.098)),
         ("Frame above", (1.17, y1 - 0.03, 2.10), (2.23, y1 + _THICK + 0.03, 2.22)),
     ):
         box(name, low, high, gloss, 0.006)
@@ -65,11 +68,11 @@ def _lamps() -> None:
     """Strips on top of the lowered ceiling, and a lamp beside the door in the hall: none is seen from the study."""
     (x0, y0, _), (x1, y1, _) = _LOW, _HIGH
     glow = materials.lamp("Cove light", 4300.0, 46.0)
-    inset, low, high = _COVE + 0.14, _PANEL_HEIGHT + 0.05, _PANEL_HEIGHT + 0.09
+    inset, low, high = _COVE + 0.14, _PANEL_HEIGHT + 0.055, _PANEL_HEIGHT + 0.095
     for name, start, end in (
         ("Strip back", (x0 + inset, y1 - inset - 0.05), (x1 - inset, y1 - inset)),
-        ("Strip left", (x0 + inset, y0 + inset), (x0 + inset + 0.05, y1 - inset)),
-        ("Strip right", (x1 - inset - 0.05, y0 + inset), (x1 - inset, y1 - inset)),
+        ("Strip left", (x0 + inset, y0 + inset), (x0 + inset + 0.05, y1 - inset - 0.06)),
+        ("Strip right", (x1 - inset - 0.05, y0 + inset), (x1 - inset, y1 - inset - 0.06)),
     ):
         box(name, (*start, low), (*end, high), glow)
     lamp = bpy.data.lights.new("Hall lamp", "AREA")
