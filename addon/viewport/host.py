@@ -71,10 +71,10 @@ class Host:
         wanted = Update(view, self.scene, settings, denoises_from, is_paused)
         update = _difference(self._sent, wanted)
         if not self.process.is_alive:
-            if update == Update() or not self._start():
+            if update.is_empty or not self._start():
                 return False
             update = wanted
-        if update == Update():
+        if update.is_empty:
             return False
         self._sent = wanted
         self.process.send(update)

@@ -6,8 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
+from engine.scene.content import same_content
 from engine.scene.description import Camera, Frame, SceneDescription
 from engine.settings import RenderSettings
 
@@ -65,12 +64,7 @@ class View:
 
     def differs(self, other: View | None) -> bool:
         """Whether it shows something else than another one."""
-        if other is None:
-            return True
-        same_camera = np.array_equal(self.camera.transform, other.camera.transform) and (
-            replace(self.camera, transform=other.camera.transform) == other.camera
-        )
-        return not same_camera or replace(self, camera=other.camera) != other
+        return other is None or not same_content(self, other)
 
 
 def opened(camera: Camera, plane: Plane) -> Camera:
@@ -107,6 +101,11 @@ class Update:
     settings: RenderSettings | None = None
     denoises_from: int | None = None
     is_paused: bool | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing has changed."""
+        return all(value is None for value in self.__dict__.values())
 
     def then(self, later: Update) -> Update:
         """Both as one."""
