@@ -57,6 +57,8 @@ def _roots() -> Iterator[Path]:
     bpy = _package_folder("bpy")
     if bpy is not None:
         yield bpy
+    # A process that `bpy` has started finds the scripts' package of that name first, which has no libraries.
+    yield from (folder for entry in sys.path if (folder := Path(entry) / "bpy").is_dir())
     executable = Path(sys.executable).resolve()
     yield from list(executable.parents)[:_ANCESTORS_OF_PYTHON]
     pyoidn = _package_folder("pyoidn")

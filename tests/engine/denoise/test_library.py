@@ -40,6 +40,7 @@ def test_it_is_found_where_each_blender_keeps_it(place, tmp_path, monkeypatch):
         return SimpleNamespace(origin=str(tmp_path / name / "__init__.py")) if name == package else None
 
     monkeypatch.setattr(importlib.util, "find_spec", find_spec)
+    monkeypatch.setattr(sys, "path", [])
     assert library_paths() == [tmp_path / library]
 
 
@@ -65,3 +66,16 @@ except library.DenoiserMissing as error:
     assert first == second
     assert first.startswith("Open Image Denoise was not found") and "pyoidn" in first
     assert ("libOpenImageDenoise.so.2" in first) == is_broken
+
+
+def test_another_package_of_that_name_does_not_hide_it(tmp_path, monkeypatch):
+    """Blender's scripts have a package `bpy` too, which comes first in processes that `bpy` has started."""
+    scripts, site = tmp_path / "scripts", tmp_path / "site-packages"
+    for name in (scripts / "bpy" / "__init__.py", site / "bpy" / "lib" / "libOpenImageDenoise.so.2"):
+        name.parent.mkdir(parents=True)
+        name.touch()
+    found = SimpleNamespace(origin=str(scripts / "bpy" / "__init__.py"))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: found if name == "bpy" else None)
+    monkeypatch.setattr(sys, "path", [str(scripts), str(site)])
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python3"))
+    assert library_paths() == [site / "bpy" / "lib" / "libOpenImageDenoise.so.2"]
