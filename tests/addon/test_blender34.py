@@ -13,7 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from tools.install_legacy import install
+from tests.helpers.blender_profile import installed
 
 ROOT = Path(__file__).resolve().parents[2]
 BLENDER = shutil.which("blender")
@@ -96,15 +96,7 @@ def image(path: Path, name: str, letters: str = "RGB") -> np.ndarray:
 @pytest.fixture(scope="module")
 def profile(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Environment of a user of Blender 3.4 who has installed and enabled the add-on."""
-    folder = tmp_path_factory.mktemp("profile")
-    paths = {"BLENDER_USER_CONFIG": str(folder / "config"), "BLENDER_USER_SCRIPTS": str(folder / "scripts")}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in paths.items():
-            patch.setenv(name, value)
-        patch.delenv("PYTHONPATH", raising=False)
-        # A link, so that the kernels this run of the tests has compiled already serve here too.
-        install(str(BLENDER), link=True)
-    return {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | paths
+    return installed(str(BLENDER), tmp_path_factory.mktemp("profile"))
 
 
 def run(command: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:

@@ -16,6 +16,7 @@ import bpy
 from mathutils import Matrix
 
 from benchmarks.scenes.interiors import materials
+from benchmarks.scenes.interiors.rendering import set_up
 from benchmarks.scenes.interiors.shapes import add_object, box, primitive, suzanne
 
 
@@ -161,13 +162,5 @@ def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.
     _lights()
     _still_life()
     _camera()
-    render = scene.render
-    render.engine = "NEURALGUIDE"
-    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
-    cycles = scene.cycles  # what both engines go by
-    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples, False, False
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 12
-    cycles.sample_clamp_indirect = 6.0
-    scene.view_settings.look = "AgX - Medium High Contrast"
-    scene.view_settings.exposure = 1.7
+    set_up(scene, (width, height), samples, bounces=12, clamp_indirect=6.0, exposure=1.7)
     return scene

@@ -13,6 +13,7 @@ import random
 import bpy
 
 from benchmarks.scenes.interiors import materials
+from benchmarks.scenes.interiors.rendering import set_up
 from benchmarks.scenes.interiors.shapes import add_object, box, hang, leaf, primitive, smooth, suzanne, turned
 
 #: Inside of the study: from, to [m]. The camera looks along y.
@@ -199,13 +200,5 @@ def build(width: int = 640, height: int = 360, samples: int = 4096) -> bpy.types
     _chair()
     _plant()
     _camera()
-    render = scene.render
-    render.engine = "NEURALGUIDE"
-    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
-    cycles = scene.cycles  # what both engines go by
-    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples, False, False
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 16
-    cycles.sample_clamp_indirect = 0.0
-    scene.view_settings.look = "AgX - Medium High Contrast"
-    scene.view_settings.exposure = 1.0
+    set_up(scene, (width, height), samples, bounces=16, clamp_indirect=0.0, exposure=1.0)
     return scene

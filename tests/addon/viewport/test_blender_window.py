@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tools.install_legacy import install
+from tests.helpers.blender_profile import installed
 
 BLENDER = shutil.which("blender")
 NEEDED = ("Xvfb", "xvfb-run", "import", "convert")
@@ -158,17 +157,11 @@ pytestmark = [
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What a Blender with a window has seen of itself."""
     folder = tmp_path_factory.mktemp("window")
-    paths = {"BLENDER_USER_CONFIG": str(folder / "config"), "BLENDER_USER_SCRIPTS": str(folder / "scripts")}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in paths.items():
-            patch.setenv(name, value)
-        patch.delenv("PYTHONPATH", raising=False)
-        install(str(BLENDER), link=True)
-        code = "import bpy; bpy.context.preferences.view.show_splash = False; bpy.ops.wm.save_userpref()"
-        subprocess.run([str(BLENDER), "-b", "--python-expr", code], check=True, capture_output=True)
+    environment = installed(str(BLENDER), folder)
+    code = "import bpy; bpy.context.preferences.view.show_splash = False; bpy.ops.wm.save_userpref()"
+    subprocess.run([str(BLENDER), "-b", "--python-expr", code], check=True, capture_output=True, env=environment)
     (folder / "drive.py").write_text(DRIVE)
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    environment |= paths | {"PWD": str(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
+    environment |= {"PWD": str(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
     command = ["xvfb-run", "-a", "-s", "-screen 0 640x480x24", "blender", "--window-geometry", "0", "0", "640", "480"]
     done = subprocess.run(
         [*command, "-P", str(folder / "drive.py"), "--", str(folder)], cwd=folder, env=environment,
