@@ -146,9 +146,9 @@ def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
     for silence in (99, 3):
         monkeypatch.setattr(learning, "make_source_model", lambda settings, n=silence: Late(settings, 1.0, n))
         images.append(render(method, 0, **settings).passes["Combined"])
-    # Compiled apart, so that rounding differs.
-    np.testing.assert_allclose(images[0], mixture, rtol=1e-3)
-    assert not np.allclose(images[1], mixture, rtol=1e-3)
+    # The methods' kernels are compiled apart and round apart, so that a few paths take another turn.
+    same = [np.isclose(image, mixture, rtol=1e-3).all(axis=-1).mean() for image in images]
+    assert same[0] > 0.98 and same[1] < 0.5
 
 
 def test_a_network_that_does_not_pay_is_given_up(monkeypatch):
