@@ -85,7 +85,7 @@ class PlaneSizes:
 class TrainableShape(Protocol):
     """What the trainer, the channel and snapshots ask of the shape of any network; a dataclass of plain values.
 
-    kind : names its training in the worker (`worker/service.py`)
+    kind : names its training in the worker (`worker/kinds.py`)
     """
 
     kind: ClassVar[str]
