@@ -186,7 +186,7 @@ def test_instances_without_a_group_are_in_that_of_their_instancer(cube_scene: An
 def test_a_transparent_film_leaves_the_environment_to_its_pass(
     cube_scene: Any, tmp_path: Path, has_environment: bool
 ) -> None:
-    """And to the world's light group, with an Environment pass only, as in Cycles; a pane covers half of the picture."""
+    """And, only with that pass, to the world's light group, as in Cycles; a pane covers half of the picture."""
     import bpy
 
     grouped(cube_scene)
