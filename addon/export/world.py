@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import bpy
+
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -25,9 +27,14 @@ _VISIBILITY = (
 )
 
 
+def world_of(context: ExportContext) -> bpy.types.World | None:
+    """The world of the view layer, whether it shines there or not."""
+    return getattr(context.view_layer, "world_override", None) or context.scene.world
+
+
 def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
     """The world of the view layer; None where there is none or the layer leaves it out."""
-    world = getattr(context.view_layer, "world_override", None) or context.scene.world
+    world = world_of(context)
     if world is None or not context.view_layer.use_sky:
         return None
     visibility = 0
@@ -46,5 +53,4 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         max_bounces=cycles_property(world, "max_bounces", 1024),
         cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
         light_group=context.light_group(world),
-        occlusion_distance=world.light_settings.distance,
     )

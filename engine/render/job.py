@@ -216,7 +216,7 @@ class Job:
         # What is expected after a look may be more than what was before.
         self._fraction = max(self._fraction, fraction)
         rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
-        message = ENDINGS[self.ended_by] if self.ended_by else "Rendering"
+        message = ENDINGS[self.ended_by] if self.ended_by else ""
         share = None
         if active is not None and active.has_looked:
             share = active.count / max(self.film.width * self.film.height, 1)
