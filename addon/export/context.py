@@ -78,16 +78,33 @@ class ExportCache:
 
 
 @dataclass(frozen=True)
+class StudioLight:
+    """What lights a window instead of the scene's world.
+
+    path : str, of its image; '' = none
+    rotation : float, about z [rad]
+    strength : float
+    opacity : float in [0, 1], how much of it the camera sees, over the world's plain colour
+    """
+
+    path: str
+    rotation: float
+    strength: float
+    opacity: float
+
+
+@dataclass(frozen=True)
 class Window:
     """A window that the scene is exported for, instead of a render.
 
     is_shown : callable, whether the window shows an object
-    use_lights, use_world : bool, whether it is lit by those of the scene
+    use_lights : bool, whether it is lit by the scene's lamps
+    studio : StudioLight or None, what it is lit by instead of the scene's world
     """
 
     is_shown: Callable[[bpy.types.Object], bool]
     use_lights: bool = True
-    use_world: bool = True
+    studio: StudioLight | None = None
 
 
 @dataclass

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -15,6 +17,9 @@ from engine.scene.description import (
 from ..versions import read_setting, uses_nodes
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
+
+if TYPE_CHECKING:
+    import bpy
 
 _VISIBILITY = (
     ("camera", VISIBLE_CAMERA),
@@ -30,17 +35,13 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
     world = getattr(context.view_layer, "world_override", None) or context.scene.world
     if world is None or not context.view_layer.use_sky:
         return None
-    visibility = 0
-    for name, bit in _VISIBILITY:
-        if cycles_property(world, name, True, group="cycles_visibility"):
-            visibility |= bit
     graph = graphs.export(world.node_tree, world.name) if uses_nodes(world) else None
     return World(
         key=("world", world.name_full),
         name=world.name,
         graph=graph,
         color=tuple(world.color),
-        visibility=visibility,
+        visibility=world_visibility(world),
         sampling=cycles_property(world, "sampling_method", "AUTOMATIC"),
         map_resolution=cycles_property(world, "sample_map_resolution", 1024),
         max_bounces=cycles_property(world, "max_bounces", 1024),
@@ -48,3 +49,12 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         light_group=context.light_group(world),
         occlusion_distance=world.light_settings.distance,
     )
+
+
+def world_visibility(world: bpy.types.World) -> int:
+    """VISIBLE_* bits of the rays that see a world."""
+    visibility = 0
+    for name, bit in _VISIBILITY:
+        if cycles_property(world, name, True, group="cycles_visibility"):
+            visibility |= bit
+    return visibility

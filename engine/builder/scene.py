@@ -69,11 +69,17 @@ class Scene:
 
 
 class SceneCache:
-    """What a session keeps between frames: each step's newest result, by the content it was made from."""
+    """What a session keeps between frames: each step's newest result, by the content it was made from.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    expects_moves : bool
+        See `GeometryCache`.
+    """
+
+    def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
-        self.geometry = GeometryCache()
+        self.geometry = GeometryCache(expects_moves=expects_moves)
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
@@ -110,9 +116,13 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     hierarchies, keys = cache.hierarchies, cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
+    if not cache.has_moved:
+        hierarchies.standing.drop()
     accelerator = cache.accelerator.get(
         (cache.shapes.version, *(array.tobytes() for array in placed)),
-        lambda: build_accelerator(geometry, masks, hierarchies, keys),
+        lambda: build_accelerator(
+            geometry, masks, hierarchies, keys, cache.shapes.version if cache.has_moved else None
+        ),
     )
     hierarchies.keep_only(keys)
     return accelerator

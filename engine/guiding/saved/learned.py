@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from engine.guiding.fields.state import State
@@ -60,6 +60,10 @@ class LearnedField:
         use them again: where samples know the density that they are drawn with, their mean is not the image.
         """
         return zlib.crc32(f"{seed} {self.digest}".encode()) & MAX_SEED
+
+    def of_scene(self, light_digest: str) -> LearnedField:
+        """The same, said to be of another scene: for who looks whether it still fits (`FieldJudge`)."""
+        return replace(self, light_digest=light_digest)
 
     def __str__(self) -> str:
         return f"{self.samples:g} samples a pixel, {self.region_count} regions"
