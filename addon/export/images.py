@@ -27,6 +27,8 @@ class ImageExporter:
 
     context: ExportContext
     images: list[Image] = field(default_factory=list)
+    #: What was asked for, in order: what identifies an image, and its index.
+    met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
@@ -40,10 +42,22 @@ class ImageExporter:
             if exported is not None:
                 self.images.append(exported)
         index = self._indices[identity]
+        self.met.append((identity, index))
         if index < 0:
             what = f"the file {bpy.path.abspath(image.filepath)}" if image.filepath else "the image"
             self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
+
+    def take_over(self, identity: Hashable) -> int:
+        """Index into `images` of one that is as it was at the last export, -1 if it could not be read then."""
+        if identity not in self._indices:
+            kept = self.context.cache.images.get(identity)
+            self._indices[identity] = -1 if kept is None else len(self.images)
+            if kept is not None:
+                kept.last_used = self.context.cache.export_count
+                self.images.append(kept.image)
+        self.met.append((identity, self._indices[identity]))
+        return self._indices[identity]
 
     def export_file(self, path: str) -> int:
         """Index into `images` of a file that no datablock of the scene shows, -1 if it cannot be read."""

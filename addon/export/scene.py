@@ -101,7 +101,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     to_xyz = _set_working_space(context)
     images = ImageExporter(context)
     graphs = GraphExporter(context, images)
-    materials = MaterialExporter(context, graphs)
+    materials = MaterialExporter(context, graphs, images)
     studio = None if context.window is None else context.window.studio
     world = export_world(context, graphs) if studio is None else export_studio_light(context, images, studio)
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))

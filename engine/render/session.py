@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.builder.scene import Scene, SceneCache, build_scene
+from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
@@ -164,6 +164,10 @@ class Session:
         """
         if self.scene is None:
             raise RuntimeError("load a scene before looking at it")
+        looked = look_at(self.scene, camera, frame, self.settings, self._cache)
+        if looked is not None:
+            self.scene = looked
+            return
         digest = self._light_digest
         self.load(replace(self.scene.description, camera=camera, frame=frame))
         self._light_digest = digest

@@ -8,6 +8,7 @@ does.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -113,7 +114,8 @@ class Service:
                 self.block.acknowledge(message["number"])
         except BaseException as error:
             # The host takes the update for read: only another process can make up for it.
-            print(_OUT_OF_MEMORY if isinstance(error, MemoryError) else repr(error), file=sys.stderr, flush=True)
+            lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            print(_OUT_OF_MEMORY if lacks_memory else repr(error), file=sys.stderr, flush=True)
             os._exit(1)
         os._exit(0)
 

@@ -13,7 +13,7 @@ from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.models.light_share import LightShareModel
-from engine.guiding.models.selection import SelectionModel, gain_of_guiding, second_moments
+from engine.guiding.models.selection import SelectionModel
 from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.ris.orca import VarianceDeltas, mean_by_region
 
@@ -65,15 +65,22 @@ class RegionModels:
         )
 
     @classmethod
-    def of_state(cls, state: State, guiding_probability: float) -> RegionModels:
+    def of_state(
+        cls, state: State, guiding_probability: float, field: VmmField | None = None
+    ) -> RegionModels:
         """The models that `state` was asked of.
+
+        Parameters
+        ----------
+        field : VmmField, optional
+            As `VmmModel.of_state`.
 
         Raises
         ------
         StateError
             If the arrays are no state of such models.
         """
-        mixture = VmmModel.of_state(part(state, "mixture"))
+        mixture = VmmModel.of_state(part(state, "mixture"), field=field)
         count = mixture.region_count
         models = cls(
             mixture, SelectionModel.of_state(part(state, "selection"), guiding_probability, count),
@@ -138,16 +145,6 @@ class RegionModels:
         if not was_guided:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
-
-    def gain(self) -> float:
-        """What guiding has brought to the vertices that were learned from (`gain_of_guiding`)."""
-        return gain_of_guiding(self.selection.sums)
-
-    def gain_now(self, records: VertexRecords, row_count: int) -> float:
-        """What it brings to those of other records, of which nothing is learned."""
-        leaf = np.full(len(records.pdf), -1, np.int32)
-        leaf[:row_count] = self._leaves(records.position[:row_count])
-        return gain_of_guiding(second_moments(records, leaf, self.mixture.region_count))
 
     def variance_deltas(self) -> Float32Array:
         """Mean of the deltas by region, float32 (R,); NaN where there are too few."""

@@ -99,38 +99,6 @@ def _add_records(records, leaf, probabilities, totals, sums):
             sums[region, last] += totals[region, 0] * totals[region, 0] / totals[region, 1]
 
 
-def second_moments(records: VertexRecords, leaf: Int32Array, region_count: int) -> np.ndarray:
-    """What the vertices of a render bring to the image's second moment, by region.
-
-    Parameters
-    ----------
-    records : VertexRecords
-    leaf : int32 (R,)
-        Region of each record, -1 = none.
-    region_count : int
-
-    Returns
-    -------
-    float64 (regions, J + 2)
-        Sum of the estimates for each of PROBABILITIES, the effective number of them, the number of records.
-    """
-    sums = np.zeros((region_count, len(PROBABILITIES) + 2))
-    _add_records(records, leaf, PROBABILITIES, np.zeros((region_count, 3)), sums)
-    return sums
-
-
-def gain_of_guiding(sums: np.ndarray) -> float:
-    """Second moment of all vertices under BSDF sampling, over that with the guide proposing half of the directions.
-
-    Parameters
-    ----------
-    sums : float64 (regions, J + 2)
-        As `second_moments` returns them; 1 where there is nothing in them.
-    """
-    plain, guided = sums[:, 0].sum(), sums[:, _REFERENCE].sum()
-    return float(plain / guided) if guided > 0.0 else 1.0
-
-
 class SelectionModel:
     """Learns a guiding probability for the regions of a `VmmModel`; update it after every update of that model.
 

@@ -142,7 +142,9 @@ class Learner:
 
     def _resume(self, start: LearnedField) -> None:
         """Take over what another render has learned."""
-        regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
+        regions = self._regions = RegionModels.of_state(
+            start.state, self.settings.guiding_probability, start.field
+        )
         count = regions.mixture.region_count
         resumed = {
             name for name, predictor in self._predictors.items()
