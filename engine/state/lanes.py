@@ -548,9 +548,12 @@ class LightSamples(Bundle):
     offset : float32 [m], rounding error of the point on the light along the ray
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
+    bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
     guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
         BSDF's density in it (0 and 1 where the lane is not guided)
     weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
+    cluster : int32, of the light that was chosen, -1 = none; cluster_pmf, tree_pmf : float32, with which probability it
+        was, and would have been by the light tree alone. Of lanes that are recorded
     """
 
     _rows = True
@@ -562,9 +565,13 @@ class LightSamples(Bundle):
     offset: Float32Array
     flags: Int32Array
     visibility: Int32Array
+    bsdf_pdf: Float32Array
     guide_pdf: Float32Array
     bsdf_share: Float32Array
     weight: Float32Array
+    cluster: Int32Array
+    cluster_pmf: Float32Array
+    tree_pmf: Float32Array
     channels: tuple[int, ...]
 
 
@@ -589,10 +596,12 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
                 ("offset", real),
                 ("flags", integer),
                 ("visibility", integer),
+                ("bsdf_pdf", real),
                 ("guide_pdf", real),
                 ("bsdf_share", real),
                 ("weight", real),
-            ]
+            ],
+            [("cluster", integer), ("cluster_pmf", real), ("tree_pmf", real)],
         ],
     )
     fields["bsdf_share"][:] = fields["weight"][:] = 1.0

@@ -3,6 +3,7 @@
 
 from engine.kernels.lights.sample import (
     background_pdf,
+    cluster_choice,
     lamp_factor,
     lamp_hit,
     lamp_pdf,
@@ -14,6 +15,7 @@ from engine.kernels.lights.sample import (
 
 __all__ = [
     "background_pdf",
+    "cluster_choice",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",
