@@ -18,6 +18,9 @@ from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
 from engine.state.lights import LightArrays, no_selection
 
+#: `World.max_bounces` from which on light sampling has no limit of its own.
+_UNLIMITED_BOUNCES = 1024
+
 
 def build_lights(
     description: SceneDescription,
@@ -77,6 +80,10 @@ def build_lights(
         )  # fmt: skip
         distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
 
+    compensated = environment.compensated
+    # Where scattering finds other light than sampling does, each has to find all of its own.
+    if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
+        compensated = empty_map()
     cut, node_cluster = choose_cut(nodes, links)
     bands, sectors, patches, patch_share = divide_map(environment)
 
@@ -120,6 +127,9 @@ def build_lights(
         map_marginal=environment.marginal,
         map_conditional=environment.conditional,
         map_guide=environment.guide,
+        compensated_marginal=compensated.marginal,
+        compensated_conditional=compensated.conditional,
+        compensated_guide=compensated.guide,
         map_patches=patches,
         node_cluster=node_cluster,
         cluster_node=cut,

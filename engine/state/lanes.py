@@ -75,6 +75,8 @@ RAY_MIS_SKIP = 512
 #: The surface scattered from had a transmissive lobe (the light tree's importance differs there).
 RAY_MIS_HAD_TRANSMISSION = 1024
 RAY_DIFFUSE_ANCESTOR = 2048
+#: The surface scattered from finds all of the background by scattering: light sampling left the dim parts to it.
+RAY_MIS_FINDS_ALL = 262144
 #: A limit was reached: the next surface only emits, unless it is transparent.
 RAY_TERMINATE_AFTER_TRANSPARENT = 4096
 RAY_TERMINATE_ON_NEXT_SURFACE = 8192

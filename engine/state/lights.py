@@ -201,6 +201,8 @@ class LightArrays(Bundle):
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
     map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
         last row, whose cumulative probability is not above k / MAP_GUIDE_SIZE
+    compensated_marginal, compensated_conditional, compensated_guide : the same of what is brighter than the mean, for
+        receivers that find the rest by scattering (`engine.kernels.lights.finds_all`); H = 0: the same map
     map_patches : float32 (P, B + 1), cumulative probability of the rows within a patch; B rows in the highest band
     node_cluster : int32 (M,), cluster of the nodes in the cut, -1 elsewhere
     cluster_node : int32 (HEADER_CUT,), nodes of the cut
@@ -209,7 +211,7 @@ class LightArrays(Bundle):
     """
 
     #: The map's size differs from world to world.
-    _dynamic = frozenset({"map_conditional", "map_patches"})
+    _dynamic = frozenset({"map_conditional", "compensated_conditional", "map_patches"})
 
     header: Int32Array
     nodes: Float32Array
@@ -225,6 +227,9 @@ class LightArrays(Bundle):
     map_marginal: Float32Array
     map_conditional: Float32Array
     map_guide: Int32Array
+    compensated_marginal: Float32Array
+    compensated_conditional: Float32Array
+    compensated_guide: Int32Array
     map_patches: Float32Array
     node_cluster: Int32Array
     cluster_node: Int32Array

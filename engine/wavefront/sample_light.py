@@ -5,11 +5,12 @@ Between the two, `evaluate_shaders` runs the programs of lights whose emission i
 scatter, such as light from below it, is dropped before.
 """
 
+
 import numpy as np
 
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.constants import FAR
-from engine.kernels.lights import cluster_choice, sample_light
+from engine.kernels.lights import cluster_choice, finds_all, sample_light
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
@@ -96,12 +97,15 @@ def choose_lights(scene, unit, work, queue):
         real = points.real
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
+        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
+        has_transmission = (bits & HAS_TRANSMISSION) != 0
+        leaves_dim = finds_all(lights, closures, lane, ng)
         (
             pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis, back,
-        ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, paths.time[lane], u0, u1, u2)
+        ) = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
         if is_recorded and pdf > 0.0:
-            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, (bits & HAS_TRANSMISSION) != 0, wi)
+            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi)
             samples.cluster[lane] = cluster
             samples.cluster_pmf[lane] = cluster_pmf
             samples.tree_pmf[lane] = tree_pmf
@@ -114,7 +118,6 @@ def choose_lights(scene, unit, work, queue):
             if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
                 continue
         wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
-        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
         bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, visibility & _SCATTERED, f_cos, lane)
         largest = 0.0
         for c in range(len(paths.channels)):

@@ -93,13 +93,13 @@ def build(
 
 
 @kernel
-def _draw(lights, geometry, p, n, has_transmission, time, u, out):
+def _draw(lights, geometry, p, n, has_transmission, leaves_dim, time, u, out):
     for i in range(u.shape[0]):
         (
             pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance, _visibility,
             _cast_shadow, _max_bounces, use_mis, _back,
         ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-                         has_transmission, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
+                         has_transmission, leaves_dim, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
         out[i, PDF] = pdf
         out[i, EMITTER] = emitter
         out[i, DISTANCE] = distance
@@ -132,11 +132,11 @@ def stratified(count: int, seed: int) -> np.ndarray:
 
 def draw(
     lights: LightArrays, geometry: GeometryArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False,
-    time: float = 0.5,
+    time: float = 0.5, leaves_dim: bool = False,
 ) -> np.ndarray:
     """Samples of `sample_light`, float32 (N, WIDTH), for receivers `p`, `n` (one, or N), at a time of the shutter."""
     out = np.zeros((len(u), WIDTH), np.float32)
-    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, np.float32(time), u, out)
+    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, leaves_dim, np.float32(time), u, out)
     return out
 
 
@@ -148,12 +148,12 @@ def irradiance(samples: np.ndarray, n: Any) -> np.ndarray:
 
 
 @kernel
-def _hit_pdf(lights, p, n, has_transmission, directions, out):
+def _hit_pdf(lights, p, n, has_transmission, leaves_dim, directions, out):
     position = (p[0], p[1], p[2])
     normal = (n[0], n[1], n[2])
     for i in range(directions.shape[0]):
         wi = (directions[i, 0], directions[i, 1], directions[i, 2])
-        pdf = background_pdf(lights, position, normal, has_transmission, wi)
+        pdf = background_pdf(lights, position, normal, has_transmission, leaves_dim, wi)
         for row in range(lights.lamps.shape[0]):
             if lights.lamp_table[row, 0] == LIGHT_SUN:
                 if sun_is_hit(lights, row, wi):
@@ -166,12 +166,14 @@ def _hit_pdf(lights, p, n, has_transmission, directions, out):
 
 
 def hit_pdf(
-    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False
+    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False,
+    leaves_dim: bool = False,
 ) -> np.ndarray:
     """Density (N,) with which lamps or the background are proposed along directions (N, 3)."""
     out = np.zeros(len(directions), np.float32)
     real = np.float32
-    _hit_pdf(lights, np.asarray(p, real), np.asarray(n, real), has_transmission, directions.astype(real), out)
+    place, normal = np.asarray(p, real), np.asarray(n, real)
+    _hit_pdf(lights, place, normal, has_transmission, leaves_dim, directions.astype(real), out)
     return out
 
 

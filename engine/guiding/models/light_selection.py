@@ -79,7 +79,7 @@ class LightSelectionModel:
         for name in ("sums", "drawn", "tree_moment", "known"):
             setattr(self, name, model.inherited(DECAY * getattr(self, name), share=0.5))
         cluster, pmf, tree_pmf = records.light_cluster[:count], records.light_pmf[:count], records.tree_pmf[:count]
-        usable = (leaf >= 0) & (cluster >= 0) & (pmf > 0.0) & (tree_pmf > 0.0)
+        usable = (leaf >= 0) & (cluster >= 0) & (pmf > 0.0)
         usable &= np.isfinite(records.light_squared[:count])
         region, cluster = leaf[usable].astype(np.int64), cluster[usable]
         pmf, tree_pmf = pmf[usable].astype(np.float64), tree_pmf[usable].astype(np.float64)
@@ -94,7 +94,9 @@ class LightSelectionModel:
 
         self.sums += by_cell(moment)
         self.drawn += by_cell(tree_pmf / pmf)
-        self.tree_moment += np.bincount(region, weights=moment / tree_pmf, minlength=region_count)
+        # What the tree would have left to scattering costs what it costs here.
+        tree_cost = moment / np.where(tree_pmf > 0.0, tree_pmf, pmf)
+        self.tree_moment += np.bincount(region, weights=tree_cost, minlength=region_count)
         self.known += np.bincount(region, weights=moment > 0.0, minlength=region_count)
 
     def probabilities(self) -> tuple[Float32Array, np.ndarray]:

@@ -4,6 +4,7 @@
 from engine.kernels.lights.sample import (
     background_pdf,
     cluster_choice,
+    finds_all,
     lamp_factor,
     lamp_hit,
     lamp_pdf,
@@ -16,6 +17,7 @@ from engine.kernels.lights.sample import (
 __all__ = [
     "background_pdf",
     "cluster_choice",
+    "finds_all",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",
