@@ -107,7 +107,9 @@ class Job:
         self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
-            self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink, start, keeps)
+            self.learner = Learner(
+                settings, thread_count, pixel_count, largest, source, sink, start, keeps, tracer.light_clusters
+            )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
