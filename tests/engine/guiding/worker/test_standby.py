@@ -23,6 +23,7 @@ from engine.guiding.records.training_rows import ROW_WIDTH
 from engine.guiding.trainer import standby
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
 from engine.processes.child import Child
+from tests.helpers.training import require_torch
 
 pytestmark = pytest.mark.skipif(not standby.CAN_STAND_BY, reason="memory without a name cannot be opened here")
 
@@ -112,6 +113,7 @@ def trained(shape: TrainableShape = SHAPE, steps: int = 4) -> tuple[Snapshot, in
 
 
 def test_workers_started_kept_and_standing_by_train_the_same_network() -> None:
+    require_torch()
     started, first = trained()
     _, second = trained(OTHER_SHAPE)
     kept, third = trained()
