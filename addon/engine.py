@@ -119,10 +119,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def render_frame_finish(self) -> None:
         """All view layers of the frame are done."""
-        from engine.guiding.trainer import standby
-
-        # A render too short to train anything has left it.
-        standby.dismiss()
         self._layers_done = 0
 
     def view_update(self, _context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -153,7 +149,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         )
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
-            # It gets ready while the scene is exported.
+            # It gets ready while the scene is exported, and stays for the renders after this one.
             standby.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()
@@ -438,6 +434,9 @@ def register() -> None:
 
 def unregister() -> None:
     """Take it away."""
+    from engine.guiding.trainer import standby
+
+    standby.dismiss()
     if _forget_notices in bpy.app.handlers.render_init:
         bpy.app.handlers.render_init.remove(_forget_notices)
     bpy.utils.unregister_class(NeuralGuideRenderEngine)

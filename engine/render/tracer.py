@@ -28,7 +28,13 @@ from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import RGB
-from engine.state.lights import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
+from engine.state.lights import (
+    HEADER_EMITTERS,
+    HEADER_FIRST_SUN,
+    HEADER_HITTABLE,
+    HEADER_LAST_SUN,
+    no_selection,
+)
 from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_NO_REFLECTIVE_CAUSTICS,
@@ -208,6 +214,14 @@ class Tracer:
         return self._compiled_loop is not None
 
     @property
+    def light_clusters(self) -> np.ndarray | None:
+        """Which clusters of lights can be sampled, bool (C,); None where there is nothing to choose between."""
+        is_possible: np.ndarray = self.view.lights.cluster_share > 0.0
+        if not self.view.header[SCENE_HAS_EMITTERS] or is_possible.sum() < 2:
+            return None
+        return is_possible
+
+    @property
     def guidance(self) -> Guidance | None:
         """What paths are guided by."""
         return self._guidance
@@ -215,6 +229,9 @@ class Tracer:
     @guidance.setter
     def guidance(self, guidance: Guidance | None) -> None:
         self._guidance = guidance
+        if hasattr(self, "view"):
+            selection = no_selection() if guidance is None or guidance.lights is None else guidance.lights
+            self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
         challenger = guidance.challenger if guidance is not None else None
         # The cache ends paths whatever guides them.
         plain = guidance.plain() if guidance is not None and guidance.uses_cache else None

@@ -31,6 +31,7 @@ from engine.state.lanes import (
     POINT_V,
     POINT_WO,
     RAY_EMISSION,
+    RAY_MIS_FINDS_ALL,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_PASSES_DONE,
@@ -136,6 +137,7 @@ def shade_background(scene, unit, work, queue):
                     load(paths.mis_origin, lane),
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
+                    (flags & RAY_MIS_FINDS_ALL) != 0,
                     load(paths.direction, lane),
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
