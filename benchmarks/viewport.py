@@ -59,9 +59,16 @@ class Window:
         turn = np.eye(4, dtype=np.float32)
         turn[0, 0] = turn[1, 1] = math.cos(angle)
         turn[0, 1], turn[1, 0] = -math.sin(angle), math.sin(angle)
-        half = 0.5 * camera.sensor_width / camera.lens
-        up = half * self._height / self._width
-        x, y = 2.0 * half * camera.shift_x, 2.0 * half * camera.shift_y
+        half, up = 0.5 * camera.sensor_width / camera.lens, 0.5 * camera.sensor_height / camera.lens
+        is_vertical = camera.sensor_fit == "VERTICAL"
+        if camera.sensor_fit == "AUTO" and self._height > self._width:
+            is_vertical, up = True, half
+        if is_vertical:
+            half = up * self._width / self._height
+        else:
+            up = half * self._height / self._width
+        longest = 2.0 * (up if is_vertical else half)
+        x, y = longest * camera.shift_x, longest * camera.shift_y
         plane = Plane(x - half, x + half, y - up, y + up)
         region = (0, 0, self._width, self._height)
         moved = replace(camera, transform=(turn @ camera.transform).astype(np.float32))
