@@ -292,6 +292,7 @@ def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: A
             kind.light,
             transform,
             kind.visibility,
+            kind.light_group,
             float(appearances.random[item]),
             (kind.light.name_full, number),
         )

@@ -11,12 +11,12 @@ from engine.scene.description import Link, Node, NodeGraph, World
 
 from .context import ExportContext, StudioLight
 from .images import ImageExporter
-from .world import world_visibility
+from .world import world_of, world_visibility
 
 
 def export_studio_light(context: ExportContext, images: ImageExporter, studio: StudioLight) -> World:
     """The world that a studio light is."""
-    world = context.scene.world
+    world = world_of(context)
     color = (0.0, 0.0, 0.0) if world is None else tuple(world.color)
     made = World(
         key=("studio", studio.path), name="Studio light", graph=_graph(images.export_file(studio.path), studio, color)

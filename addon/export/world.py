@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import bpy
 
 from engine.scene.description import (
     VISIBLE_CAMERA,
@@ -18,9 +18,6 @@ from ..versions import read_setting, uses_nodes
 from .context import ExportContext, cycles_property
 from .nodes import GraphExporter
 
-if TYPE_CHECKING:
-    import bpy
-
 _VISIBILITY = (
     ("camera", VISIBLE_CAMERA),
     ("diffuse", VISIBLE_DIFFUSE),
@@ -30,9 +27,14 @@ _VISIBILITY = (
 )
 
 
+def world_of(context: ExportContext) -> bpy.types.World | None:
+    """The world of the view layer, whether it shines there or not."""
+    return getattr(context.view_layer, "world_override", None) or context.scene.world
+
+
 def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
     """The world of the view layer; None where there is none or the layer leaves it out."""
-    world = getattr(context.view_layer, "world_override", None) or context.scene.world
+    world = world_of(context)
     if world is None or not context.view_layer.use_sky:
         return None
     graph = graphs.export(world.node_tree, world.name) if uses_nodes(world) else None
@@ -47,7 +49,6 @@ def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
         max_bounces=cycles_property(world, "max_bounces", 1024),
         cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
         light_group=context.light_group(world),
-        occlusion_distance=world.light_settings.distance,
     )
 
 

@@ -305,7 +305,6 @@ CHANGES: dict[str, list[Change]] = {
     "World.max_bounces": [_set("world.max_bounces", 0)],
     "World.cast_shadow": [_set("world.cast_shadow", False)],
     "World.light_group": [_set("world.light_group", 0)],
-    "World.occlusion_distance": [_set("world.occlusion_distance", 2.0)],
     "Light.key": [_set("lights.0.key", "another")],
     "Light.name": [_set("lights.0.name", "Another")],
     "Light.kind": [_set("lights.0.kind", "POINT")],
@@ -415,6 +414,9 @@ CHANGES: dict[str, list[Change]] = {
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
     "PassSettings.mist_falloff": [_set("passes.mist_falloff", 2.0)],
+    "PassSettings.occlusion_distance": [_set("passes.occlusion_distance", 2.0)],
+    "PassSettings.background_moves": [_set("passes.background_moves", True)],
+    "PassSettings.looks_up_transmission": [_set("passes.looks_up_transmission", True)],
     "PassSettings.aovs": [_set("passes.aovs", ()), _set("passes.aovs", (Aov("Before", False), Aov("Tint", True)))],
     "PassSettings.motion": [_set("passes.motion", PassMotion())],
     "PassMotion.camera": [_set("passes.motion", PassMotion(camera=np.stack([_at(0, 0, 9), _at(0, 1, 9)])))],
@@ -435,7 +437,8 @@ UNSEEN = frozenset({
     "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
-    "SceneDescription.light_groups", "World.light_group", "World.occlusion_distance",
+    "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
+    "SceneDescription.light_groups", "World.light_group",
 })  # fmt: skip
 
 

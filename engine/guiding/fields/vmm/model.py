@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
-from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 from engine.guiding.fields.state import State
 from engine.guiding.fields.update import (
     PIECES_PER_THREAD,
@@ -32,6 +31,7 @@ from engine.guiding.fields.vmm import fit, tree
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
 from engine.guiding.fields.vmm.state import VmmState
 from engine.guiding.records.light import Records
+from engine.kernels.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 
 _FIRST_CAPACITY = 64
 #: Look-ups reach for half the distance to the neighbour of this rank.
