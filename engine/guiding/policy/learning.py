@@ -339,7 +339,9 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
-        self._lights = regions.choose_lights()
+        if self._light_clusters is not None:
+            self._lights = regions.choose_lights()
+            self.report.lights_share = len(self._lights.cumulative) / regions.mixture.region_count
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
