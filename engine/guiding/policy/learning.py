@@ -244,6 +244,7 @@ class Learner:
         for column in (records.radiance, records.pdf, records.distance, records.roughness):
             column[:] = 1.0
         regions = RegionModels.of_records(records, count, 0.5)
+        self._begin_light_selection(regions)
         regions.fit(records, count)
         regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
