@@ -19,7 +19,6 @@ from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
-from engine.kernels.constants import DISTANT
 from engine.render.batch import Arm, Batch
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -70,6 +69,7 @@ from engine.wavefront.columns import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_SHOWS_BACKGROUND,
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
@@ -93,6 +93,7 @@ _STAGE_FLAGS = [
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
+    UNIT_SHOWS_BACKGROUND,
 ]  # fmt: skip
 
 
@@ -129,8 +130,7 @@ class Tracer:
         facts = scene.shaders.programs[world, PROGRAM_FLAGS]
         world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
         description = scene.description
-        distance = description.world.occlusion_distance if description.world else float(DISTANT)
-        options = make_options(settings, description.frame.exposure, distance)
+        options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -382,6 +382,7 @@ class Tracer:
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
         header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
+        header[UNIT_SHOWS_BACKGROUND] = self.layout.shows_background
         header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache

@@ -70,15 +70,22 @@ class RegionModels:
         )
 
     @classmethod
-    def of_state(cls, state: State, guiding_probability: float) -> RegionModels:
+    def of_state(
+        cls, state: State, guiding_probability: float, field: VmmField | None = None
+    ) -> RegionModels:
         """The models that `state` was asked of.
+
+        Parameters
+        ----------
+        field : VmmField, optional
+            As `VmmModel.of_state`.
 
         Raises
         ------
         StateError
             If the arrays are no state of such models.
         """
-        mixture = VmmModel.of_state(part(state, "mixture"))
+        mixture = VmmModel.of_state(part(state, "mixture"), field=field)
         count = mixture.region_count
         models = cls(
             mixture, SelectionModel.of_state(part(state, "selection"), guiding_probability, count),

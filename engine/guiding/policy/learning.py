@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from engine.guiding.fields.state import part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
@@ -71,7 +71,7 @@ class Learner:
         Of the largest unit of work; None: all.
     source : TrainedSource, optional
         What directions are drawn from, instead of what the settings would have this render learn.
-    sink : RowSink, optional
+    sink : RecordSink, optional
         Gets all records, those of the last iteration too, which nothing in this render can learn from.
     start : LearnedField, optional
         What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
@@ -84,7 +84,7 @@ class Learner:
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
-        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
+        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
         keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self.settings = settings
@@ -149,7 +149,9 @@ class Learner:
 
     def _resume(self, start: LearnedField) -> None:
         """Take over what another render has learned."""
-        regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
+        regions = self._regions = RegionModels.of_state(
+            start.state, self.settings.guiding_probability, start.field
+        )
         self._begin_light_selection(regions)
         count = regions.mixture.region_count
         resumed = {
