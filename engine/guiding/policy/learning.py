@@ -246,6 +246,7 @@ class Learner:
         for column in (records.radiance, records.pdf, records.distance, records.roughness):
             column[:] = 1.0
         regions = RegionModels.of_records(records, count, 0.5)
+        self._begin_light_selection(regions)
         regions.fit(records, count)
         regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
@@ -341,7 +342,9 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
-        self._lights = regions.choose_lights()
+        if self._light_clusters is not None:
+            self._lights = regions.choose_lights()
+            self.report.lights_share = len(self._lights.cumulative) / regions.mixture.region_count
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
