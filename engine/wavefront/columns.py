@@ -37,7 +37,8 @@ UNIT_SPLITS_LIGHT = 13  # light passes are asked for
 UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
 UNIT_CATCHES = 15  # the scene has shadow catchers
 UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
-UNIT_HEADER_WIDTH = 17
+UNIT_PREDICTS = 17  # roulette goes by what surfaces were found to send back
+UNIT_HEADER_WIDTH = 18
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -70,6 +71,7 @@ class ClockEntries(NamedTuple):
     intersect_closest: int
     shade_lights: int
     prepare_surface: int
+    play_adjoint_roulette: int
     shade_background: int
     evaluate_shaders: int
     upsample: int

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.guiding.fields.cells.field import CellField
+from engine.guiding.fields.reflected.field import ReflectedField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.onnx_session import RadianceSession
@@ -34,6 +35,8 @@ class Guidance:
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
+    reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
+    notes_arrivals : bool, whether recorded paths note for it what they have gathered on arriving at a surface
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     network_session : RadianceSession or None, what asks the same network if not the kernel
     """
@@ -56,15 +59,23 @@ class Guidance:
     uses_cache: bool = False
     cells: CellField | None = None
     measure_threshold: int = 0
+    reflected: ReflectedField | None = None
+    notes_arrivals: bool = False
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
         plain = Guidance(self.settings, 0)
+        if self.reflected is not None:
+            plain = plain.with_roulette(self.reflected, self.pixel_weight)
         return plain.with_cells(self.cells, self.measure_threshold) if self.uses_cache else plain
 
     def without_records(self) -> Guidance:
         """The same, but nothing is recorded."""
         return replace(self, record_threshold=0, challenger=None)
+
+    def with_roulette(self, reflected: ReflectedField | None, pixel_weight: np.ndarray | None) -> Guidance:
+        """The same, with roulette by what surfaces send back; None: nothing is known yet, but recorded for it."""
+        return replace(self, notes_arrivals=True, reflected=reflected, pixel_weight=pixel_weight)
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""

@@ -32,6 +32,7 @@ from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget, is_narrow
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
+from engine.guiding.policy.roulette_learning import RouletteModel
 from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
@@ -107,6 +108,7 @@ class Learner:
         self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice)
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
+        self._roulette = RouletteModel() if settings.learns_roulette else None
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._iteration = 0
@@ -200,7 +202,7 @@ class Learner:
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
+            return self._completed(Guidance(self.settings, self._budget.threshold(1)))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
         return self._guidance(
@@ -208,7 +210,10 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
-    def _with_cache(self, guidance: Guidance) -> Guidance:
+    def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
+        """Guidance with what ends paths; `weights` are those of the film's pixels."""
+        if self._roulette is not None:
+            guidance = self._roulette.complete(guidance, weights)
         return guidance if self._cache is None else self._cache.complete(guidance)
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
@@ -242,6 +247,8 @@ class Learner:
             self._source.rehearse(records, count, self._executor)
         if self._cache is not None:
             self._cache.rehearse()
+        if self._roulette is not None:
+            self._roulette.rehearse()
         if self._gate is not None:
             held = hold_out(records, count, regions.field, regions.selection.probability, 1.0)
             for predictor in self._predictors.values():
@@ -290,7 +297,7 @@ class Learner:
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return Guidance(settings, 0)
+                return self._completed(Guidance(settings, 0), weights)
             return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
         was_guided = self._regions is not None
         ray_count = costs.ray_count / max(costs.path_count, 1)
@@ -307,13 +314,15 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
+            if self._roulette is not None:
+                self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)
                 self._cache.judge(sums, size, next_range[0])
         regions = self._regions
         if regions is None:
             choice.plan(*next_range, (), knows_something=False)
-            return self._with_cache(Guidance(settings, self._budget.threshold(next_range[1])))
+            return self._completed(Guidance(settings, self._budget.threshold(next_range[1])), weights)
         if row_count:
             regions.add_deltas(records, row_count)
         if costs.guided_vertices and self._ladder.is_probing:
@@ -363,7 +372,7 @@ class Learner:
                 self._source.field if self._source is not None else None, challenger,
             )
 
-        return self._with_cache(by(choice.rung, by(choice.challenger) if choice.challenger else None))
+        return self._completed(by(choice.rung, by(choice.challenger) if choice.challenger else None), weights)
 
     def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""

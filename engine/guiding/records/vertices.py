@@ -22,7 +22,7 @@ from engine.kernels.vector import dot
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
-from engine.state.lanes import POINT_NS, POINT_P, POINT_WO, RGB
+from engine.state.lanes import POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
 MAX_VERTICES = 24
@@ -51,6 +51,7 @@ VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
 VERTEX_WO = 29
 VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
 VERTEX_ARRIVAL = 33  # the path's sum before the vertex sampled a light, 4 channels
+VERTEX_PROGRAM = 37  # of the surface's shader
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -82,6 +83,10 @@ class VertexRecords(Bundle):
     hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
     spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
         Without wavelengths (R, 0)
+    reflected : float32 (R,), radiance that the surface sent back along the path, its light sample included, mean over
+        channels (`log_arrival`)
+    cost : float32 (R,), scatterings from this one to the end of the path
+    program : int32 (R,), of the surface's shader
     """
 
     position: Float32Array
@@ -102,6 +107,9 @@ class VertexRecords(Bundle):
     reflectance: Float32Array
     hero: Float32Array
     spectrum: Float32Array
+    reflected: Float32Array
+    cost: Float32Array
+    program: Int32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -187,6 +195,7 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
         real[row, VERTEX_WI + c] = scattering.wi[c]
         real[row, VERTEX_NS + c] = ns[c]
     real[row, VERTEX_PDF] = scattering.pdf
+    real[row, VERTEX_PROGRAM] = points.integer[lane, POINT_PROGRAM]
     real[row, VERTEX_ROUGHNESS] = scattering.roughness
     real[row, VERTEX_SURFACE_ROUGHNESS] = mean_roughness(closures, lane)
     real[row, VERTEX_SCALE] = distance_scale(ns, wo, scattering.wi, scattering.eta)
@@ -237,10 +246,12 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
         weight = pixel_weight[paths.pixel[lane]]
         distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
         vertex = log.count[lane] - 1
+        cost = 0.0
         log.count[lane] = 0
         while vertex >= 0:
             row = lane * MAX_VERTICES + vertex
             vertex -= 1
+            cost += 1.0
             roughness = real[row, VERTEX_ROUGHNESS]
             if roughness > MIN_ROUGHNESS and record_count >= capacity:
                 dropped_count += 1
@@ -251,6 +262,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                 contribution = 0.0
                 reflectance = 0.0
                 light = 0.0
+                arrived = 0.0
+                sent_back = 0.0
                 for c in range(records.spectrum.shape[1]):
                     records.spectrum[record_count, c] = NAN
                 for c in range(channel_count):
@@ -261,6 +274,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     contribution += gain * gain
                     sampled = real[row, VERTEX_RADIANCE + c] - real[row, VERTEX_ARRIVAL + c]
                     light += sampled * sampled
+                    arrived += before
+                    sent_back += max(paths.radiance[lane, c] - real[row, VERTEX_ARRIVAL + c], 0.0)
                     value = -1.0
                     if before > 0.0:
                         reflectance += throughput / before
@@ -299,6 +314,9 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.contribution_squared[record_count] = contribution * weight / channel_count
                     light *= real[row, VERTEX_LIGHT_SHARE]
                     records.light_squared[record_count] = light * weight / channel_count
+                    records.reflected[record_count] = sent_back / arrived
+                    records.cost[record_count] = cost
+                    records.program[record_count] = np.int32(real[row, VERTEX_PROGRAM])
                     record_count += 1
                 else:
                     reject_count += 1
@@ -322,7 +340,8 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
         scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
-        scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
+        scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32), scalars(), scalars(),
+        np.zeros(row_count, np.int32),
     )
 
 
