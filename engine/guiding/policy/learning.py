@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget, is_narrow
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
-from engine.guiding.policy.roulette_learning import RouletteModel
+from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
@@ -109,6 +110,8 @@ class Learner:
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
         self._roulette = RouletteModel() if settings.learns_roulette else None
+        #: Of roulette without guiding, once that has lost; and whether it is in work.
+        self._roulette_trial: RouletteTrial | None = None
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._iteration = 0
@@ -190,12 +193,15 @@ class Learner:
     @property
     def parts(self) -> list[Part]:
         """Parts of the iteration in work."""
+        if self._roulette_trial is not None and self._roulette_trial.is_running:
+            return self._roulette_trial.parts
         return self._choice.parts
 
     @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
-        return self._is_over and (self._cache is None or self._cache.is_over)
+        is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
+        return self._is_over and not is_trying and (self._cache is None or self._cache.is_over)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: what the render starts from, else none, but record."""
@@ -210,9 +216,29 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
+    def _teaches_roulette(self, was_guided: bool) -> bool:
+        """Whether roulette learns from an iteration: where it decides, else until guiding has won.
+
+        It is known what a path had gathered on arriving at a surface where roulette asked for it or paths were guided.
+        """
+        return self.settings.roulette == "LEARNED" or (was_guided and not self._choice.is_settled)
+
+    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
+        """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
+        plain = Guidance(self.settings, 0)
+        if self._roulette is None:
+            return plain
+        if self._roulette_trial is None:
+            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
+            if self._roulette_trial.is_running:
+                return replace(plain, challenger=self._roulette.complete(plain, weights))
+        elif self._roulette_trial.is_running:
+            self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
+        return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
+
     def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
         """Guidance with what ends paths; `weights` are those of the film's pixels."""
-        if self._roulette is not None:
+        if self._roulette is not None and self.settings.roulette == "LEARNED":
             guidance = self._roulette.complete(guidance, weights)
         return guidance if self._cache is None else self._cache.complete(guidance)
 
@@ -297,7 +323,7 @@ class Learner:
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return self._completed(Guidance(settings, 0), weights)
+                return self._unguided(weights, next_range)
             return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
         was_guided = self._regions is not None
         ray_count = costs.ray_count / max(costs.path_count, 1)
@@ -314,7 +340,7 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
-            if self._roulette is not None:
+            if self._roulette is not None and self._teaches_roulette(was_guided):
                 self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)
@@ -415,6 +441,8 @@ class Learner:
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs; no two threads at once."""
         if self._is_over:
+            if self._roulette_trial is not None and self._roulette_trial.is_running:
+                self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
         if unit.arm != PLAIN and self._regions is not None:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)

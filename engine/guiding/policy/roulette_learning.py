@@ -14,20 +14,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE
+from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, ReflectedField
 from engine.guiding.fields.reflected.model import ReflectedModel
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import GuidingTrial, Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, join_records
 from engine.ris.orca import image_variance, pixel_weights, sample_variance
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
-from engine.state.unit import CURRENT, Unit, UnitCosts
+from engine.state.unit import CHALLENGER, CURRENT, Unit, UnitCosts
 
 #: Samples a pixel from which on nothing more is learned, and records that an iteration aims at until then.
 _LEARNED_SAMPLES = 15
@@ -36,6 +36,10 @@ _RECORDS = 1 << 15
 #: and ending paths that mattered costs more than tracing some that do not.
 _FACTOR = 2.0
 _LEAST = 0.1
+#: What a look-up at every surface costs, where rays are counted instead of seconds; and the least efficiency over
+#: roulette by the throughput with which it goes on.
+_COUNTED_OVERHEAD = 1.08
+_LEAST_EFFICIENCY = 1.0
 _REHEARSED_RECORDS = 16
 
 
@@ -44,6 +48,11 @@ class RouletteModel:
 
     def __init__(self) -> None:
         self._cells = ReflectedModel()
+
+    @property
+    def field(self) -> ReflectedField | None:
+        """What is known of surfaces."""
+        return self._cells.field
 
     def learn(
         self, records: VertexRecords, row_count: int, sums: FilmTile, weights: np.ndarray, costs: IterationCosts
@@ -76,6 +85,51 @@ class RouletteModel:
     def rehearse(self) -> None:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
         ReflectedModel().learn(allocate_vertex_records(_REHEARSED_RECORDS), _REHEARSED_RECORDS)
+
+
+class RouletteTrial:
+    """Half of the first iteration without guiding goes by what roulette has learned, half by the throughput alone.
+
+    Parameters
+    ----------
+    pixel_count : int
+    samples : (int, int)
+        First sample and samples a pixel of the iteration.
+    uses_clock : bool
+        Whether units cost seconds; else rays.
+
+    Attributes
+    ----------
+    parts : list of Part, of the iteration
+    is_running : bool, it is being compared
+    is_won : bool, roulette goes by what was learned
+    """
+
+    def __init__(self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool) -> None:
+        first, count = samples
+        half = count // 2
+        self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
+        # Of fewer nothing can be told.
+        self.is_running = half > 1
+        self.is_won = True
+        self._moments = GuidingTrial(pixel_count)
+        self._overhead = 1.0 if uses_clock else _COUNTED_OVERHEAD
+
+    def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
+        """Take a finished unit's sums and its cost; no two threads at once."""
+        is_challenger = unit.arm == CHALLENGER
+        self._moments.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
+        if is_challenger:
+            cost *= self._overhead
+        self._moments.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+
+    def judge(self, weights: np.ndarray, next_sample: int) -> str:
+        """Draw the conclusion, by the weights of the pixels' variances; returns it in words."""
+        efficiency = self._moments.efficiency(weights)
+        self.is_running = False
+        # Written so that NaN, nothing compared, loses.
+        self.is_won = efficiency >= _LEAST_EFFICIENCY
+        return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"
 
 
 class RouletteLearner:
