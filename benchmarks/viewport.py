@@ -57,7 +57,8 @@ class Window:
         turn[0, 1], turn[1, 0] = -math.sin(angle), math.sin(angle)
         half = 0.5 * camera.sensor_width / camera.lens
         up = half * self._height / self._width
-        plane = Plane(-half, half, -up, up)
+        x, y = 2.0 * half * camera.shift_x, 2.0 * half * camera.shift_y
+        plane = Plane(x - half, x + half, y - up, y + up)
         region = (0, 0, self._width, self._height)
         moved = replace(camera, transform=(turn @ camera.transform).astype(np.float32))
         return View(moved, plane, self._width, self._height, region, self.scene.frame.exposure)

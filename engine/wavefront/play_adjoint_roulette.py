@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, find_importance
-from engine.guiding.records.vertices import log_arrival
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
@@ -45,8 +44,7 @@ _SHOWS_MORE = PROGRAM_HAS_EMISSION | PROGRAM_MAY_BE_TRANSPARENT
 def play_adjoint_roulette(scene, unit, radiance, work, queue):
     """Decide which paths end at the surfaces that they have hit, and take those that find nothing there out.
 
-    `paths.survival` holds the probability by the throughput before, and the one that was played with behind. Recorded
-    paths note what they have gathered so far.
+    `paths.survival` holds the probability by the throughput before, and the one that was played with behind.
 
     Parameters
     ----------
@@ -57,7 +55,7 @@ def play_adjoint_roulette(scene, unit, radiance, work, queue):
     """
     field, pixel_weight, min_depth = radiance.reflected, unit.pixel_weight, scene.options.min_depth
     programs, instances = scene.shaders.programs, scene.geometry.instance_table
-    paths, points, log = work.paths, work.points, work.log
+    paths, points = work.paths, work.points
     scale, least = field.numbers[NUMBER_SCALE], field.numbers[NUMBER_LEAST]
     lanes, lane_count = queue.lanes, queue.count[0]
     kept = 0
@@ -70,8 +68,6 @@ def play_adjoint_roulette(scene, unit, radiance, work, queue):
         # Those that end are overwritten.
         lanes[kept] = lane
         kept += 1
-        if log.is_recording[lane] != 0:
-            log_arrival(log, paths, lane)
         flags = paths.flags[lane]
         depth = paths.depth[lane]
         if flags & _SETTLED or depth < min_depth:

@@ -16,6 +16,7 @@ from engine.guiding.networks.radiance_query import NetworkField
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.settings import RenderSettings
+from engine.state.lights import LightSelection
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Guidance:
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
     reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
-    notes_arrivals : bool, whether recorded paths note for it what they have gathered on arriving at a surface
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     network_session : RadianceSession or None, what asks the same network if not the kernel
+    lights : LightSelection or None, which lights to sample, of guided and unguided paths alike
     """
 
     settings: RenderSettings
@@ -60,7 +61,7 @@ class Guidance:
     cells: CellField | None = None
     measure_threshold: int = 0
     reflected: ReflectedField | None = None
-    notes_arrivals: bool = False
+    lights: LightSelection | None = None
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
@@ -73,9 +74,10 @@ class Guidance:
         """The same, but nothing is recorded."""
         return replace(self, record_threshold=0, challenger=None)
 
-    def with_roulette(self, reflected: ReflectedField | None, pixel_weight: np.ndarray | None) -> Guidance:
-        """The same, with roulette by what surfaces send back; None: nothing is known yet, but recorded for it."""
-        return replace(self, notes_arrivals=True, reflected=reflected, pixel_weight=pixel_weight)
+    def with_roulette(self, reflected: ReflectedField, pixel_weight: np.ndarray | None) -> Guidance:
+        """The same, with roulette by what surfaces send back."""
+        challenger = None if self.challenger is None else self.challenger.with_roulette(reflected, pixel_weight)
+        return replace(self, reflected=reflected, pixel_weight=pixel_weight, challenger=challenger)
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""

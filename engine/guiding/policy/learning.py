@@ -16,10 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.guiding.fields.state import part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
@@ -45,6 +46,7 @@ from engine.ris.orca import image_variance, make_allocation, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
+from engine.state.lights import LightSelection
 from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Least share of all samples that the last iteration must have to be learned from once the render is over.
@@ -70,21 +72,25 @@ class Learner:
         Of the largest unit of work; None: all.
     source : TrainedSource, optional
         What directions are drawn from, instead of what the settings would have this render learn.
-    sink : RowSink, optional
+    sink : RecordSink, optional
         Gets all records, those of the last iteration too, which nothing in this render can learn from.
     start : LearnedField, optional
         What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
         is of, this one learns anew, unless there is no trial.
     keeps : bool
         Whether what is learned outlives the render, so that the last iteration is worth learning from.
+    light_clusters : bool (C,), optional
+        Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
     """
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
-        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False,
+        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
+        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self.settings = settings
+        self._light_clusters = light_clusters
+        self._lights: LightSelection | None = None
         self.notices: list[Notice] = []
         self.sink = sink
         self._thread_count = thread_count
@@ -147,7 +153,10 @@ class Learner:
 
     def _resume(self, start: LearnedField) -> None:
         """Take over what another render has learned."""
-        regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
+        regions = self._regions = RegionModels.of_state(
+            start.state, self.settings.guiding_probability, start.field
+        )
+        self._begin_light_selection(regions)
         count = regions.mixture.region_count
         resumed = {
             name for name, predictor in self._predictors.items()
@@ -216,16 +225,14 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
-    def _teaches_roulette(self, was_guided: bool) -> bool:
-        """Whether roulette learns from an iteration: where it decides, else until guiding has won.
-
-        It is known what a path had gathered on arriving at a surface where roulette asked for it or paths were guided.
-        """
-        return self.settings.roulette == "LEARNED" or (was_guided and not self._choice.is_settled)
+    @property
+    def _teaches_roulette(self) -> bool:
+        """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
+        return self.settings.roulette == "LEARNED" or not self._choice.is_settled
 
     def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
-        plain = Guidance(self.settings, 0)
+        plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
             return plain
         if self._roulette_trial is None:
@@ -324,7 +331,8 @@ class Learner:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
                 return self._unguided(weights, next_range)
-            return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+            guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+            return replace(guidance, lights=self._lights)
         was_guided = self._regions is not None
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(self._newest.look(), weights)
@@ -340,7 +348,7 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
-            if self._roulette is not None and self._teaches_roulette(was_guided):
+            if self._roulette is not None and self._teaches_roulette:
                 self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)
@@ -365,6 +373,7 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
+        self._lights = regions.choose_lights()
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
@@ -395,7 +404,7 @@ class Learner:
                 self.settings, self._budget.threshold(samples), field, probability, regions.light_share.share,
                 regions.selection.benefit, self._fixed_count(rung), allocation, weights, predictions.table,
                 predictions.network, predictions.session, self._probes_only(rung),
-                self._source.field if self._source is not None else None, challenger,
+                self._source.field if self._source is not None else None, challenger, lights=self._lights,
             )
 
         return self._completed(by(choice.rung, by(choice.challenger) if choice.challenger else None), weights)
@@ -482,6 +491,7 @@ class Learner:
             records = compensate(records, row_count, settings.guiding_probability)
         if self._regions is None:
             self._regions = RegionModels.of_records(records, row_count, settings.guiding_probability)
+            self._begin_light_selection(self._regions)
         elif self._start is not None and self._iteration == 1:
             self._regions.widen(records, row_count)
         self._regions.fit(records, row_count, self._executor, self._thread_count)
@@ -491,6 +501,10 @@ class Learner:
         self.report.region_count = len(field.is_ready)
         self.report.lobe_count = float(field.lobe_count.mean())
         self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+
+    def _begin_light_selection(self, regions: RegionModels) -> None:
+        if self._light_clusters is not None:
+            regions.begin_light_selection(self._light_clusters)
 
     def _learn_source(
         self, records: VertexRecords, row_count: int, samples: float, recorded_share: float

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -66,7 +65,7 @@ class RouletteModel:
         costs : IterationCosts
         """
         self._cells.learn(records, row_count)
-        field = self._cells.field
+        field = self.field
         if field is None:
             return
         weight = np.maximum(sums.weight, 1e-20)[:, None]
@@ -77,10 +76,7 @@ class RouletteModel:
 
     def complete(self, guidance: Guidance, weights: np.ndarray | None) -> Guidance:
         """Guidance whose paths end by what is known."""
-        guidance = guidance.with_roulette(self._cells.field, weights)
-        if guidance.challenger is None:
-            return guidance
-        return replace(guidance, challenger=guidance.challenger.with_roulette(self._cells.field, weights))
+        return guidance if self.field is None else guidance.with_roulette(self.field, weights)
 
     def rehearse(self) -> None:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""
@@ -168,7 +164,7 @@ class RouletteLearner:
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: none, but record."""
-        return self._model.complete(Guidance(self.settings, self._budget.threshold(1)), None)
+        return Guidance(self.settings, self._budget.threshold(1))
 
     def learn(
         self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
