@@ -35,10 +35,13 @@ def left_behind() -> tuple[int, set[str]]:
 
 
 @pytest.fixture
-def process() -> Iterator[ViewProcess]:
-    """A process that has rendered once; at the end it works, or is gone, and so is all that it had."""
+def process(request: pytest.FixtureRequest) -> Iterator[ViewProcess]:
+    """A process that has rendered once; at the end it works, or is gone, and so is all that it had.
+
+    Its parameter is after how much silence it counts as hung [s].
+    """
     before = left_behind()
-    handle = ViewProcess(answer_timeout=2.0)
+    handle = ViewProcess(answer_timeout=getattr(request, "param", 60.0))
     handle.start()
     first = handle.process_id
     handle.send(whole())
@@ -76,11 +79,13 @@ def test_a_process_killed_while_it_renders(process: ViewProcess) -> None:
     assert end_of(process) == "The viewport's process was ended by SIGKILL, perhaps for want of memory"
 
 
+@pytest.mark.parametrize("process", [2.0], indirect=True)
 def test_a_process_stopped_while_it_renders(process: ViewProcess) -> None:
     os.kill(rendering(process), signal.SIGSTOP)
     assert end_of(process) == "The viewport's process has not answered for 2 s"
 
 
+@pytest.mark.parametrize("process", [2.0], indirect=True)
 def test_a_process_stopped_while_it_rests_is_found_with_the_next_change(process: ViewProcess) -> None:
     assert process.process_id is not None
     os.kill(process.process_id, signal.SIGSTOP)
