@@ -117,6 +117,7 @@ class FilmLayout:
     light_groups: tuple[str, ...] = ()
     use_occlusion: bool = False
     has_catchers: bool = False
+    has_media: bool = False
     #: Of scenes with shadow catchers.
     is_transparent: bool = False
     data: DataLayout = NO_DATA
