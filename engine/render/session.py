@@ -353,7 +353,9 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups, shadow catchers or media"
+        problem = "knows no light groups, shadow catchers or media"
+        if settings.channel_count > RGB:
+            problem = "knows no wavelengths"
         return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:

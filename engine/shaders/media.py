@@ -63,7 +63,7 @@ class _NodeReader:
 
     def black_body(self, temperature: float) -> Triple:
         """Colour of a black body in the working space."""
-        instruction = Instruction(ops_math.OPBLACKBODY, (Constant((temperature,)),), (3,))
+        instruction = Instruction(ops_math.OP_BLACKBODY, (Constant((temperature,)),), (3,))
         (color,) = self.values.arithmetic.append(instruction, is_varying=False)
         assert isinstance(color, Constant)
         matrix = self.values.pools.from_rec709
@@ -168,7 +168,8 @@ def _coefficients(reader: _NodeReader, weight: float) -> Medium:
 def _principled(reader: _NodeReader, weight: float) -> Medium:
     """Attributes of grids are on no mesh: the node's numbers stand alone, as in Cycles."""
     density = weight * max(reader.number("Density", 1.0), 0.0)
-    absorption, lobes = BLACK, ()
+    absorption = BLACK
+    lobes: tuple[PhaseLobe, ...] = ()
     if density > 0.0:
         color = reader.color("Color", 0.5)
         clear = (math.sqrt(max(channel, 0.0)) for channel in reader.color("Absorption Color", 0.0))

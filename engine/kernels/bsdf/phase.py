@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Phase functions: how a medium scatters, all around and without a cosine.
 
-Draine's function has those of Henyey and Greenstein (alpha 0) and of Rayleigh (g 0, alpha 1) in it. Directions are drawn
-by Henyey and Greenstein's of the same g, and `evaluate` returns that density.
+Draine's function has those of Henyey and Greenstein (alpha 0) and of Rayleigh (g 0, alpha 1) in it. Directions are
+drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density.
 
 References
 ----------
