@@ -148,7 +148,10 @@ def principled_fire() -> None:
 
 @scene("media-phases", samples=128)
 def phases() -> None:
-    """Phase functions side by side: Rayleigh's, Draine's, that of droplets, and a mixture of two."""
+    """Phase functions side by side: Rayleigh's, Draine's, that of droplets, and a mixture of two.
+
+    The two are of one colour: of several Cycles takes the mean, and NeuralGuide each channel's own mixture.
+    """
     stage()
     world((0.05, 0.05, 0.05))
     _bounces()
@@ -160,8 +163,8 @@ def phases() -> None:
         )
 
     def mixed(nodes: Nodes) -> Any:
-        ahead = nodes("VolumeScatter", Color=(0.9, 0.3, 0.3), Density=2.0, Anisotropy=0.8)
-        back = nodes("VolumeScatter", Color=(0.3, 0.3, 0.9), Density=2.0, Anisotropy=-0.6)
+        ahead = nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=2.0, Anisotropy=0.8)
+        back = nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=1.0, Anisotropy=-0.6)
         return nodes("MixShader", Fac=0.4, inputs={1: ahead, 2: back})
 
     kinds: list[tuple[str, Shader]] = [
