@@ -119,10 +119,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def render_frame_finish(self) -> None:
         """All view layers of the frame are done."""
-        from engine.guiding.trainer import standby
-
-        # A render too short to train anything has left it.
-        standby.dismiss()
         self._layers_done = 0
 
     def view_update(self, _context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -153,12 +149,13 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         )
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
-            # It gets ready while the scene is exported.
+            # It gets ready while the scene is exported, and stays for the renders after this one.
             standby.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
-        self._status("Exporting the scene", "")
+        if not bpy.app.background:
+            self.update_stats("", f"{_place(depsgraph)} | Exporting the scene")
         pending = []
         try:
             for view in views:
@@ -216,11 +213,13 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
 
     @contextlib.contextmanager
-    def _progress(self, depsgraph: bpy.types.Depsgraph) -> Iterator[Callable[[Any], None]]:
+    def _progress(self, depsgraph: bpy.types.Depsgraph, view: str = "") -> Iterator[Callable[[Any], None]]:
         """What to tell the session's progress to, so that the user sees it."""
-        layer_name = depsgraph.view_layer_eval.name
+        from engine.render.report import peak_memory
+
         bar = TerminalBar() if bpy.app.background else None
-        title = f"Frame {depsgraph.scene.frame_current} {layer_name}"
+        place = _place(depsgraph, view)
+        title = f"Frame {depsgraph.scene.frame_current} {depsgraph.view_layer_eval.name}"
 
         def on_progress(progress: Any) -> None:
             fraction = self._total_fraction(depsgraph, progress.fraction)
@@ -228,7 +227,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             if bar is not None:
                 bar.update(title, fraction, progress)
             else:
-                self.update_stats(layer_name, status_line(progress))
+                self.update_stats("", status_line(progress, place, peak_memory()))
 
         try:
             yield on_progress
@@ -257,7 +256,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 self._note_image()
 
             source = None if self._plan is None else self._plan.source(description)
-            with self._progress(depsgraph) as on_progress:
+            with self._progress(depsgraph, view) as on_progress:
                 notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
                 self._show(notices)
                 start, notices = self._fields.start(self._session)
@@ -406,10 +405,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             for field, value in matte_metadata(f"{layer.name}.{kind}", names[kind]).items():
                 self.get_result().stamp_data_add_field(field, value)
 
-    def _status(self, message: str, layer: str) -> None:
-        if not bpy.app.background:
-            self.update_stats(layer, message)
-
     def _should_cancel(self) -> bool:
         return self.test_break() or any(hook() for hook in cancel_hooks)
 
@@ -419,6 +414,11 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         single = scene.render.use_single_layer
         layer_count = 1 if single else sum(layer.use for layer in scene.view_layers)
         return min((self._layers_done + fraction) / max(layer_count, 1), 1.0)
+
+
+def _place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
+    """Scene, view layer and, in stereo, view, as Cycles names them."""
+    return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
 
 
 @bpy.app.handlers.persistent
@@ -434,6 +434,9 @@ def register() -> None:
 
 def unregister() -> None:
     """Take it away."""
+    from engine.guiding.trainer import standby
+
+    standby.dismiss()
     if _forget_notices in bpy.app.handlers.render_init:
         bpy.app.handlers.render_init.remove(_forget_notices)
     bpy.utils.unregister_class(NeuralGuideRenderEngine)

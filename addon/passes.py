@@ -177,9 +177,6 @@ def write_layer(
 
 #: Blender's switches for passes that the engine does not have, and their names in the user interface.
 UNSUPPORTED = {
-    "use_pass_mist": "Mist",
-    "use_pass_vector": "Vector",
-    "use_pass_uv": "UV",
     "use_pass_shadow": "Shadow",
     "use_pass_subsurface_direct": "Subsurface Direct",
     "use_pass_subsurface_indirect": "Subsurface Indirect",

@@ -28,23 +28,44 @@ def format_count(value: float) -> str:
     return f"{value:.0f}"
 
 
-def status_line(progress: Any) -> str:
-    """One line: samples, share of noisy pixels, time remaining, rays a second, or what else happens or has ended it.
+def _clock(seconds: float) -> str:
+    """`75.4` as `01:15.40`, `4000` as `01:06:40.00`: Cycles' way."""
+    minutes, seconds = divmod(seconds, 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    # Cut off rather than rounded: no minute has 60 seconds.
+    text = f"{minutes:02d}:{int(seconds):02d}.{int(seconds * 100.0) % 100:02d}"
+    return f"{hours:02d}:{text}" if hours else text
+
+
+def status_line(progress: Any, place: str = "", peak_memory: int = 0) -> str:
+    """One line in Cycles' words and order: time remaining, memory, place, samples or what else is being done.
+
+    What only we have comes last: the share of pixels that a noise threshold has left, and rays a second.
 
     Parameters
     ----------
     progress : object
         What `Session` hands to `on_progress`: `message`, `sample`, `samples`, `elapsed` and `remaining` [s],
         `rays_per_second`, `noisy_share` (of the pixels, None where nothing is known of noise).
+    place : str
+        Scene and view layer.
+    peak_memory : int
+        [bytes], 0 where the system does not tell.
     """
     parts = []
+    if progress.remaining:
+        parts.append(f"Remaining:{_clock(progress.remaining)}")
+    if peak_memory:
+        parts.append(f"Peak:{peak_memory / 2**20:.2f}M")
+    if place:
+        parts.append(place)
+    if progress.sample:
+        parts.append(f"Sample {progress.sample}/{progress.samples}")
     if progress.message:
         parts.append(progress.message)
     if progress.sample:
-        parts.append(f"Sample {progress.sample}/{progress.samples}")
         if progress.noisy_share is not None:
             parts.append(f"{100.0 * progress.noisy_share:.3g}% of pixels left")
-        parts.append(f"Remaining {format_duration(progress.remaining)}")
         parts.append(f"{format_count(progress.rays_per_second)}rays/s")
     elif progress.elapsed >= 1.0:
         parts.append(format_duration(progress.elapsed))

@@ -18,6 +18,10 @@ NEWEST_KNOWN: Version = (5, 2)
 
 #: Passes have their new names, also as sockets of the compositor.
 RENAMED_PASSES: Version = (5, 0)
+#: The background has motion vectors.
+BACKGROUND_VECTORS: Version = (5, 2)
+#: Transmission Color and Denoising Albedo know how rough glass is.
+LOOKED_UP_TRANSMISSION: Version = (5, 2)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

@@ -14,6 +14,7 @@ from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
 from benchmarks.stability import add_arguments as add_stability_arguments
 from benchmarks.viewport import add_arguments as add_viewport_arguments
+from benchmarks.viewport_race import add_arguments as add_race_arguments
 from engine.settings import SAMPLE_WEIGHTINGS
 
 #: What runs where no scene is named.
@@ -85,6 +86,8 @@ def _parser() -> argparse.ArgumentParser:
     add_fingerprint_arguments(commands.add_parser("fingerprints", help=text, description=text))
     text = "how soon a viewport answers, and what it leaves behind"
     add_viewport_arguments(commands.add_parser("viewport", help=text, description=text))
+    text = "a viewport beside Cycles' at equal seconds after a move of the camera"
+    add_race_arguments(commands.add_parser("viewport-race", help=text, description=text))
     commands.add_parser("scenes", help="list the scenes built by script")
     return parser
 
@@ -106,6 +109,10 @@ def main(arguments: list[str] | None = None) -> int:
         from benchmarks.viewport import main as measure_viewport
 
         return measure_viewport(chosen)
+    if chosen.command == "viewport-race":
+        from benchmarks.viewport_race import main as race
+
+        return race(chosen)
     if chosen.command in CHART_COMMANDS:
         return run_chart_command(chosen, SHORT_SET)
     from benchmarks.rivals import Budget, find_rival

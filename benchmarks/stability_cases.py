@@ -73,6 +73,8 @@ CASES: dict[str, Case] = {
         Case("fireflies", "fail-fireflies"),
         Case("colors", "fail-colors"),
         Case("many-lights", "fail-many-lights"),
+        Case("ten-rooms", "fail-ten-rooms"),
+        Case("street", "fail-street"),
         Case("texel", "fail-texel"),
         *(Case(f"scale-{s}", f"fail-scale-{s}") for s in ("1e-4", "1", "1e6")),
         Case("offset-1e4", "fail-offset-1e4"),

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scene_files import SceneSource, open_scene
+from benchmarks.viewport_edits import measure_edits
 from engine.scene.description import SceneDescription
 from engine.settings import RenderSettings
 from engine.viewport.handle import ViewProcess
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=5.0, help="of turning (default: %(default)s)")
     parser.add_argument("--restarts", type=int, default=200, help="for memory (default: %(default)s)")
     parser.add_argument("--edits", type=int, default=50, help="for memory (default: %(default)s)")
+    parser.add_argument(
+        "--edits-of-a-kind", type=int, default=5, help="for the time to a picture (default: %(default)s)"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/viewport.json"), help="default: %(default)s")
 
 
@@ -55,9 +59,17 @@ class Window:
         turn = np.eye(4, dtype=np.float32)
         turn[0, 0] = turn[1, 1] = math.cos(angle)
         turn[0, 1], turn[1, 0] = -math.sin(angle), math.sin(angle)
-        half = 0.5 * camera.sensor_width / camera.lens
-        up = half * self._height / self._width
-        plane = Plane(-half, half, -up, up)
+        half, up = 0.5 * camera.sensor_width / camera.lens, 0.5 * camera.sensor_height / camera.lens
+        is_vertical = camera.sensor_fit == "VERTICAL"
+        if camera.sensor_fit == "AUTO" and self._height > self._width:
+            is_vertical, up = True, half
+        if is_vertical:
+            half = up * self._width / self._height
+        else:
+            up = half * self._height / self._width
+        longest = 2.0 * (up if is_vertical else half)
+        x, y = longest * camera.shift_x, longest * camera.shift_y
+        plane = Plane(x - half, x + half, y - up, y + up)
         region = (0, 0, self._width, self._height)
         moved = replace(camera, transform=(turn @ camera.transform).astype(np.float32))
         return View(moved, plane, self._width, self._height, region, self.scene.frame.exposure)
@@ -163,6 +175,10 @@ def dense_scene() -> Any:
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     bpy.ops.mesh.primitive_uv_sphere_add(segments=320, ring_count=158)
+    paint = bpy.data.materials.new("Paint")
+    if paint.node_tree is None:
+        paint.use_nodes = True
+    bpy.context.object.data.materials.append(paint)
     bpy.ops.mesh.primitive_plane_add(size=20.0, location=(0.0, 0.0, -1.0))
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "AREA"))
     lamp.location, lamp.data.energy, lamp.data.size = (2.0, -2.0, 4.0), 400.0, 2.0
@@ -232,7 +248,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     window.first_picture(Update(view=window.view(), scene=window.scene, settings=settings))
     figures["entering a dense scene, export included [s]"] = time.perf_counter() - started
     process.close()
-    return figures
+    return figures | measure_edits(dense, arguments.width, arguments.height, arguments.edits_of_a_kind)
 
 
 def main(arguments: argparse.Namespace) -> int:

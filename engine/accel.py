@@ -22,6 +22,7 @@ import numpy as np
 from numba import types
 
 from engine.runtime.jit import kernel
+from engine.scene.content import Kept
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
@@ -51,6 +52,7 @@ _FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
+_ERROR_OUT_OF_MEMORY = 4
 _TRANSFORM_BYTES = 48
 
 #: floats in an RTCRayHit with one level of instancing, padded to 16 bytes
@@ -144,6 +146,7 @@ _attach = _external("rtcAttachGeometryByID", types.void(types.intp, types.intp, 
 _release = _external("rtcReleaseGeometry", types.void(types.intp))
 
 _NONE = np.uint32(0xFFFFFFFF)
+_IDENTITY = np.eye(3, 4, dtype=np.float32)
 
 # Words of an RTCRayHit that hold the answer; the distance is the ray's length before.
 _HIT_DISTANCE = 8
@@ -196,9 +199,10 @@ def read_hit(ray, bits, geometry):
     u, v : float32
         Barycentrics as Embree has them: P = (1 - u - v) v0 + u v1 + v v2.
     """
-    # The instance's id, all ones for geometry at top level, which has the id of its instance itself.
+    # Triangles in world space have the id of their instance themselves: at top level, where the instance's id is all
+    # ones, or in the hierarchy of what stands still, whose own id is the one behind the last.
     found = bits[_HIT_INSTANCE]
-    if found == _NONE:
+    if found >= np.uint32(geometry.instance_table.shape[0]):
         found = bits[_HIT_GEOMETRY]
     instance = np.int32(found)
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
@@ -267,9 +271,10 @@ class _Device:
     def check(self) -> None:
         """Raise what Embree has reported since the last call."""
         error = _lib.rtcGetDeviceError(self.address)
+        if error == _ERROR_OUT_OF_MEMORY:
+            raise MemoryError("Embree could not build the scene: out of memory")
         if error:
-            reason = ", out of memory" if error == 4 else ""
-            raise RuntimeError(f"Embree could not build the scene (error {error}{reason})")
+            raise RuntimeError(f"Embree could not build the scene (error {error})")
 
 
 class _EmbreeScene:
@@ -287,7 +292,7 @@ class _EmbreeScene:
 
 
 class MeshHierarchies:
-    """Hierarchies of instanced meshes, by key, for as long as their shapes stay: builds of a scene share them.
+    """Hierarchies of instanced meshes, by key, and of what stands still: builds of a scene share them.
 
     Parameters
     ----------
@@ -304,6 +309,8 @@ class MeshHierarchies:
         self.threads = threads
         self.device = _Device(threads)
         self.scenes: dict[Hashable, _EmbreeScene] = {}
+        #: Of what stands still, where other things are moved about.
+        self.standing: Kept[_EmbreeScene] = Kept()
 
     def keep_only(self, keys: Iterable[Hashable]) -> None:
         """Forget all but these, so that their memory is free before others are built."""
@@ -333,7 +340,7 @@ class Accelerator:
     top : _EmbreeScene
         Triangles that are stored in world space, and instances of meshes.
     meshes : list of _EmbreeScene
-        Of the instanced meshes.
+        Of the instanced meshes, and of what stands still, where that is not in `top`.
     """
 
     top: _EmbreeScene
@@ -378,9 +385,30 @@ def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> 
     return handle
 
 
+def _attach_standing(
+    device: _Device, scene: _EmbreeScene, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
+) -> None:
+    """Attach triangles that are stored in world space; `rows` are their instances, and their ids."""
+    for index in rows.tolist():
+        handle = _triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
+        _lib.rtcSetGeometryMask(handle, int(masks[index]))
+        _lib.rtcCommitGeometry(handle)
+        _lib.rtcAttachGeometryByID(scene.address, handle, index)
+        _lib.rtcReleaseGeometry(handle)
+
+
+def _build_standing(
+    device: _Device, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
+) -> _EmbreeScene:
+    scene = _EmbreeScene(device, geometry)
+    _attach_standing(device, scene, geometry, rows, masks)
+    _lib.rtcCommitScene(scene.address)
+    return scene
+
+
 def build_accelerator(
     geometry: GeometryArrays, shadow_masks: np.ndarray, hierarchies: MeshHierarchies,
-    mesh_keys: Sequence[Hashable] | None = None,
+    mesh_keys: Sequence[Hashable] | None = None, shapes_key: Hashable | None = None,
 ) -> Accelerator:
     """Build the two-level acceleration structure.
 
@@ -393,10 +421,13 @@ def build_accelerator(
         Those of instanced meshes are taken from here, or built and left here.
     mesh_keys : sequence of hashable (M,), optional
         Meshes of equal keys have the same shape, whenever they are built. None: each mesh is its own.
+    shapes_key : hashable, optional
+        Of all triangles in world space. Given, they get a hierarchy of their own, which stays for as long as the key
+        and their masks do: builds are soon over then, and rays take a little longer. None: they are in the top level.
 
     Raises
     ------
-    RuntimeError
+    MemoryError, RuntimeError
         When Embree reports an error.
     """
     device = hierarchies.device
@@ -408,14 +439,21 @@ def build_accelerator(
     has_triangles = geometry.mesh_table[table[:, INSTANCE_MESH], MESH_TRIANGLE_COUNT] > 0
     wanted = has_triangles & (masks != 0)
     is_baked = (table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED) != 0
-    for index in np.flatnonzero(wanted & is_baked):
-        handle = _triangle_geometry(device, geometry, int(table[index, INSTANCE_MESH]))
-        _lib.rtcSetGeometryMask(handle, int(masks[index]))
-        _lib.rtcCommitGeometry(handle)
-        _lib.rtcAttachGeometryByID(top.address, handle, int(index))
-        _lib.rtcReleaseGeometry(handle)
-    instanced = np.flatnonzero(wanted & ~is_baked)
+    standing = np.flatnonzero(wanted & is_baked)
     meshes: list[_EmbreeScene] = []
+    if shapes_key is None:
+        _attach_standing(device, top, geometry, standing, masks)
+    elif len(standing):
+        group = hierarchies.standing.get(
+            (shapes_key, standing.tobytes(), table[standing, INSTANCE_MESH].tobytes(), masks[standing].tobytes()),
+            lambda: _build_standing(device, geometry, standing, masks),
+        )
+        meshes.append(group)
+        _attach_instances(
+            device.address, top.address, np.array([len(table)], np.int64), np.array([group.address], np.intp),
+            np.array([_IDENTITY.ctypes.data], np.intp), np.ones(1, np.int64), np.array([_NONE], np.uint32),
+        )
+    instanced = np.flatnonzero(wanted & ~is_baked)
     addresses = np.zeros(len(geometry.mesh_table), np.intp)
     for mesh in np.unique(table[instanced, INSTANCE_MESH]).tolist():
         meshes.append(hierarchies.of(mesh if mesh_keys is None else mesh_keys[mesh], geometry, mesh))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's evaluated scene to `engine.scene.description.SceneDescription`."""
 
-from .context import ExportCache, ExportCancelled, ExportContext, Window
+from .context import ExportCache, ExportCancelled, ExportContext, StudioLight, Window
 from .frames import export_frames
 from .scene import export_scene
 
-__all__ = ["ExportCache", "ExportCancelled", "ExportContext", "Window", "export_frames", "export_scene"]
+__all__ = ["ExportCache", "ExportCancelled", "ExportContext", "StudioLight", "Window", "export_frames", "export_scene"]

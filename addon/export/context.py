@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -37,6 +37,23 @@ class CachedImage:
     last_used: int = 0
 
 
+@dataclass
+class CachedMaterial:
+    """The last content exported from a material, and all that it was read from."""
+
+    material: Material
+    #: Attributes of meshes that it asks for.
+    request: Hashable
+    #: Original datablocks that were read; None: more than datablocks, so that it must be read again.
+    reads: frozenset[int] | None
+    #: Images in the order they were met, by what identifies them, with their indices.
+    images: tuple[tuple[Hashable, int], ...]
+    #: What was noticed on the way.
+    notices: tuple[Notice, ...]
+    #: What it depended on besides.
+    state: Hashable
+
+
 #: Exports after which what was not used again is forgotten (view layers take turns).
 _KEPT_EXPORTS = 8
 
@@ -50,7 +67,7 @@ class ExportCache:
     """
 
     meshes: dict[Hashable, CachedMesh] = field(default_factory=dict)
-    materials: dict[Hashable, Material] = field(default_factory=dict)
+    materials: dict[Hashable, CachedMaterial] = field(default_factory=dict)
     images: dict[Hashable, CachedImage] = field(default_factory=dict)
     #: Address of the dependency graph of the last export, 0 = none.
     depsgraph: int = 0
@@ -78,16 +95,33 @@ class ExportCache:
 
 
 @dataclass(frozen=True)
+class StudioLight:
+    """What lights a window instead of the scene's world.
+
+    path : str, of its image; '' = none
+    rotation : float, about z [rad]
+    strength : float
+    opacity : float in [0, 1], how much of it the camera sees, over the world's plain colour
+    """
+
+    path: str
+    rotation: float
+    strength: float
+    opacity: float
+
+
+@dataclass(frozen=True)
 class Window:
     """A window that the scene is exported for, instead of a render.
 
     is_shown : callable, whether the window shows an object
-    use_lights, use_world : bool, whether it is lit by those of the scene
+    use_lights : bool, whether it is lit by the scene's lamps
+    studio : StudioLight or None, what it is lit by instead of the scene's world
     """
 
     is_shown: Callable[[bpy.types.Object], bool]
     use_lights: bool = True
-    use_world: bool = True
+    studio: StudioLight | None = None
 
 
 @dataclass
@@ -119,6 +153,10 @@ class ExportContext:
         """Record once that something is not exported as it is."""
         self._notices[Notice(subject, problem, fallback)] = None
 
+    def notice_again(self, notices: Iterable[Notice]) -> None:
+        """Record what an earlier export has noticed of something that is as it was."""
+        self._notices.update(dict.fromkeys(notices))
+
     @cached_property
     def light_groups(self) -> tuple[str, ...]:
         """Names of the view layer's light groups."""
@@ -146,7 +184,11 @@ class ExportContext:
 
     def is_untouched(self, original: bpy.types.ID) -> bool:
         """True only where Blender vouches that `original` has not changed since the last export."""
-        return self.updated is not None and original.as_pointer() not in self.updated
+        return self.are_untouched((original.as_pointer(),))
+
+    def are_untouched(self, originals: Iterable[int]) -> bool:
+        """The same of many, by their addresses."""
+        return self.updated is not None and self.updated.isdisjoint(originals)
 
 
 def cycles_property(owner: Any, name: str, default: Any, group: str = "cycles") -> Any:

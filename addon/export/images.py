@@ -27,6 +27,8 @@ class ImageExporter:
 
     context: ExportContext
     images: list[Image] = field(default_factory=list)
+    #: What was asked for, in order: what identifies an image, and its index.
+    met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
@@ -40,10 +42,43 @@ class ImageExporter:
             if exported is not None:
                 self.images.append(exported)
         index = self._indices[identity]
+        self.met.append((identity, index))
         if index < 0:
             what = f"the file {bpy.path.abspath(image.filepath)}" if image.filepath else "the image"
             self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
+
+    def take_over(self, identity: Hashable) -> int:
+        """Index into `images` of one that is as it was at the last export, -1 if it could not be read then."""
+        if identity not in self._indices:
+            kept = self.context.cache.images.get(identity)
+            self._indices[identity] = -1 if kept is None else len(self.images)
+            if kept is not None:
+                kept.last_used = self.context.cache.export_count
+                self.images.append(kept.image)
+        self.met.append((identity, self._indices[identity]))
+        return self._indices[identity]
+
+    def export_file(self, path: str) -> int:
+        """Index into `images` of a file that no datablock of the scene shows, -1 if it cannot be read."""
+        context = self.context
+        try:
+            status = os.stat(path)
+        except OSError:
+            status = None
+        identity = ("file", path)
+        state = None if status is None else (context.working_space, status.st_mtime_ns, status.st_size)
+        kept = context.cache.images.get(identity)
+        if kept is None or kept.state != state:
+            exported = None if status is None else _read_file(context, path)
+            if exported is None:
+                context.notice(f"Studio light {os.path.basename(path)}", "its file cannot be read", _PINK)
+                return -1
+            exported.key = (*identity, context.cache.new_version())
+            kept = context.cache.images[identity] = CachedImage(exported, state)
+        kept.last_used = context.cache.export_count
+        self.images.append(kept.image)
+        return len(self.images) - 1
 
     def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:
         context = self.context
@@ -229,17 +264,29 @@ def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -
     path = _path(image, frame)
     if not os.path.isfile(path):
         return None
+    exported = _read_file(context, path, image)
+    if exported is not None:
+        exported.name = image.name
+    return exported
+
+
+def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None = None) -> Image | None:
+    """The image of a file, read through a datablock of its own.
+
+    Parameters
+    ----------
+    like : Image, optional
+        Whose colour space and alpha it has; by default what Blender makes of the file.
+    """
     try:
         single = bpy.data.images.load(path, check_existing=False)
     except RuntimeError:
         return None
     try:
-        single.colorspace_settings.name = image.colorspace_settings.name
-        single.alpha_mode = image.alpha_mode
-        exported = _read(context, single)
+        if like is not None:
+            single.colorspace_settings.name = like.colorspace_settings.name
+            single.alpha_mode = like.alpha_mode
+        return _read(context, single)
     finally:
         # Nobody uses it. Unlinking it all the same rebuilds view layers, and Blender 5.2 crashes at the next frame.
         bpy.data.images.remove(single, do_unlink=False)
-    if exported is not None:
-        exported.name = image.name
-    return exported

@@ -221,7 +221,7 @@ def _classify(
             is_holdout=is_holdout,
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
-            light_group=context.light_group(shown),
+            light_group=_light_group(context, shown, parent),
             is_shadow_catcher=is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
@@ -256,6 +256,11 @@ def _topmost(shown: bpy.types.Object) -> bpy.types.Object:
     while shown.parent is not None:
         shown = shown.parent
     return shown
+
+
+def _light_group(context: ExportContext, shown: bpy.types.Object, parent: bpy.types.Object) -> int:
+    """The light group of an object; an instance that has none is in that of what instances it, as in Cycles."""
+    return context.light_group(shown if shown.lightgroup else parent)
 
 
 def _ray_visibility(shown: bpy.types.Object) -> int:

@@ -26,6 +26,7 @@ def export_light(
     light_object: bpy.types.Object,
     transform: Float32Array,
     visibility: int,
+    light_group: int,
     random: float,
     key: object,
 ) -> Light | None:
@@ -37,6 +38,8 @@ def export_light(
         Object to world.
     visibility : int
         VISIBLE_* bits.
+    light_group : int
+        Index into the view layer's, -1 = none.
     random : float
         In [0, 1), for Object Info.
     """
@@ -61,7 +64,7 @@ def export_light(
         max_bounces=cycles_property(data, "max_bounces", 1024),
         visibility=visibility,
         graph=graph,
-        light_group=context.light_group(light_object),
+        light_group=light_group,
         random=random,
         **_SHAPES[data.type](data),
     )

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 
@@ -12,7 +14,8 @@ from engine.scene.digest import content_digest
 
 from ..dispersion import dispersion_of
 from ..versions import read_setting, uses_nodes
-from .context import ExportContext, cycles_property
+from .context import CachedMaterial, ExportContext, cycles_property
+from .images import ImageExporter
 from .nodes import GraphExporter
 from .unsupported import notice_material
 
@@ -48,8 +51,9 @@ class MaterialExporter:
 
     context: ExportContext
     graphs: GraphExporter
+    images: ImageExporter
     materials: list[Material] = field(default_factory=list)
-    requests: list[AttributeRequest] = field(default_factory=list)
+    requests: list[Any] = field(default_factory=list)
     _indices: dict[int, int] = field(default_factory=dict)
 
     def index_of(self, material: bpy.types.Material | None, user: str) -> int:
@@ -65,10 +69,47 @@ class MaterialExporter:
         address = material.original.as_pointer()
         if address not in self._indices:
             self._indices[address] = len(self.materials)
-            exported = self._export(material, user)
-            self.materials.append(exported)
-            self.requests.append(attribute_request(exported.graph))
+            kept = self._kept(material) or self._read(material, user)
+            self.materials.append(kept.material)
+            self.requests.append(kept.request)
         return self._indices[address]
+
+    @property
+    def _state(self) -> Hashable:
+        """What materials depend on besides datablocks that say that they have changed."""
+        context = self.context
+        scene = context.scene
+        return (
+            scene.frame_current + scene.frame_subframe, context.working_space, tuple(context.aovs.items()),
+            context.view_layer.name,
+        )  # fmt: skip
+
+    def _kept(self, material: bpy.types.Material) -> CachedMaterial | None:
+        """What was read of a material before, if nothing of it can have changed; its images come in where they were."""
+        context = self.context
+        kept = context.cache.materials.get(material.name_full)
+        if kept is None or kept.reads is None or kept.state != self._state or not context.are_untouched(kept.reads):
+            return None
+        if any(self.images.take_over(identity) != index for identity, index in kept.images):
+            return None
+        context.notice_again(kept.notices)
+        return kept
+
+    def _read(self, material: bpy.types.Material, user: str) -> CachedMaterial:
+        context = self.context
+        noticed, met = len(context.notices), len(self.images.met)
+        exported = self._export(material, user)
+        has_nodes = uses_nodes(material)
+        reads = {material.original.as_pointer(), *(self.graphs.reads if has_nodes else ())}
+        kept = context.cache.materials[material.name_full] = CachedMaterial(
+            exported,
+            attribute_request(exported.graph),
+            None if has_nodes and self.graphs.reads_more else frozenset(reads),
+            tuple(self.images.met[met:]),
+            tuple(context.notices[noticed:]),
+            self._state,
+        )
+        return kept
 
     def _export(self, material: bpy.types.Material, user: str) -> Material:
         context = self.context
@@ -90,9 +131,8 @@ class MaterialExporter:
         )
         exported.key = (material.name_full, fingerprint(exported))
         kept = context.cache.materials.get(material.name_full)
-        if kept is not None and kept.key == exported.key:
-            return kept
-        context.cache.materials[material.name_full] = exported
+        if kept is not None and kept.material.key == exported.key:
+            return kept.material
         return exported
 
 

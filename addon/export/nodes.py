@@ -71,6 +71,10 @@ class GraphExporter:
         self._graph = NodeGraph()
         self._subject = ""
         self._exported: dict[int, NodeGraph] = {}
+        #: Addresses of original datablocks that the last tree was read from, besides its owner; and whether it shows
+        #: something else too: the time, a property of the scene.
+        self.reads: set[int] = set()
+        self.reads_more = False
 
     def export(self, tree: bpy.types.NodeTree, subject: str) -> NodeGraph:
         """What the active output of `tree` depends on, in an order where a node follows its inputs.
@@ -85,6 +89,7 @@ class GraphExporter:
             return self._exported[address]
         self._graph = self._exported[address] = NodeGraph()
         self._subject = subject
+        self.reads, self.reads_more = set(), False
         output = _active_output(tree)
         root = _open_tree(tree, None, None)
         with _recursion():
@@ -106,7 +111,7 @@ class GraphExporter:
                 if _aov_name(node) in self._context.aovs:
                     self._graph.aovs.append(self._node(tree, node))
             elif getattr(node, "node_tree", None) is not None and not node.mute:
-                self._aovs(_open_group(tree, node))
+                self._aovs(self._open_group(tree, node))
 
     # -----------------------------------------------------------------------------------------------------------------
     # Sockets
@@ -175,13 +180,20 @@ class GraphExporter:
         if node.node_tree is None:
             self._notice(node, "is a group without a node tree", "nothing comes out of it")
             return None
-        inner = _open_group(tree, node)
+        inner = self._open_group(tree, node)
         for output in inner.tree.nodes:
             if output.bl_idname == "NodeGroupOutput" and output.is_active_output:
                 for inside in output.inputs:
                     if inside.identifier == socket.identifier:
                         return self._convert(self._input(inner, inside), inside.type, socket.type)
         return None
+
+    def _open_group(self, tree: _Tree, node: bpy.types.Node) -> _Tree:
+        inner = tree.groups.get(node.as_pointer())
+        if inner is None:
+            self.reads.add(node.node_tree.original.as_pointer())
+            inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
+        return inner
 
     def _convert(self, source: Source, from_type: str, to_type: str) -> Source:
         """Make `source` what it becomes on a socket of another type.
@@ -234,6 +246,7 @@ class GraphExporter:
             properties["value"] = properties[_VALUE_PROPERTY[idname]]
         elif idname == "GeometryNodeInputSceneTime":
             properties.update(_scene_time(self._context.scene))
+            self.reads_more = True
         elif idname == "ShaderNodeValToRGB":
             properties["ramp"] = bake_ramp(node.color_ramp)
             properties["interpolation"] = node.color_ramp.interpolation
@@ -242,9 +255,11 @@ class GraphExporter:
             properties.update(bake_curves(node.mapping, idname))
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
             properties["value"] = self._view_layer_attribute(node.attribute_name)
+            self.reads_more = True
         if hasattr(node, "image"):
             properties["image"] = self._image(node)
         if getattr(node, "object", None) is not None:
+            self.reads.add(node.object.original.as_pointer())
             matrix = np.array(node.object.matrix_world, np.float64)
             if np.isfinite(matrix).all():
                 properties["object_matrix"] = np.linalg.pinv(matrix).astype(np.float32)
@@ -259,6 +274,7 @@ class GraphExporter:
         subject = f"{self._subject} / {node.name}"
         if node.image is None:
             return -1
+        self.reads.add(node.image.original.as_pointer())
         return self._images.export(node.image, node.image_user, subject)
 
     def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
@@ -314,13 +330,6 @@ def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.
         else:
             opened.broken.add(link.to_socket.as_pointer())
     return opened
-
-
-def _open_group(tree: _Tree, node: bpy.types.Node) -> _Tree:
-    inner = tree.groups.get(node.as_pointer())
-    if inner is None:
-        inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
-    return inner
 
 
 def _aov_name(node: bpy.types.Node) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from engine.scene.description import Aov, PassSettings
 
+from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_since
 from .context import ExportContext
+from .world import world_of
 
 #: Mist's exponent by Blender's names.
 _FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
@@ -29,7 +31,13 @@ def export_pass_settings(context: ExportContext) -> PassSettings:
     settings = PassSettings(
         alpha_threshold=context.view_layer.pass_alpha_threshold,
         aovs=tuple(Aov(name, is_color) for name, is_color in context.aovs.items()),
+        background_moves=is_since(BACKGROUND_VECTORS),
+        looks_up_transmission=is_since(LOOKED_UP_TRANSMISSION),
     )
+    shown = world_of(context)
+    if shown is not None:
+        # Also where the view layer leaves the world out.
+        settings.occlusion_distance = shown.light_settings.distance
     world = context.scene.world
     if world is not None:
         mist = world.mist_settings

@@ -24,6 +24,7 @@ from .nodes import GraphExporter
 from .pass_motion import find_pass_motion
 from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
+from .studio_light import export_studio_light
 from .unsupported import notice_scene
 from .world import export_world
 
@@ -100,8 +101,9 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     to_xyz = _set_working_space(context)
     images = ImageExporter(context)
     graphs = GraphExporter(context, images)
-    materials = MaterialExporter(context, graphs)
-    world = export_world(context, graphs) if context.window is None or context.window.use_world else None
+    materials = MaterialExporter(context, graphs, images)
+    studio = None if context.window is None else context.window.studio
+    world = export_world(context, graphs) if studio is None else export_studio_light(context, images, studio)
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
     curve, rolling = None, 1.0
     if shutter is not None and camera_object is not None:
@@ -290,6 +292,7 @@ def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: A
             kind.light,
             transform,
             kind.visibility,
+            kind.light_group,
             float(appearances.random[item]),
             (kind.light.name_full, number),
         )

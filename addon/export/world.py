@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import bpy
+
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -25,26 +27,35 @@ _VISIBILITY = (
 )
 
 
+def world_of(context: ExportContext) -> bpy.types.World | None:
+    """The world of the view layer, whether it shines there or not."""
+    return getattr(context.view_layer, "world_override", None) or context.scene.world
+
+
 def export_world(context: ExportContext, graphs: GraphExporter) -> World | None:
     """The world of the view layer; None where there is none or the layer leaves it out."""
-    world = getattr(context.view_layer, "world_override", None) or context.scene.world
+    world = world_of(context)
     if world is None or not context.view_layer.use_sky:
         return None
-    visibility = 0
-    for name, bit in _VISIBILITY:
-        if cycles_property(world, name, True, group="cycles_visibility"):
-            visibility |= bit
     graph = graphs.export(world.node_tree, world.name) if uses_nodes(world) else None
     return World(
         key=("world", world.name_full),
         name=world.name,
         graph=graph,
         color=tuple(world.color),
-        visibility=visibility,
+        visibility=world_visibility(world),
         sampling=cycles_property(world, "sampling_method", "AUTOMATIC"),
         map_resolution=cycles_property(world, "sample_map_resolution", 1024),
         max_bounces=cycles_property(world, "max_bounces", 1024),
         cast_shadow=bool(read_setting(world, "cycles.use_shadows")),
         light_group=context.light_group(world),
-        occlusion_distance=world.light_settings.distance,
     )
+
+
+def world_visibility(world: bpy.types.World) -> int:
+    """VISIBLE_* bits of the rays that see a world."""
+    visibility = 0
+    for name, bit in _VISIBILITY:
+        if cycles_property(world, name, True, group="cycles_visibility"):
+            visibility |= bit
+    return visibility

@@ -47,10 +47,11 @@ _IDLE = frozenset(
         "WindowManager", "WorkSpace",
     }
 )  # fmt: skip
-#: Those that only materials, worlds and lights can read. A tree may be either's.
-_SHADING = frozenset(
-    {"Image", "Material", "NodeTree", "ShaderNodeTree", "Texture", "ImageTexture", "MovieClip", "TextureNodeTree"}
-)
+#: Trees of materials, worlds and lights, and groups in them; and who has them, besides lights.
+_TREES = frozenset({"NodeTree", "ShaderNodeTree"})
+_OWNERS = frozenset({"Material", "World"})
+#: What these show.
+_TEXTURES = frozenset({"Image", "Texture", "ImageTexture", "MovieClip", "TextureNodeTree"})
 
 
 def classify(updates: Iterable[Touched], *, reads_objects: bool = False) -> Change:
@@ -62,9 +63,13 @@ def classify(updates: Iterable[Touched], *, reads_objects: bool = False) -> Chan
     reads_objects : bool
         Whether materials read properties of objects, of whose changes Blender tells no more than of a selection.
     """
+    batch = list(updates)
+    has_owner = any(update.kind in _OWNERS or update.kind.endswith("Light") for update in batch)
     change = Change.NOTHING
-    for update in updates:
-        change |= _of_one(update, reads_objects)
+    for update in batch:
+        # Blender tells of the owners of a changed tree too: whose tree it is follows from them.
+        if not (has_owner and update.kind in _TREES):
+            change |= _of_one(update, reads_objects)
     return change
 
 
@@ -79,8 +84,9 @@ def _of_one(update: Touched, reads_objects: bool) -> Change:
         return Change.CAMERA
     if kind == "World":
         return Change.WORLD
-    if kind in _SHADING:
-        # Lights' and the world's trees are told of as trees too.
+    if kind == "Material":
+        return Change.MATERIALS
+    if kind in _TREES or kind in _TEXTURES:
         return Change.MATERIALS | Change.WORLD | Change.LIGHTS
     if kind.endswith("Light"):
         return Change.LIGHTS

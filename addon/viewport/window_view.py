@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from engine.scene.content import same_content
 from engine.viewport.protocol import DEAD, FAILED, RENDERING, Status
 
-from ..export import ExportCache, ExportContext, Window, export_scene
+from ..export import ExportCache, ExportContext, StudioLight, Window, export_scene
 from ..log import logger
 from .camera import read_view
 from .classify import Change, Touched, classify
@@ -28,11 +28,17 @@ _RESIZE_SECONDS = 0.3
 
 
 class WindowView:
-    """What one window shows."""
+    """What one window shows.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    canvas : Canvas, optional
+        Where pictures go; another one where there is no window.
+    """
+
+    def __init__(self, canvas: Canvas | None = None) -> None:
         self.host: Host = acquire(ExportCache)
-        self._canvas = Canvas()
+        self._canvas = Canvas() if canvas is None else canvas
         #: What is to be read again, and original datablocks that were touched, since the last export.
         self._change = Change.TOPOLOGY
         self._touched: set[int] | None = None
@@ -74,7 +80,8 @@ class WindowView:
         """Read again what can have changed; nothing of Blender's is read later, or elsewhere."""
         space = context.space_data
         shading = space.shading
-        key = (bool(shading.use_scene_lights_render), bool(shading.use_scene_world_render), space.local_view is None)
+        studio = None if shading.use_scene_world_render else _studio_light(shading)
+        key = (bool(shading.use_scene_lights_render), studio, space.local_view is None)
         if key != self._window_key:
             self._window_key = key
             self._change |= Change.TOPOLOGY
@@ -85,7 +92,7 @@ class WindowView:
             return
         updated = None if self._touched is None else frozenset(self._touched)
         window = Window(
-            lambda item: item.visible_in_viewport_get(space), use_lights=key[0], use_world=key[1]
+            lambda item: item.visible_in_viewport_get(space), use_lights=key[0], studio=studio
         )
         description = export_scene(
             depsgraph, view_layer=depsgraph.view_layer_eval, cache=self.host.cache, window=window, updated=updated
@@ -171,3 +178,9 @@ def _visible(status: Status) -> tuple[Any, ...]:
     return status.state, status.message, status.sample
 
 
+def _studio_light(shading: bpy.types.View3DShading) -> StudioLight:
+    selected = shading.selected_studio_light
+    return StudioLight(
+        "" if selected is None else selected.path, shading.studiolight_rotate_z, shading.studiolight_intensity,
+        shading.studiolight_background_alpha,
+    )

@@ -205,6 +205,67 @@ def lights() -> None:
     camera((0.0, -4.4, 3.6), (0.0, 0.2, 0.2), 42.0)
 
 
+def _lamps(name: str, centres: np.ndarray, normals: Sequence[float], half: float, surfaces: Sequence[object]) -> None:
+    """Small emissive squares, hidden from the camera: seen, they are bright pixels that say nothing about light.
+
+    Parameters
+    ----------
+    centres : (N, 3)
+    normals : axis that they all face, a unit vector along x, y or z
+    half : half of their side
+    surfaces : materials, taken in turns
+    """
+    normal = np.asarray(normals, float)
+    u = np.roll(np.abs(normal), 1)
+    v = np.cross(normal, u)
+    offsets = half * np.array([-u - v, u - v, u + v, v - u])
+    corners = (centres[:, None] + offsets).reshape(-1, 3)
+    lamps = mesh(name, corners.tolist(), np.arange(4 * len(centres)).reshape(-1, 4).tolist())
+    for surface in surfaces:
+        lamps.materials.append(surface)
+    lamps.polygons.foreach_set("material_index", (np.arange(len(centres)) % len(surfaces)).astype(np.int32))
+    add_object(name, lamps).visible_camera = False
+
+
+@scene("fail-ten-rooms", samples=128)
+def ten_rooms() -> None:
+    """A thousand lamps in ten closed rooms: nine tenths of them light nothing that is seen, and are the brighter."""
+    _begin()
+    wall = diffuse((0.7, 0.68, 0.65), "wall")
+    generator = np.random.default_rng(12)
+    dim = [emitter(color, 12.0) for color in ((1.0, 0.8, 0.6), (0.7, 0.8, 1.0))]
+    bright = [emitter(color, 48.0) for color in ((1.0, 0.8, 0.6), (0.7, 0.8, 1.0))]
+    for room in range(10):
+        x, y = 3.2 * (room % 5 - 2), 3.2 * (room // 5)
+        _shell(f"Room {room}", wall, (x - 1.5, y - 1.5, 0.0), (x + 1.5, y + 1.5, 2.5))
+        block = diffuse((0.5, 0.55, 0.7), "block")
+        add_object(f"Block {room}", box("Block", block, (0.7, 0.7, 0.9)), (x + 0.4, y + 0.3, 0.45), (0, 0, 25))
+        centres = generator.uniform((x - 1.4, y - 1.4, 2.3), (x + 1.4, y + 1.4, 2.45), (100, 3))
+        _lamps(f"Lamps {room}", centres, (0, 0, -1), 0.02, dim if room == 2 else bright)
+    camera((-1.2, -1.3, 1.7), (0.4, 0.5, 0.7), 22.0)
+
+
+@scene("fail-street", samples=128)
+def street() -> None:
+    """A street of lit windows at night, among others: most windows are behind houses."""
+    _begin()
+    add_object("Ground", quad("Ground", diffuse((0.4, 0.4, 0.42), "ground"), 60.0, 60.0))
+    house = diffuse((0.55, 0.5, 0.45), "house")
+    generator = np.random.default_rng(13)
+    glow = [emitter(color, strength) for color, strength in (((1.0, 0.75, 0.45), 30.0), ((0.8, 0.85, 1.0), 10.0))]
+    ys = np.arange(-18.0, 18.1, 1.5)
+    zs = np.array([1.2, 2.8, 4.4])
+    for row in range(5):
+        # Streets four metres wide between rows of houses six metres deep.
+        x = 10.0 * (row - 2) - 5.0
+        add_object(f"Houses {row}", box("Houses", house, (6.0, 40.0, 6.0)), (x, 0.0, 3.0))
+        for side in (-1.0, 1.0):
+            grid = np.stack(np.meshgrid([x + side * 3.02], ys, zs, indexing="ij"), -1).reshape(-1, 3)
+            lit = grid[generator.random(len(grid)) < 0.6]
+            _lamps(f"Windows {row} {side:g}", lit, (side, 0, 0), 0.3, glow)
+    camera((0.9, -15.0, 1.7), (-0.3, 0.0, 1.6), 24.0)
+
+
 @scene("fail-texel", samples=128)
 def texel() -> None:
     """A sky black but for one texel and a faint glow: infinitely far, and narrower than any cell of directions."""

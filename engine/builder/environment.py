@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The map by which the background is sampled as a light."""
+"""The map by which the background is sampled as a light.
+
+References: Karlik, Sik, Vevoda, Skrivan and Krivanek 2019, "MIS Compensation: Optimizing Sampling Techniques in
+Multiple Importance Sampling".
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,12 +29,15 @@ class EnvironmentMap:
         `LightArrays.map_guide`: shortens the search for a number's column and row.
     mean : float
         Mean radiance over the sphere and the channels; 0: there is nothing to sample.
+    compensated : EnvironmentMap or None
+        Tables of what is brighter than the mean, for surfaces that find the rest by scattering; None: the same.
     """
 
     marginal: Float32Array
     conditional: Float32Array
     guide: Int32Array
     mean: float
+    compensated: EnvironmentMap | None = None
 
 
 def _bilinear_mass(values: np.ndarray) -> np.ndarray:
@@ -93,6 +100,16 @@ def build_environment_map(radiance: Float32Array) -> EnvironmentMap:
     for channel in range(3):
         values += np.abs(np.nan_to_num(radiance[:, :, channel], nan=0.0, posinf=0.0, neginf=0.0))
     values = _bilinear_mass(values / 3.0)
+    environment = _tables(values)
+    above = np.maximum(values - environment.mean, 0.0)
+    # Rounding alone makes a background of one colour brighter than its mean.
+    if not above.max(initial=0.0) > 1e-3 * environment.mean:
+        return environment
+    return replace(environment, compensated=_tables(above))
+
+
+def _tables(values: np.ndarray) -> EnvironmentMap:
+    """Tables of a density in proportion to `values`, (H, W)."""
     height = len(values)
     bounds = -np.cos(np.pi * np.arange(height + 1) / height)
     row_mass = values.mean(axis=1) * np.diff(bounds)

@@ -95,6 +95,11 @@ def _usable_motions(instances: Instances, notices: list[Notice]) -> dict[int, np
 class GeometryCache:
     """What of a session's geometry is kept between frames.
 
+    Parameters
+    ----------
+    expects_moves : bool
+        Whether what has been moved once will be again, as in a viewport: it is instanced from then on.
+
     Attributes
     ----------
     mesh_keys : tuple of int
@@ -103,7 +108,11 @@ class GeometryCache:
         Material slots that each of them uses, one at least.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, expects_moves: bool = False) -> None:
+        self._expects_moves = expects_moves
+        #: Where the only users of meshes stood last, by the meshes' numbers; and numbers of those that have been moved.
+        self._stood: dict[int, bytes] = {}
+        self._moved: set[int] = set()
         self.mesh_keys: tuple[int, ...] = ()
         self.slot_counts: Int64Array = np.ones(1, np.int64)
         self.hierarchies: MeshHierarchies | None = None
@@ -113,6 +122,30 @@ class GeometryCache:
         self.shapes: Kept[tuple[Shapes, list[Notice]]] = Kept()
         self.attributes: Kept[Attributes] = Kept()
         self.geometry: Kept[tuple[GeometryArrays, list[Notice]]] = Kept()
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether anything of the newest description has been moved."""
+        return bool(self._moved)
+
+    def moved_meshes(self, first_user: Int64Array, users: Int64Array, instances: Instances) -> npt.NDArray[np.bool_]:
+        """Which of the newest description's meshes have been moved, or were before.
+
+        Parameters
+        ----------
+        first_user, users : int64 (M,)
+            Of each mesh the first instance, and how many there are.
+        """
+        moved = np.zeros(len(users), np.bool_)
+        if not self._expects_moves:
+            return moved
+        before, self._stood = self._stood, {}
+        for mesh in np.flatnonzero(users == 1).tolist():
+            number = self.mesh_keys[mesh]
+            place = self._stood[number] = instances.transform[first_user[mesh]].tobytes()
+            moved[mesh] = number in self._moved or before.get(number, place) != place
+        self._moved = {self.mesh_keys[mesh] for mesh in np.flatnonzero(moved).tolist()}
+        return moved
 
 
 def _instances_key(instances: Instances) -> object:
@@ -142,7 +175,9 @@ class _Placed:
     placements: list[Placement | None]
 
 
-def _place(instances: Instances, mesh_count: int, motions: dict[int, np.ndarray]) -> _Placed:
+def _place(
+    instances: Instances, mesh_count: int, motions: dict[int, np.ndarray], cache: GeometryCache
+) -> _Placed:
     """Where meshes are stored.
 
     Those with a single user that stands still are stored in world space, so that most scenes are one flat hierarchy;
@@ -159,9 +194,10 @@ def _place(instances: Instances, mesh_count: int, motions: dict[int, np.ndarray]
     first_user = np.full(mesh_count, -1)
     first_user[instances.mesh[::-1]] = np.arange(count)[::-1]
     is_baked = np.zeros(count, np.bool_)
+    is_moved = cache.moved_meshes(first_user, users, instances)
     placements: list[Placement | None] = [None] * mesh_count
     for mesh, user in enumerate(first_user.tolist()):
-        if user >= 0 and users[mesh] == 1 and finite[user] and user not in motions:
+        if user >= 0 and users[mesh] == 1 and finite[user] and user not in motions and not is_moved[mesh]:
             is_baked[user] = True
             placements[mesh] = Placement(instances.transform[user], None if singular[user] else inverse[user])
     return _Placed(transforms, inverses, determinant, singular, is_baked, placements)
@@ -198,7 +234,7 @@ def build_geometry(
     def build() -> tuple[GeometryArrays, list[Notice]]:
         motion_notices: list[Notice] = []
         motions = _usable_motions(instances, motion_notices)
-        placed = _place(instances, len(meshes), motions)
+        placed = _place(instances, len(meshes), motions, cache)
 
         def shape() -> tuple[Shapes, list[Notice]]:
             found: list[Notice] = []
@@ -206,6 +242,7 @@ def build_geometry(
             cache.accelerator.drop()
             if cache.hierarchies is not None:
                 cache.hierarchies.keep_only(keys)
+                cache.hierarchies.standing.drop()
             return build_shapes(meshes, placed.placements, found), found
 
         where = tuple(None if item is None else item.transform.tobytes() for item in placed.placements)

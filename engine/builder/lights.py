@@ -12,10 +12,14 @@ from engine.builder.emission import ProgramInfo
 from engine.builder.emissive_triangles import find_sources, find_triangles
 from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import convert_lamps
+from engine.builder.light_clusters import choose_cut, divide_map
 from engine.scene.description import Notice, SceneDescription
 from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
-from engine.state.lights import LightArrays
+from engine.state.lights import LightArrays, no_selection
+
+#: `World.max_bounces` from which on light sampling has no limit of its own.
+_UNLIMITED_BOUNCES = 1024
 
 
 def build_lights(
@@ -76,6 +80,13 @@ def build_lights(
         )  # fmt: skip
         distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
 
+    compensated = environment.compensated
+    # Where scattering finds other light than sampling does, each has to find all of its own.
+    if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
+        compensated = empty_map()
+    cut, node_cluster = choose_cut(nodes, links)
+    bands, sectors, patches, patch_share = divide_map(environment)
+
     order = np.array([lamp.order for lamp in lamps], np.int64)
     header = np.zeros(la.HEADER_WIDTH, np.int32)
     header[la.HEADER_EMITTERS] = len(emitters)
@@ -87,6 +98,10 @@ def build_lights(
     header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
     header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
+    header[la.HEADER_CUT] = len(cut)
+    header[la.HEADER_FIRST_PATCH] = len(cut) + len(suns)
+    header[la.HEADER_CLUSTERS] = len(cut) + len(suns) + len(patches)
+    header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = None
     world_program = program_info.world_program
     world_is_black = world_program < 0 or (
@@ -112,4 +127,12 @@ def build_lights(
         map_marginal=environment.marginal,
         map_conditional=environment.conditional,
         map_guide=environment.guide,
+        compensated_marginal=compensated.marginal,
+        compensated_conditional=compensated.conditional,
+        compensated_guide=compensated.guide,
+        map_patches=patches,
+        node_cluster=node_cluster,
+        cluster_node=cut,
+        cluster_share=np.concatenate([np.ones(len(cut) + len(suns), np.float32), patch_share]),
+        selection=no_selection(),
     )

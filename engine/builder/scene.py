@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from engine.accel import (
     build_accelerator,
 )
 from engine.builder.camera import build_camera
+from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import GeometryCache, build_geometry
@@ -25,7 +26,7 @@ from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept
-from engine.scene.description import VISIBLE_SHADOW, Notice, SceneDescription
+from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_light_groups
 from engine.settings import RenderSettings
@@ -72,11 +73,17 @@ class Scene:
 
 
 class SceneCache:
-    """What a session keeps between frames: each step's newest result, by the content it was made from."""
+    """What a session keeps between frames: each step's newest result, by the content it was made from.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    expects_moves : bool
+        See `GeometryCache`.
+    """
+
+    def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
-        self.geometry = GeometryCache()
+        self.geometry = GeometryCache(expects_moves=expects_moves)
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
@@ -120,9 +127,13 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     hierarchies, keys = cache.hierarchies, cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
+    if not cache.has_moved:
+        hierarchies.standing.drop()
     accelerator = cache.accelerator.get(
         (cache.shapes.version, *(array.tobytes() for array in placed)),
-        lambda: build_accelerator(geometry, masks, hierarchies, keys),
+        lambda: build_accelerator(
+            geometry, masks, hierarchies, keys, cache.shapes.version if cache.has_moved else None
+        ),
     )
     hierarchies.keep_only(keys)
     return accelerator
@@ -157,6 +168,14 @@ def _build_lights(
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
     emitting = content_digest((description.lights, of_world, info))
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
+
+
+def _build_camera(cache: SceneCache, description: SceneDescription, settings: RenderSettings) -> CameraArrays:
+    seen_by = (
+        description.camera, description.frame, settings.pixel_filter, settings.filter_width, description.shutter_curve,
+        description.rolling_shutter_duration,
+    )
+    return cache.camera.get(content_digest(seen_by), lambda: build_camera(*seen_by))
 
 
 def build_scene(
@@ -215,13 +234,9 @@ def build_scene(
         # Paths find light where nothing else is.
         lights = lights._replace(header=lights.header.copy())
         lights.header[HEADER_SOURCES] = -1
-    seen_by = (
-        description.camera, description.frame, settings.pixel_filter, settings.filter_width, description.shutter_curve,
-        description.rolling_shutter_duration,
-    )
     return Scene(
         description=description,
-        camera=cache.camera.get(content_digest(seen_by), lambda: build_camera(*seen_by)),
+        camera=_build_camera(cache, description, settings),
         geometry=geometry,
         shaders=shaders,
         tables=tables,
@@ -231,4 +246,32 @@ def build_scene(
         world_program=programs.world_program,
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),
         notices=notices,
+    )
+
+
+def look_at(
+    scene: Scene, camera: Camera, frame: Frame, settings: RenderSettings, cache: SceneCache
+) -> Scene | None:
+    """The scene as another camera sees it, or in another frame; None where more than the camera depends on these.
+
+    Parameters
+    ----------
+    scene : Scene
+        The newest that was built with `cache`.
+    settings, cache
+        As `build_scene`.
+
+    Raises
+    ------
+    ValueError
+        As `build_scene`.
+    """
+    if any(program.sees_camera for program in cache.programs.compiled):
+        return None
+    check_frame(frame)
+    description = replace(scene.description, camera=camera, frame=frame)
+    # No program reads them: they are there for whoever compares.
+    shaders = scene.shaders._replace(camera=camera_matrices(camera, frame))
+    return replace(
+        scene, description=description, camera=_build_camera(cache, description, settings), shaders=shaders
     )

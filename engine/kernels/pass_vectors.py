@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from engine.kernels.vector import load, normalize, transform_point
+from engine.kernels.vector import load, normalize, transform_direction, transform_point
 from engine.runtime.jit import kernel
 from engine.state.camera import (
     CAMERA_KIND,
@@ -20,19 +20,37 @@ from engine.state.geometry import INSTANCE_MESH, MESH_FIRST_VERTEX, MESH_VERTEX_
 
 
 @kernel
+def _on_panorama(camera, d):
+    """Where a panoramic camera sees a direction from it [pixels]."""
+    d = normalize(d)
+    x = math.atan2(d[0], -d[2])
+    y = math.asin(min(max(d[1], -1.0), 1.0))
+    return (x - camera[CAMERA_OFFSET_X]) / camera[CAMERA_SCALE_X], (
+        y - camera[CAMERA_OFFSET_Y]
+    ) / camera[CAMERA_SCALE_Y]
+
+
+@kernel
 def _on_image(data, camera, raster, p):
     """Where the camera of row `raster` sees a point of the world [pixels]."""
     projected = transform_point(data.rasters, raster, p)
     if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
-        d = normalize(projected)
-        x = math.atan2(d[0], -d[2])
-        y = math.asin(min(max(d[1], -1.0), 1.0))
-        return (x - camera[CAMERA_OFFSET_X]) / camera[CAMERA_SCALE_X], (
-            y - camera[CAMERA_OFFSET_Y]
-        ) / camera[CAMERA_SCALE_Y]
+        return _on_panorama(camera, projected)
     if projected[2] == 0.0:
         return 0.0 * projected[0], 0.0 * projected[1]
     return projected[0] / projected[2], projected[1] / projected[2]
+
+
+@kernel
+def _direction_on_image(data, camera, raster, d):
+    """Where the camera of row `raster` sees a direction of the world, as Cycles has it [pixels].
+
+    It leaves out the division by depth, so that what is far from the image's middle moves a little less.
+    """
+    projected = transform_direction(data.rasters, raster, d)
+    if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
+        return _on_panorama(camera, projected)
+    return projected[0], projected[1]
 
 
 @kernel
@@ -76,4 +94,13 @@ def motion_vectors(data, camera, geometry, instance, triangle, u, v, p):
     now_x, now_y = _on_image(data, camera, RASTER_NOW, p)
     before_x, before_y = _on_image(data, camera, RASTER_BEFORE, before)
     after_x, after_y = _on_image(data, camera, RASTER_AFTER, after)
+    return before_x - now_x, before_y - now_y, now_x - after_x, now_y - after_y
+
+
+@kernel
+def background_vectors(data, camera, d):
+    """Motion of the background in a direction [pixels]; returns as `motion_vectors`."""
+    now_x, now_y = _direction_on_image(data, camera, RASTER_NOW, d)
+    before_x, before_y = _direction_on_image(data, camera, RASTER_BEFORE, d)
+    after_x, after_y = _direction_on_image(data, camera, RASTER_AFTER, d)
     return before_x - now_x, before_y - now_y, now_x - after_x, now_y - after_y

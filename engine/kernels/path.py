@@ -4,6 +4,7 @@
 import numpy as np
 
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
+from engine.kernels.lights import finds_all
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
@@ -16,6 +17,7 @@ from engine.state.lanes import (
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_GLOSSY,
+    RAY_MIS_FINDS_ALL,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_REFLECT,
@@ -37,6 +39,7 @@ _RESET = ~(
     | RAY_TRANSPARENT
     | RAY_MIS_SKIP
     | RAY_MIS_HAD_TRANSMISSION
+    | RAY_MIS_FINDS_ALL
     | RAY_TRANSPARENT_BACKGROUND
 )
 _INFINITE = np.float32(np.inf)
@@ -66,7 +69,7 @@ def pass_through(options, paths, points, lane):
 
 
 @kernel
-def scatter_path(options, paths, points, closures, lane, wi, label, pdf, bsdf_pdf):
+def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf, bsdf_pdf):
     """Leave the surface towards `wi`; the throughput is the caller's business.
 
     Parameters
@@ -101,6 +104,8 @@ def scatter_path(options, paths, points, closures, lane, wi, label, pdf, bsdf_pd
         flags |= RAY_GLOSSY
     if summarize(closures, lane) & HAS_TRANSMISSION:
         flags |= RAY_MIS_HAD_TRANSMISSION
+    if finds_all(lights, closures, lane, real_3(points, lane, POINT_NG)):
+        flags |= RAY_MIS_FINDS_ALL
     if ends:
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
     paths.flags[lane] = flags

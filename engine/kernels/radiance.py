@@ -63,6 +63,21 @@ def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
 
 
 @kernel
+def _clamped_share(options, channels, contribution, row, depth):
+    """Share of row `row` of `contribution` that the clamp of direct or indirect light leaves; see `add_radiance`."""
+    limit = options.clamp_indirect if depth > 0 else options.clamp_direct
+    factor = limit * 0.0 + 1.0
+    if limit > 0.0:
+        total = 0.0 * limit
+        for c in range(len(channels)):
+            total += abs(contribution[row, c])
+        limit *= np.float32(len(channels))
+        if total > limit:
+            factor = limit / total
+    return factor
+
+
+@kernel
 def add_radiance(options, paths, passes, lane, contribution, row, depth, weight, group):
     """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does, `weight` times.
 
@@ -79,15 +94,7 @@ def add_radiance(options, paths, passes, lane, contribution, row, depth, weight,
     group : int
         Light group, or NO_GROUP.
     """
-    limit = options.clamp_indirect if depth > 0 else options.clamp_direct
-    factor = limit * 0.0 + 1.0
-    if limit > 0.0:
-        total = 0.0 * limit
-        for c in range(len(paths.channels)):
-            total += abs(contribution[row, c])
-        limit *= np.float32(len(paths.channels))
-        if total > limit:
-            factor = limit / total
+    factor = _clamped_share(options, paths.channels, contribution, row, depth)
     for c in range(len(paths.channels)):
         paths.radiance[lane, c] += factor * weight * contribution[row, c]
     if passes.parts.shape[0] > 0:
@@ -125,6 +132,14 @@ def add_sampled(options, paths, passes, lane, shadows, row):
 
 
 @kernel
+def _show_found(spectrum, paths, lane, contribution, share, film, feature):
+    """Add `share` times row `lane` of `contribution` to column `feature` of the film's features."""
+    color = to_rgb(spectrum, paths, lane, contribution, lane)
+    for c in range(RGB):
+        film.features[paths.pixel[lane], feature + c] += share * color[c]
+
+
+@kernel
 def add_found(options, spectrum, paths, passes, lane, contribution, group, film, feature, use_features):
     """Add light that the path's last scattering, or the camera, has found: row `lane` of `contribution`, MIS weight
     included.
@@ -144,9 +159,31 @@ def add_found(options, spectrum, paths, passes, lane, contribution, group, film,
     """
     share = add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane] - 1, 1.0, group)
     if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
-        color = to_rgb(spectrum, paths, lane, contribution, lane)
-        for c in range(RGB):
-            film.features[paths.pixel[lane], feature + c] += share * color[c]
+        _show_found(spectrum, paths, lane, contribution, share, film, feature)
+    return share
+
+
+@kernel
+def show_left_out(options, spectrum, paths, passes, lane, emission, group, film, feature):
+    """Show what a transparent film leaves out of the picture in its pass, and in its light group, as Cycles does.
+
+    Parameters
+    ----------
+    emission : float32 (L, C)
+        Radiance by lane, replaced by the contribution.
+    group, feature : see `add_found`
+
+    Returns
+    -------
+    float32
+        The share of the contribution that clamping leaves.
+    """
+    for c in range(len(paths.channels)):
+        emission[lane, c] *= paths.throughput[lane, c]
+    share = _clamped_share(options, paths.channels, emission, lane, -1)
+    _show_found(spectrum, paths, lane, emission, share, film, feature)
+    if passes.parts.shape[0] > 0:
+        _add_parts(paths.channels, passes, lane, emission, lane, -1, share, group)
     return share
 
 

@@ -105,6 +105,8 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
         mist_inverse_depth=np.float32(1.0 / settings.mist_depth if settings.mist_depth > 0.0 else 0.0),
         mist_falloff=np.float32(settings.mist_falloff),
         alpha_threshold=threshold,
+        background_moves=int(settings.background_moves),
+        looks_up_transmission=int(settings.looks_up_transmission),
     )
     aovs = tuple(
         (aov_pass(aov.name), options.aov + aov.column, COLOR_WIDTH if aov.is_color else VALUE_WIDTH)

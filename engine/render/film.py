@@ -92,6 +92,7 @@ def film_layout(
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
         use_occlusion=OCCLUSION_PASS in passes,
+        shows_background="Environment" in passes,
         has_catchers=has_catchers,
         has_media=has_media,
         is_transparent=has_catchers and settings.film_transparent,

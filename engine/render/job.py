@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
@@ -80,7 +80,7 @@ class Job:
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
-        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
+        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
         keeps: bool = False, samples: int | None = None,
     ) -> None:
         self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
@@ -107,7 +107,9 @@ class Job:
         self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
         pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
         if settings.is_guided:
-            self.learner = Learner(settings, thread_count, pixel_count, largest, source, sink, start, keeps)
+            self.learner = Learner(
+                settings, thread_count, pixel_count, largest, source, sink, start, keeps, tracer.light_clusters
+            )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, largest)
         if self.learner is not None:
@@ -216,7 +218,7 @@ class Job:
         # What is expected after a look may be more than what was before.
         self._fraction = max(self._fraction, fraction)
         rays = sum(sum(batch.statistics.rays.values()) for batch in self._batches)
-        message = ENDINGS[self.ended_by] if self.ended_by else "Rendering"
+        message = ENDINGS[self.ended_by] if self.ended_by else ""
         share = None
         if active is not None and active.has_looked:
             share = active.count / max(self.film.width * self.film.height, 1)

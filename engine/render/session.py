@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.builder.scene import Scene, SceneCache, build_scene
-from engine.guiding.models.record_sink import RowSink
+from engine.builder.scene import Scene, SceneCache, build_scene, look_at
+from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.learning import Learner
@@ -81,12 +81,20 @@ class Session:
     """Renders scene descriptions with one set of settings.
 
     Keep the session between frames: only what changed is rebuilt.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+    expects_moves : bool
+        Whether things are moved about between renders, as in a viewport: then what has moved once costs the next move
+        little, and rays a little more.
     """
 
-    def __init__(self, settings: RenderSettings) -> None:
+    def __init__(self, settings: RenderSettings, *, expects_moves: bool = False) -> None:
         self.settings = settings
         self.scene: Scene | None = None
-        self._cache = SceneCache()
+        self._expects_moves = expects_moves
+        self._cache = SceneCache(expects_moves=expects_moves)
         self._tracer: Tracer | None = None
         #: Of the scene, '' while nobody has asked.
         self._light_digest = ""
@@ -164,6 +172,10 @@ class Session:
         """
         if self.scene is None:
             raise RuntimeError("load a scene before looking at it")
+        looked = look_at(self.scene, camera, frame, self.settings, self._cache)
+        if looked is not None:
+            self.scene = looked
+            return
         digest = self._light_digest
         self.load(replace(self.scene.description, camera=camera, frame=frame))
         self._light_digest = digest
@@ -192,7 +204,7 @@ class Session:
         except BaseException:
             # The thread ends at its next check. Until then the cache is its own.
             is_abandoned.set()
-            self._cache = SceneCache()
+            self._cache = SceneCache(expects_moves=self._expects_moves)
             raise
         return future.result()
 
@@ -207,7 +219,7 @@ class Session:
     def close(self) -> None:
         """Free the scene, its acceleration structure and the threads' memory."""
         self.scene = self._tracer = None
-        self._cache = SceneCache()
+        self._cache = SceneCache(expects_moves=self._expects_moves)
 
     def render(
         self,
@@ -218,7 +230,7 @@ class Session:
         passes: Iterable[str] = ("Combined",),
         ray_observer: Callable[..., None] | None = None,
         source: TrainedSource | None = None,
-        sink: RowSink | None = None,
+        sink: RecordSink | None = None,
         start: LearnedField | None = None,
         keep: bool = False,
         pace: Pace = FINAL,
@@ -241,7 +253,7 @@ class Session:
         source : TrainedSource, optional
             What directions are drawn from, instead of what the settings would have this render learn
             (`SequenceField.source`).
-        sink : RowSink, optional
+        sink : RecordSink, optional
             Gets what paths record, if the render is guided.
         start : LearnedField, optional
             What another render has learned. Paths are guided by it from the first sample on, and it is learned onto.

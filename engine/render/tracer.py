@@ -19,7 +19,6 @@ from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.radiance import network_shape
 from engine.guiding.networks.radiance_query import no_network
 from engine.guiding.policy.guidance import Guidance
-from engine.kernels.constants import DISTANT
 from engine.render.batch import Arm, Batch
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -29,7 +28,13 @@ from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import RGB
-from engine.state.lights import HEADER_EMITTERS, HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
+from engine.state.lights import (
+    HEADER_EMITTERS,
+    HEADER_FIRST_SUN,
+    HEADER_HITTABLE,
+    HEADER_LAST_SUN,
+    no_selection,
+)
 from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_NO_REFLECTIVE_CAUSTICS,
@@ -66,6 +71,7 @@ from engine.wavefront.columns import (
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
     UNIT_SHADER_MODE,
+    UNIT_SHOWS_BACKGROUND,
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
     UNIT_STRATUM,
@@ -89,6 +95,7 @@ _STAGE_FLAGS = [
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
+    UNIT_SHOWS_BACKGROUND,
 ]  # fmt: skip
 
 
@@ -125,8 +132,7 @@ class Tracer:
         facts = scene.shaders.programs[world, PROGRAM_FLAGS]
         world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
         description = scene.description
-        distance = description.world.occlusion_distance if description.world else float(DISTANT)
-        options = make_options(settings, description.frame.exposure, distance)
+        options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_WIDTH] = scene.description.frame.width
@@ -212,6 +218,14 @@ class Tracer:
         return self._compiled_loop is not None
 
     @property
+    def light_clusters(self) -> np.ndarray | None:
+        """Which clusters of lights can be sampled, bool (C,); None where there is nothing to choose between."""
+        is_possible: np.ndarray = self.view.lights.cluster_share > 0.0
+        if not self.view.header[SCENE_HAS_EMITTERS] or is_possible.sum() < 2:
+            return None
+        return is_possible
+
+    @property
     def guidance(self) -> Guidance | None:
         """What paths are guided by."""
         return self._guidance
@@ -219,6 +233,9 @@ class Tracer:
     @guidance.setter
     def guidance(self, guidance: Guidance | None) -> None:
         self._guidance = guidance
+        if hasattr(self, "view"):
+            selection = no_selection() if guidance is None or guidance.lights is None else guidance.lights
+            self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
         challenger = guidance.challenger if guidance is not None else None
         # The cache ends paths whatever guides them.
         plain = guidance.plain() if guidance is not None and guidance.uses_cache else None
@@ -369,6 +386,7 @@ class Tracer:
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
         header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
         header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
+        header[UNIT_SHOWS_BACKGROUND] = self.layout.shows_background
         header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache

@@ -311,8 +311,6 @@ class World:
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
     light_group: int = -1
-    #: How far the Ambient Occlusion pass looks [m].
-    occlusion_distance: float = 10.0
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -415,6 +413,13 @@ class PassSettings:
     mist_start, mist_depth : float  [m]
     mist_falloff : float
         Exponent of the mist's share of the way.
+    occlusion_distance : float  [m]
+        How far the Ambient Occlusion pass looks.
+    background_moves : bool
+        Whether the background has motion vectors.
+    looks_up_transmission : bool
+        Whether what rough glass lets through is looked up like what it reflects, for passes of colour and denoisers;
+        otherwise the glass counts as smooth.
     motion : PassMotion or None
         None: everything stands still.
     """
@@ -423,6 +428,9 @@ class PassSettings:
     mist_start: float = 0.0
     mist_depth: float = 100.0
     mist_falloff: float = 1.0
+    occlusion_distance: float = 10.0
+    background_moves: bool = False
+    looks_up_transmission: bool = False
     aovs: tuple[Aov, ...] = ()
     motion: PassMotion | None = None
 

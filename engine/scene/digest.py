@@ -58,9 +58,9 @@ def light_digest(description: SceneDescription) -> str:
     placed = (instances.mesh, instances.transform, instances.materials, instances.visibility, instances.motion)
     images = [image.name for image in description.images]
     others = (description.materials, description.lights, description.world)
-    # Keys may be numbers that start anew with every export; users of materials are for messages; groups only
-    # sort light, and what the Ambient Occlusion pass sees is no light.
-    return content_digest((shapes, placed, images, others), ("key", "user", "light_group", "occlusion_distance"))
+    # Keys may be numbers that start anew with every export; users of materials are for messages; groups only sort
+    # light.
+    return content_digest((shapes, placed, images, others), ("key", "user", "light_group"))
 
 
 def camera_digest(description: SceneDescription) -> str:

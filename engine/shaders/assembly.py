@@ -44,6 +44,13 @@ def shader_arrays(
             register_count = max(register_count, part.register_count)
         programs[row, layout.PROGRAM_FLAGS] = program.flags
         programs[row, [layout.PROGRAM_AHEAD_IMAGE, layout.PROGRAM_AHEAD_SLOT]] = program.ahead
+        if program.world_image is not None:
+            image, table, interpolation, unassociate, factor = program.world_image
+            programs[row, layout.PROGRAM_WORLD_IMAGE] = image + 1
+            programs[row, layout.PROGRAM_WORLD_TABLE] = table
+            programs[row, layout.PROGRAM_WORLD_INTERPOLATION] = interpolation
+            programs[row, layout.PROGRAM_WORLD_UNASSOCIATE] = unassociate
+            values[row, layout.VALUE_WORLD] = factor
         if program.emission is not None:
             values[row, layout.VALUE_EMISSION : layout.VALUE_EMISSION + 3] = program.emission
         if program.transparency is not None:

@@ -29,6 +29,22 @@ class AovColumns(NamedTuple):
     row_width: int
 
 
+class WorldImage(NamedTuple):
+    """A world that is one equirectangular image, for looking it up without the interpreter.
+
+    image : row of `ShaderArrays.images`
+    table : where in `ShaderArrays.tables` the matrix on directions is, -1 = none
+    interpolation, unassociate : as `images.image_color` takes them
+    factor : on the image's colour
+    """
+
+    image: int
+    table: int
+    interpolation: int
+    unassociate: int
+    factor: float
+
+
 @dataclass(frozen=True)
 class ProgramSource:
     """What one program is made of.
@@ -71,6 +87,7 @@ class CompiledProgram:
     transparency: tuple[float, ...] | None
     lambertian: tuple[float, ...] | None
     ahead: tuple[int, int]
+    world_image: WorldImage | None
     temperature: float
     asked: list[Asked]
     notices: list[Notice]

@@ -11,7 +11,7 @@ from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
 from engine.kernels.shader import ops_closure, ops_image, ops_input
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
-from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource
+from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource, WorldImage
 from engine.shaders.program import Constant, Instruction
 from engine.state import shaders as layout
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
@@ -48,9 +48,10 @@ def with_facts(
     for flag, is_set in facts.items():
         flags |= flag if is_set else 0
     ahead = _foreseen_image(instructions)
+    world_image = _world_image(instructions, emitting) if source.kind == "WORLD" else None
     temperature = emission_temperature(source.graph)
     return CompiledProgram(
-        instructions, roots, flags, emission, transparency, lambertian, ahead, temperature, asked, notices
+        instructions, roots, flags, emission, transparency, lambertian, ahead, world_image, temperature, asked, notices
     )
 
 
@@ -97,6 +98,33 @@ def _lambertian(instructions: Sequence[Instruction], roots: Sequence[int]) -> tu
     if not roughness.value[0] < MIN_DIFFUSE_ROUGHNESS:
         return None
     return tuple(float(np.float32(weight.value[0]) * np.float32(channel)) for channel in color.value)
+
+
+def _world_image(instructions: Sequence[Instruction], roots: Sequence[int]) -> WorldImage | None:
+    """How to look up a world that shows nothing but one equirectangular image, turned or not, else None."""
+    if len(roots) != 1 or instructions[roots[0]].opcode != ops_closure.OP_EMISSION:
+        return None
+    weight, color, strength = instructions[roots[0]].inputs
+    if not isinstance(weight, Constant) or not isinstance(strength, Constant) or isinstance(color, Constant):
+        return None
+    lookup = instructions[color.instruction]
+    if lookup.opcode != ops_image.OP_ENVIRONMENT or color.output != 0:
+        return None
+    image, projection, interpolation, _, unassociate = lookup.immediates
+    vector = lookup.inputs[0]
+    if image < 0 or projection != ops_image.PROJECTION_EQUIRECTANGULAR or isinstance(vector, Constant):
+        return None
+    source, table = instructions[vector.instruction], -1
+    if source.opcode == ops_input.OP_TRANSFORM_POINT and source.immediates[1] == 0:
+        table, inner = source.immediates[0], source.inputs[0]
+        if isinstance(inner, Constant):
+            return None
+        source = instructions[inner.instruction]
+    # Of a world both are the direction; with an axis they are looked up beside it.
+    if source.opcode not in (ops_input.OP_POSITION, ops_input.OP_GENERATED) or source.immediates[0] != 0:
+        return None
+    factor = float(np.float32(weight.value[0]) * np.float32(strength.value[0]))
+    return WorldImage(image, table, interpolation, unassociate, factor)
 
 
 def _constant_emission(instructions: Sequence[Instruction], roots: Sequence[int]) -> tuple[float, ...] | None:

@@ -50,6 +50,10 @@ class DataOptions(NamedTuple):
     mist_falloff: np.float32 = np.float32(1.0)  # exponent
     #: Surfaces of a smaller alpha leave passes of one surface to those behind.
     alpha_threshold: np.float32 = np.float32(0.5)
+    #: Whether the background has motion vectors.
+    background_moves: int = 0
+    #: Whether the albedo of what rough glass lets through is looked up: `engine.kernels.bsdf.energy.albedo_blends`.
+    looks_up_transmission: int = 0
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,8 @@ class FilmLayout:
     light_part_count: int = 0
     light_groups: tuple[str, ...] = ()
     use_occlusion: bool = False
+    #: Whether there is an Environment pass.
+    shows_background: bool = False
     has_catchers: bool = False
     has_media: bool = False
     #: Of scenes with shadow catchers.

@@ -75,6 +75,8 @@ RAY_MIS_SKIP = 512
 #: The surface scattered from had a transmissive lobe (the light tree's importance differs there).
 RAY_MIS_HAD_TRANSMISSION = 1024
 RAY_DIFFUSE_ANCESTOR = 2048
+#: The surface scattered from finds all of the background by scattering: light sampling left the dim parts to it.
+RAY_MIS_FINDS_ALL = 262144
 #: A limit was reached: the next surface only emits, unless it is transparent.
 RAY_TERMINATE_AFTER_TRANSPARENT = 4096
 RAY_TERMINATE_ON_NEXT_SURFACE = 8192
@@ -552,9 +554,12 @@ class LightSamples(Bundle):
     offset : float32 [m], rounding error of the point on the light along the ray
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
+    bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
     guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
         BSDF's density in it (0 and 1 where the lane is not guided)
     weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
+    cluster : int32, of the light that was chosen, -1 = none; cluster_pmf, tree_pmf : float32, with which probability it
+        was, and would have been by the light tree alone. Of lanes that are recorded
     """
 
     _rows = True
@@ -566,9 +571,13 @@ class LightSamples(Bundle):
     offset: Float32Array
     flags: Int32Array
     visibility: Int32Array
+    bsdf_pdf: Float32Array
     guide_pdf: Float32Array
     bsdf_share: Float32Array
     weight: Float32Array
+    cluster: Int32Array
+    cluster_pmf: Float32Array
+    tree_pmf: Float32Array
     channels: tuple[int, ...]
 
 
@@ -593,10 +602,12 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
                 ("offset", real),
                 ("flags", integer),
                 ("visibility", integer),
+                ("bsdf_pdf", real),
                 ("guide_pdf", real),
                 ("bsdf_share", real),
                 ("weight", real),
-            ]
+            ],
+            [("cluster", integer), ("cluster_pmf", real), ("tree_pmf", real)],
         ],
     )
     fields["bsdf_share"][:] = fields["weight"][:] = 1.0

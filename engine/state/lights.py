@@ -3,9 +3,15 @@
 
 An *emitter* is what the light tree picks: an emissive triangle, a lamp or the background. Emitters are numbered
 triangles first (so a triangle emitter's number is its row in `triangles`), then lamps, then the background.
+
+A *cluster* is what a region learns the worth of (`LightSelection`): a node of a cut through the light tree, an emitter
+at infinity, or a patch of the background's map. Every emitter, and every direction of the background, is in one.
+Clusters are numbered in this order: nodes of the cut, rows of `distant` but for the background, patches.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
 from engine.runtime.bundle import Bundle
@@ -138,10 +144,44 @@ HEADER_BACKGROUND_MAX_BOUNCES = 7
 #: Rows of `sources`; -1: light may come from anywhere.
 HEADER_SOURCES = 8
 HEADER_BACKGROUND_SHADOW = 9
-HEADER_WIDTH = 10
+HEADER_CLUSTERS = 10
+#: Clusters [0, HEADER_CUT) are nodes, those from HEADER_FIRST_PATCH on are patches.
+HEADER_CUT = 11
+HEADER_FIRST_PATCH = 12
+#: Patches of the background: bands of latitude times sectors of longitude, band by band.
+HEADER_BANDS = 13
+HEADER_SECTORS = 14
+HEADER_WIDTH = 15
 
 #: Steps of `map_guide`; a power of two, so that finding one's own does not round.
 MAP_GUIDE_SIZE = 64
+
+
+class LightSelection(Bundle):
+    """How likely regions of space choose each cluster of lights, as learned: N nodes of a binary tree, R regions.
+
+    node_split, node_link, bounds, grid, grid_scale : as `engine.kernels.binary_tree` reads them
+    table : int32 (R,), row of `cumulative`; -1: the region chooses by the light tree alone
+    cumulative : float32 (S, clusters + 1), cumulative probability, 0 first and 1 last; S = 0: nothing has been learned
+    """
+
+    _dynamic = frozenset({"cumulative"})
+
+    node_split: Float32Array
+    node_link: Int32Array
+    bounds: Float32Array
+    grid: Int32Array
+    grid_scale: Float32Array
+    table: Int32Array
+    cumulative: Float32Array
+
+
+def no_selection() -> LightSelection:
+    """Nothing learned: all regions choose by the light tree."""
+    return LightSelection(
+        np.zeros(1, np.float32), np.zeros((1, 2), np.int32), np.zeros((2, 3), np.float32), np.zeros(1, np.int32),
+        np.zeros(3, np.float32), np.zeros(1, np.int32), np.zeros((0, 1), np.float32),
+    )
 
 
 class LightArrays(Bundle):
@@ -161,10 +201,17 @@ class LightArrays(Bundle):
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
     map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
         last row, whose cumulative probability is not above k / MAP_GUIDE_SIZE
+    compensated_marginal, compensated_conditional, compensated_guide : the same of what is brighter than the mean, for
+        receivers that find the rest by scattering (`engine.kernels.lights.finds_all`); H = 0: the same map
+    map_patches : float32 (P, B + 1), cumulative probability of the rows within a patch; B rows in the highest band
+    node_cluster : int32 (M,), cluster of the nodes in the cut, -1 elsewhere
+    cluster_node : int32 (HEADER_CUT,), nodes of the cut
+    cluster_share : float32 (clusters,), probability of a patch within the map; 1 of all other clusters
+    selection : LightSelection, what has been learned about them
     """
 
-    #: The map's width differs from world to world.
-    _dynamic = frozenset({"map_conditional"})
+    #: The map's size differs from world to world.
+    _dynamic = frozenset({"map_conditional", "compensated_conditional", "map_patches"})
 
     header: Int32Array
     nodes: Float32Array
@@ -180,3 +227,11 @@ class LightArrays(Bundle):
     map_marginal: Float32Array
     map_conditional: Float32Array
     map_guide: Int32Array
+    compensated_marginal: Float32Array
+    compensated_conditional: Float32Array
+    compensated_guide: Int32Array
+    map_patches: Float32Array
+    node_cluster: Int32Array
+    cluster_node: Int32Array
+    cluster_share: Float32Array
+    selection: LightSelection

@@ -37,7 +37,13 @@ PROGRAM_FLAGS = 6
 #: Row of `images`, plus 1, that a lookup by an unchanged UV map will read; 0 = not known. And the map's slot, or -1.
 PROGRAM_AHEAD_IMAGE = 7
 PROGRAM_AHEAD_SLOT = 8
-PROGRAM_WIDTH = 9
+#: Of a world that is one image (`engine.shaders.facts`): its row of `images` plus 1, else 0; where in `tables` the
+#: matrix on directions is, or -1; and how the image is looked up.
+PROGRAM_WORLD_IMAGE = 9
+PROGRAM_WORLD_TABLE = 10
+PROGRAM_WORLD_INTERPOLATION = 11
+PROGRAM_WORLD_UNASSOCIATE = 12
+PROGRAM_WIDTH = 16
 
 #: May emit light.
 PROGRAM_HAS_EMISSION = 1
@@ -64,7 +70,8 @@ PROGRAM_IS_BOUNDARY = 512
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean
 VALUE_TRANSPARENCY = 4
 VALUE_LAMBERTIAN = 8
-VALUE_WIDTH = 12
+VALUE_WORLD = 12  # factor on the image of a world that is one
+VALUE_WIDTH = 16
 
 # Columns of ShaderArrays.images.
 IMAGE_X = 0  # width [texels]

@@ -7,8 +7,8 @@ from engine.render.pace import Pace
 
 #: Of the picture at full resolution: as Cycles' viewport at first, then at widening intervals.
 PACE = Pace(times=(0.1, 0.25, 0.5, 1.0, 2.0), interval=1.25, growth=1.25, longest=8.0, poll_seconds=0.004)
-#: From a change to its first picture [s]: 25 pictures a second while the view turns.
-_BUDGET = 0.04
+#: From a change to its first picture [s]: 25 pictures a second while the view turns, and what it takes to send them.
+_BUDGET = 0.034
 #: Least part of the budget that is for tracing, whatever else takes its time [s].
 _LEAST_TRACING = 0.008
 #: An estimate may exceed the budget by this factor: else pictures of half the sides would use a quarter of it.

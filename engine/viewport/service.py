@@ -8,6 +8,7 @@ does.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -21,6 +22,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from engine.array_types import Float32Array
+from engine.guiding.saved.judge import FieldJudge
 from engine.guiding.saved.learned import LearnedField
 from engine.processes.memory import SharedMemory
 from engine.processes.parent import leave_with_parent, step_back
@@ -39,6 +41,7 @@ _COARSE_PACE = replace(PACE, times=(), interval=1e9, longest=1e9)
 #: Least time from one denoising to the next [s], and that time over the time that the last one took.
 _DENOISE_SECONDS = 1.0
 _DENOISE_PATIENCE = 3.0
+_OUT_OF_MEMORY = "Out of memory: make the view smaller, or simplify meshes and textures"
 #: Time between two looks at how far a render is [s].
 _STATUS_SECONDS = 0.1
 
@@ -92,6 +95,7 @@ class Service:
         self._number = 0
         #: What is to be rendered: all updates so far as one.
         self._state = Update()
+        #: What was learned last, maybe of the scene before an edit.
         self._field: LearnedField | None = None
         #: The last whole picture of this update, for pixels of a finer one that have no sample yet.
         self._coarse: tuple[Float32Array, int] | None = None
@@ -108,8 +112,12 @@ class Service:
                 update = self._receiver.read(message["size"])
                 self._inbox.put(update, message["number"])
                 self.block.acknowledge(message["number"])
-        finally:
-            os._exit(0)
+        except BaseException as error:
+            # The host takes the update for read: only another process can make up for it.
+            lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            print(_OUT_OF_MEMORY if lacks_memory else repr(error), file=sys.stderr, flush=True)
+            os._exit(1)
+        os._exit(0)
 
     def run(self) -> None:
         """Render until the input ends."""
@@ -131,7 +139,7 @@ class Service:
             except ValueError as error:
                 self._tell(FAILED, str(error))
             except MemoryError:
-                self._tell(FAILED, "Out of memory: make the view smaller, or simplify meshes and textures")
+                self._tell(FAILED, _OUT_OF_MEMORY)
             except OSError as error:
                 self._tell(FAILED, f"No shared memory for pictures: {error.strerror or error}")
 
@@ -142,6 +150,8 @@ class Service:
         x0, y0, x1, y1 = view.region
         self._coarse = None
         self._is_denoised = False
+        judge = self._judge(session)
+        field = self._field if judge is None else judge.field
         dividers = self._pacing.dividers(x1 - x0, y1 - y0)
         for divider in dividers:
             # The first picture comes whatever follows: who moves on and on would never see one.
@@ -150,11 +160,11 @@ class Service:
                 return
             session.look(*view.at(divider))
             if divider == 1:
-                self._render_finely(session, view, is_first)
+                self._render_finely(session, view, judge, is_first)
                 return
             before = time.perf_counter()
             result = session.render(
-                samples=1, start=self._field, pace=_COARSE_PACE, on_progress=self._on_progress,
+                samples=1, start=field, sink=judge, pace=_COARSE_PACE, on_progress=self._on_progress,
                 should_cancel=lambda is_first=is_first: not is_first and self._inbox.has_news,  # type: ignore[misc]
                 passes=self._passes, shows_cancelled=False,
             )
@@ -176,7 +186,7 @@ class Service:
         # The session would denoise coarse pictures and last ones only.
         own = replace(settings, use_denoising=False)
         if session is None:
-            session = self._session = Session(own)
+            session = self._session = Session(own, expects_moves=True)
         if session.settings != own:
             session.settings = own
             scene_changed = True
@@ -189,7 +199,29 @@ class Service:
             self._note(notices)
         return session
 
-    def _render_finely(self, session: Session, view: View, is_first: bool) -> None:
+    def _judge(self, session: Session) -> FieldJudge | None:
+        """What finds out by the coarse pictures whether the field fits an edited scene; None: it is of this one."""
+        field = self._field
+        if field is None or not session.settings.is_guided or field.light_digest == session.light_digest:
+            return None
+        return FieldJudge(field, session.light_digest)
+
+    def _conclude(self, session: Session, judge: FieldJudge) -> bool:
+        """Keep the field, or learn anew; False if something else is to be rendered by now."""
+        if not judge.is_sure:
+            # No picture was fine enough.
+            session.render(
+                samples=1, start=judge.field, sink=judge, pace=_COARSE_PACE, on_progress=self._on_progress,
+                should_cancel=lambda: self._inbox.has_news, passes=self._passes, shows_cancelled=False,
+            )
+        if self._inbox.has_news:
+            return False
+        self._field = judge.kept
+        return True
+
+    def _render_finely(self, session: Session, view: View, judge: FieldJudge | None, is_first: bool) -> None:
+        if judge is not None and not self._conclude(session, judge):
+            return
         has_image = False
 
         def on_image(images: dict[str, Float32Array]) -> None:

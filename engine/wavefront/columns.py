@@ -39,7 +39,8 @@ UNIT_SPLITS_LIGHT = 13  # light passes are asked for
 UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
 UNIT_CATCHES = 15  # the scene has shadow catchers
 UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
-UNIT_HEADER_WIDTH = 17
+UNIT_SHOWS_BACKGROUND = 17  # the Environment pass is asked for: it has what a transparent film leaves out
+UNIT_HEADER_WIDTH = 18
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0

@@ -3,9 +3,9 @@
 
 import numpy as np
 
-from engine.guiding.fields.vmm.query import find_region, locate_leaf
-from engine.guiding.records.vertices import log_arrival
+from engine.guiding.fields.vmm.query import find_region
 from engine.guiding.sampling.guide import query_guides, ready_guide
+from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
@@ -24,8 +24,6 @@ _PROBED_BITS = np.uint32(PROBED_SHARE * 2**32)
 @kernel
 def prepare_guides(scene, unit, guidance, work, queue):
     """Fill `guided`, `guide` and `samples.weight`; lanes outside the learned field keep BSDF and light sampling.
-
-    Recorded paths note how much they have gathered so far.
 
     Lanes where the region's guiding probability is 0 are left to the BSDF, but for a few of recorded paths, by which it
     can be learned anew.
@@ -47,8 +45,6 @@ def prepare_guides(scene, unit, guidance, work, queue):
         if paths.alive[lane] == 0:
             continue
         is_recorded = log.is_recording[lane] != 0
-        if is_recorded:
-            log_arrival(log, paths, lane)
         p = real_3(points, lane, POINT_P)
         leaf = locate_leaf(field, p)
         if leaf < 0:

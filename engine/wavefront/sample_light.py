@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stages of next-event estimation: choose a point on a light, then weigh it and queue its shadow ray.
 
-Between the two, `evaluate_shaders` runs the programs of lights whose emission is not constant.
+Between the two, `evaluate_shaders` runs the programs of lights whose emission is not constant. What the surface cannot
+scatter, such as light from below it, is dropped before.
 """
+
 
 import numpy as np
 
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.constants import FAR
-from engine.kernels.lights import sample_light
+from engine.kernels.lights import cluster_choice, finds_all, sample_light
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
@@ -64,12 +66,14 @@ _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 def choose_lights(scene, unit, work, queue):
     """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
 
-    `work.lit` is filled with the lanes that got a sample, `work.programs` with those of them whose light has a program
-    to run at `work.light_points`.
+    `work.lit` is filled with the lanes that got a sample from which the surface scatters light, `work.programs` with
+    those of them whose light has a program to run at `work.light_points`. `work.f_cos` and `samples.bsdf_pdf` hold what
+    the BSDF says of it.
     """
     lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
     paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
     light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
+    tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
@@ -82,6 +86,9 @@ def choose_lights(scene, unit, work, queue):
         ask_for_closures(closures, ahead)
         prefetch(points.real, ahead)
         prefetch(samples.direction, ahead)
+        is_recorded = log.is_recording[lane] != 0
+        if is_recorded:
+            samples.cluster[lane] = -1
         if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
             continue
         bits = summarize(closures, lane)
@@ -91,10 +98,18 @@ def choose_lights(scene, unit, work, queue):
         real = points.real
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
         n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
+        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
+        has_transmission = (bits & HAS_TRANSMISSION) != 0
+        leaves_dim = finds_all(lights, closures, lane, ng)
         (
             pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis, back,
-        ) = sample_light(lights, geometry, p, n, (bits & HAS_TRANSMISSION) != 0, paths.time[lane], u0, u1, u2)
+        ) = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
+        if is_recorded and pdf > 0.0:
+            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi)
+            samples.cluster[lane] = cluster
+            samples.cluster_pmf[lane] = cluster_pmf
+            samples.tree_pmf[lane] = tree_pmf
         if not pdf > 0.0 or paths.depth[lane] > max_bounces:
             continue
         if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
@@ -103,8 +118,16 @@ def choose_lights(scene, unit, work, queue):
             # Nothing but catchers is there for them.
             if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
                 continue
+        wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
+        bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, visibility & _SCATTERED, f_cos, lane)
+        largest = 0.0
+        for c in range(len(paths.channels)):
+            largest = max(largest, abs(f_cos[lane, c]))
+        if not largest > 0.0:
+            continue
         store(samples.direction, lane, wi)
         samples.pdf[lane] = pdf
+        samples.bsdf_pdf[lane] = bsdf_pdf
         samples.terminate[lane] = u3
         samples.visibility[lane] = visibility
         for c in range(RGB):
@@ -175,8 +198,8 @@ def connect_lights(scene, unit, work, queue):
     one. Samples that would add little survive with a probability proportional to it (Cycles' light threshold). Where
     surfaces are smooth, shadow rays start off them (`kernels.terminator`).
     """
-    options, tables, geometry, paths = scene.options, scene.tables, scene.geometry, work.paths
-    points, closures, samples, light_closures = work.points, work.closures, work.samples, work.light_closures
+    options, geometry, paths = scene.options, scene.geometry, work.paths
+    points, samples, light_closures = work.points, work.samples, work.light_closures
     f_cos, shadows = work.f_cos, work.shadows
     lit, lit_count = queue.lanes, queue.count[0]
     shadow_count = 0
@@ -185,19 +208,14 @@ def connect_lights(scene, unit, work, queue):
         ahead = lane_ahead(lit, k, lit_count)
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
-        ask_for_closures(closures, ahead)
         prefetch(points.real, ahead)
         prefetch(samples.direction, ahead)
-        real = points.real
-        wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
-        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
-        wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
-        bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, samples.visibility[lane] & _SCATTERED, f_cos, lane)
+        prefetch(f_cos, ahead)
         pdf = samples.pdf[lane]
         flags = samples.flags[lane]
         weight = 1.0 / pdf
         if flags & LIGHT_USES_MIS:
-            source_pdf = samples.guide_pdf[lane] + samples.bsdf_share[lane] * bsdf_pdf
+            source_pdf = samples.guide_pdf[lane] + samples.bsdf_share[lane] * samples.bsdf_pdf[lane]
             weight *= power_heuristic(pdf, source_pdf)
         largest = 0.0
         for c in range(len(paths.channels)):
@@ -221,8 +239,11 @@ def connect_lights(scene, unit, work, queue):
         shadows.weight[row] = samples.weight[lane]
         for c in range(len(paths.channels)):
             shadows.radiance[row, c] = paths.throughput[lane, c] * f_cos[lane, c] * scale
+        real = points.real
         p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
+        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
         ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
+        wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
         origin, wi, distance = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
             ns, wi, samples.distance[lane], paths.offset[lane], paths.time[lane],

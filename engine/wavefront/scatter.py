@@ -90,6 +90,6 @@ def scatter(scene, unit, work, queue):
                 roughness = 0.0
             scattering = Scattering(wi, pdf, roughness, eta, NAN, NAN, NAN)
             log_vertex(log, paths, points, closures, samples, lane, scattering, f_cos)
-        scatter_path(options, paths, points, closures, lane, wi, label, pdf, pdf)
+        scatter_path(options, scene.lights, paths, points, closures, lane, wi, label, pdf, pdf)
     work.single.count[0] = single_count
     work.several.count[0] = several_count

@@ -187,6 +187,8 @@ def scatter_collisions(scene, unit, work, queue):
         paths.dimension[lane] += SETS_PER_VERTEX
         vertex = log.count[lane]
         if log.is_recording[lane] != 0 and vertex < MAX_VERTICES:
+            # Regions learn which lights surfaces see.
+            work.samples.cluster[lane] = -1
             # A roughness of 0 makes no record; with a scale of 0 what is seen here is as far away as here.
             log_vertex(
                 log, paths, points, closures, work.samples, lane, Scattering(wi, pdf, 0.0, 1.0, NAN, NAN, NAN), f_cos

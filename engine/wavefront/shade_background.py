@@ -9,7 +9,7 @@ import numpy as np
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import background_pdf
 from engine.kernels.path_depths import store_depths
-from engine.kernels.radiance import add_emission, add_seen, power_heuristic
+from engine.kernels.radiance import add_emission, add_seen, power_heuristic, show_left_out
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_ENVIRONMENT, FIRST_WIDTH
@@ -31,6 +31,7 @@ from engine.state.lanes import (
     POINT_V,
     POINT_WO,
     RAY_EMISSION,
+    RAY_MIS_FINDS_ALL,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_PASSES_DONE,
@@ -43,6 +44,7 @@ from engine.wavefront.columns import (
     SCENE_WORLD_GROUP,
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
+    UNIT_SHOWS_BACKGROUND,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
 )
@@ -100,26 +102,34 @@ def shade_background(scene, unit, work, queue):
     """Add the background seen by paths that left the scene, MIS-weighted, and end them.
 
     `work.closures.emission` holds the background's radiance. The film gets the Environment pass, and the first sample's
-    depth and position of nothing, if features are asked for.
+    depth and position of nothing, if features are asked for. A transparent film leaves the background out of the
+    picture, but not out of that pass.
     """
     lights, spectrum, options = scene.lights, scene.spectrum, scene.options
     visibility = scene.header[SCENE_WORLD_VISIBILITY]
     paths, closures, film = work.paths, work.closures, unit.film
     use_features = unit.header[UNIT_USE_FEATURES] != 0
     use_denoising = unit.header[UNIT_USE_DENOISING] != 0
+    group, shows_all = scene.header[SCENE_WORLD_GROUP], unit.header[UNIT_SHOWS_BACKGROUND] != 0
     missed, missed_count = queue.lanes, queue.count[0]
     for k in range(missed_count):
         lane = missed[k]
         paths.alive[lane] = 0
         flags = paths.flags[lane]
-        seen = True
+        is_seen = flags & RAY_VISIBILITY & visibility != 0
+        is_left_out = False
         if options.film_transparent != 0 and flags & RAY_TRANSPARENT_BACKGROUND:
             average = 0.0
             for c in range(len(paths.channels)):
                 average += paths.throughput[lane, c]
             paths.alpha[lane] -= average / np.float32(len(paths.channels))
-            seen = False
-        if seen and (flags & RAY_VISIBILITY & visibility):
+            is_left_out = True
+        share = np.float32(-1.0)
+        if is_seen and is_left_out and shows_all:
+            share = show_left_out(
+                options, spectrum, paths, work.passes, lane, closures.emission, group, film, FEATURE_ENVIRONMENT
+            )
+        if is_seen and not is_left_out:
             weight = 1.0
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 pdf = background_pdf(
@@ -127,15 +137,16 @@ def shade_background(scene, unit, work, queue):
                     load(paths.mis_origin, lane),
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
+                    (flags & RAY_MIS_FINDS_ALL) != 0,
                     load(paths.direction, lane),
                 )
                 weight = power_heuristic(paths.mis_pdf[lane], pdf)
             share = add_emission(
-                options, spectrum, paths, work.passes, lane, closures.emission, weight,
-                scene.header[SCENE_WORLD_GROUP], film, FEATURE_ENVIRONMENT, use_features,
+                options, spectrum, paths, work.passes, lane, closures.emission, weight, group, film,
+                FEATURE_ENVIRONMENT, use_features,
             )
-            if use_denoising:
-                add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
+        if use_denoising and share >= 0.0:
+            add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)
         if use_features and flags & RAY_TRANSPARENT_BACKGROUND and not flags & RAY_PASSES_DONE:
             if paths.sample[lane] == 0:
                 # Nothing is behind what was not opaque enough.

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.lights import triangle_emitter_pdf
@@ -43,10 +44,11 @@ def shade_emission(scene, unit, work, queue):
     """Add emission with the MIS weight of having found it by scattering; then divide by the survival probability.
 
     Lanes flagged RAY_TERMINATE_ON_NEXT_SURFACE, and those whose holdout is complete, end here; those flagged
-    RAY_TERMINATE_AFTER_TRANSPARENT keep their transparent lobe only.
+    RAY_TERMINATE_AFTER_TRANSPARENT keep their transparent lobe only. Recorded paths that go on note how much they have
+    gathered so far.
     """
     lights, geometry, spectrum, options = scene.lights, scene.geometry, scene.spectrum, scene.options
-    paths, closures, film = work.paths, work.closures, unit.film
+    paths, closures, film, log = work.paths, work.closures, unit.film, work.log
     use_features = unit.header[UNIT_USE_FEATURES] != 0
     use_denoising = unit.header[UNIT_USE_DENOISING] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
@@ -104,6 +106,8 @@ def shade_emission(scene, unit, work, queue):
             if closures.count[lane] == 0:
                 paths.alive[lane] = 0
                 continue
+        if log.is_recording[lane] != 0:
+            log_arrival(log, paths, lane)
         survival = paths.survival[lane]
         if survival < 1.0:
             scale = 1.0 / survival

@@ -29,13 +29,13 @@ from engine.wavefront.columns import SHADOW_ROWS
 def write_colors(scene, unit, work, queue):
     """Add what lobes of each kind reflect or let through to the film, of surfaces that the camera sees."""
     paths, points, closures, film = work.paths, work.points, work.shaded, unit.film
-    color = work.passes.color
+    color, looks_up = work.passes.color, scene.data.options.looks_up_transmission
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         if paths.alive[lane] == 0 or not paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
             continue
-        albedo_parts(closures, scene.tables, lane, real_3(points, lane, POINT_WO), color)
+        albedo_parts(closures, scene.tables, lane, real_3(points, lane, POINT_WO), looks_up, color)
         pixel = paths.pixel[lane]
         tint = to_rgb(scene.spectrum, paths, lane, paths.throughput, lane)
         if paths.transparent_depth[lane] == 0:

@@ -50,7 +50,7 @@ from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
-from engine.wavefront.write_data import write_aovs, write_data
+from engine.wavefront.write_data import write_aovs, write_background_vectors, write_data
 from engine.wavefront.write_denoising import write_denoising
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
@@ -72,7 +72,7 @@ _HITTABLE_LIGHTS = _by_name(shade_lights)
 _CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
 _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
 _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
-_DATA, _AOVS = _by_name(write_data), _by_name(write_aovs)
+_DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
 _CATCHERS = _by_name(meet_catchers, show_background)
 _MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
 _MEDIA_SHADOWS = _by_name(attenuate_shadows)

@@ -11,8 +11,9 @@ import numpy as np
 
 from engine.kernels.mattes import add_matte
 from engine.kernels.pass_surface import is_pass_surface, mean_transparency
-from engine.kernels.pass_vectors import motion_vectors
+from engine.kernels.pass_vectors import background_vectors, motion_vectors
 from engine.kernels.shader.surface import fetch_attribute
+from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.camera import CAMERA_KIND, KIND_ORTHOGRAPHIC
 from engine.state.data_passes import ID_ASSET, ID_OBJECT
@@ -93,6 +94,29 @@ def write_data(scene, unit, work, queue):
             for c in range(4):
                 film.data[pixel, options.vector + c] += vectors[c]
             film.data[pixel, options.vector + 4] += 1.0
+
+
+@kernel
+def write_background_vectors(scene, unit, work, queue):
+    """Add motion vectors of the background to the film, of lanes that no surface has stopped.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.missed`.
+    """
+    data, camera = scene.data, scene.camera
+    first, paths, film = data.options.vector, work.paths, unit.film
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        flags = paths.flags[lane]
+        if flags & RAY_PASSES_DONE or not flags & RAY_TRANSPARENT_BACKGROUND:
+            continue
+        vectors = background_vectors(data, camera, load(paths.direction, lane))
+        for c in range(4):
+            film.data[paths.pixel[lane], first + c] += vectors[c]
+        film.data[paths.pixel[lane], first + 4] += 1.0
 
 
 @kernel

@@ -3,7 +3,7 @@
 
 Mirrors and glass look as what is seen in them: where specular lobes have three quarters or more of the weight, the path
 goes on, and the first other surface counts, times the albedos of the specular ones. Light that is seen on the way
-counts as albedo (`engine.kernels.radiance.add_seen`). All as in Cycles 5.0, so that the passes are the same.
+counts as albedo (`engine.kernels.radiance.add_seen`). All as in Cycles, so that the passes are the same.
 """
 
 import math
@@ -30,12 +30,12 @@ def _is_specular(closures, lane, i):
 
 
 @kernel
-def _albedo(closures, tables, lane, wo, of_specular, out):
+def _albedo(closures, tables, lane, wo, of_specular, looks_up, out):
     """Albedo of a lane's specular lobes together, or of the others; row `lane` of `out` is scratch."""
     store(out, lane, (0.0, 0.0, 0.0))
     for i in range(closures.count[lane]):
         if _is_specular(closures, lane, i) == of_specular:
-            add_albedo(closures, tables, lane, i, wo, out, lane)
+            add_albedo(closures, tables, lane, i, wo, looks_up, out, lane)
     return load(out, lane)
 
 
@@ -48,6 +48,7 @@ def write_denoising(scene, unit, work, queue):
     camera, tables = scene.camera, scene.tables
     paths, points, closures, scratch = work.paths, work.points, work.shaded, work.f_cos
     throughput, film = work.features.throughput, unit.film.denoising
+    looks_up = scene.data.options.looks_up_transmission
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -68,7 +69,7 @@ def write_denoising(scene, unit, work, queue):
             normal = add(normal, scale(read3(closures.param, lane, i, CLOSURE_N), weight))
         wo = real_3(points, lane, POINT_WO)
         is_specular = total > 0.0 and rough * 4.0 <= total
-        albedo = _albedo(closures, tables, lane, wo, is_specular, scratch)
+        albedo = _albedo(closures, tables, lane, wo, is_specular, looks_up, scratch)
         seen = (through[0] * albedo[0], through[1] * albedo[1], through[2] * albedo[2])
         if is_specular:
             store(throughput, lane, seen)

@@ -36,7 +36,7 @@ def write_features(scene, unit, work, queue):
     """
     camera, geometry, tables, pass_index = scene.camera, scene.geometry, scene.tables, scene.shaders.program_pass_index
     paths, points, closures, scratch, film = work.paths, work.points, work.shaded, work.f_cos, unit.film
-    threshold = scene.data.options.alpha_threshold
+    threshold, looks_up = scene.data.options.alpha_threshold, scene.data.options.looks_up_transmission
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -63,7 +63,7 @@ def write_features(scene, unit, work, queue):
             continue
         paths.flags[lane] = flags | RAY_PASSES_DONE
         wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
-        albedo(closures, tables, lane, wo, scratch, lane)
+        albedo(closures, tables, lane, wo, looks_up, scratch, lane)
         for c in range(3):
             film.features[pixel, FEATURE_NORMAL + c] += real[lane, POINT_NS + c]
             film.features[pixel, FEATURE_ALBEDO + c] += scratch[lane, c]

@@ -12,7 +12,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import bpy
 import cryptomatte_api
 import numpy as np
 import pytest
@@ -29,7 +28,6 @@ from tests.helpers.pass_scenes import (
 )
 
 SAMPLES = 256
-HAS_OTHER_VECTORS = bpy.app.version >= (5, 1)
 LARGEST, RMS, MEAN = 0.12, 0.015, 0.002
 
 
@@ -69,8 +67,6 @@ def test_passes_are_those_of_cycles(cube_scene: Any, tmp_path: Path) -> None:
         name for name in sorted(ours) if name.split(".")[1] in ("Mist", "UV", "Vector", "Place", "Amount")
     ]
     assert len(compared) == 1 + 3 + 4 + 4 + 1
-    if HAS_OTHER_VECTORS:
-        compared = [name for name in compared if ".Vector." not in name]
     for name in compared:
         assert_alike(ours[name], theirs[name], name)
     assert not ours["ViewLayer.Nobody's.X"].any()
@@ -97,7 +93,6 @@ def test_passes_are_those_of_cycles(cube_scene: Any, tmp_path: Path) -> None:
             assert all(int(number, 16) == murmur_hash(name) for name, number in known.items())
 
 
-@pytest.mark.skipif(HAS_OTHER_VECTORS, reason="Cycles has other vectors there: docs/differences.md")
 @pytest.mark.parametrize("kind", ["PANO", "ZOOM"])
 def test_vectors_know_panoramas_and_zooms(cube_scene: Any, tmp_path: Path, kind: str) -> None:
     scene, layer = cube_scene, busy_scene(cube_scene)

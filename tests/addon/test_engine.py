@@ -285,10 +285,23 @@ def test_a_worker_stands_by_for_renders_that_train_a_network(
 
     calls: list[str] = []
     monkeypatch.setattr(standby, "stand_by", lambda: calls.append("stand by"))
-    monkeypatch.setattr(standby, "dismiss", lambda: calls.append("dismiss"))
     fake.during_render = lambda _fake: calls.append("render")
     ours = cube_scene.neuralguide
     ours.guiding_method, ours.experiment.source_field = method, source
     render(cube_scene, tmp_path)
-    # It begins before the render does, and nothing is left behind.
-    assert calls == ["stand by", "render", "dismiss"][not stands_by :]
+    # It begins before the render does.
+    assert calls == ["stand by", "render"][not stands_by :]
+
+
+def test_the_worker_goes_with_the_add_on(monkeypatch: Any) -> None:
+    import addon
+    from engine.guiding.trainer import standby
+
+    calls: list[str] = []
+    monkeypatch.setattr(standby, "dismiss", lambda: calls.append("dismiss"))
+    addon.register()
+    addon.unregister()
+    try:
+        assert calls == ["dismiss"]
+    finally:
+        addon.register()

@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import bpy
 import numpy as np
 import pytest
 
@@ -16,6 +15,7 @@ from benchmarks.scene_files import SceneSource, open_scene
 from benchmarks.scenes import SCENES
 from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
 from tests.helpers.pass_files import NAMES, ask_for_passes, render_passes
+from tests.helpers.pass_scenes import make_material, see_through
 
 PIXELS = 40 * 30
 #: Standard errors, and difference of a cell, that count as found: as in test_parity, for 24 cells and 11 passes.
@@ -98,13 +98,7 @@ def check_against_cycles(name: str, tmp_path: Path, samples: int, seed_count: in
     assert count >= 1
 
 
-#: Cycles 5.2 has another Transmission Color of the Principled BSDF: docs/differences.md.
-ALIKE = ["glass-rough", "light-visibility"]
-if bpy.app.version < (5, 1):
-    ALIKE.append("principled-everything")
-
-
-@pytest.mark.parametrize("name", ALIKE)
+@pytest.mark.parametrize("name", ["glass-rough", "light-visibility", "principled-everything"])
 def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=24, seed_count=4)
 
@@ -144,21 +138,90 @@ def test_light_groups_are_passes_and_their_sum_is_the_picture(cube_scene: Any, t
     assert np.allclose(total, images["Combined"][..., :3], rtol=1e-4, atol=1e-6)
 
 
-def test_light_groups_are_those_of_cycles(cube_scene: Any, tmp_path: Path) -> None:
-    """Means over cells as in test_parity: 24 cells and 3 passes of normal noise, 4 seeds each."""
-    scene = cube_scene
-    grouped(scene)
-    names = ["Combined_Key", "Combined_Glow", "Combined_Sky"]
+def check_passes_against_cycles(
+    scene: Any, names: list[str], tmp_path: Path, *, asks_all: bool = True
+) -> dict[str, np.ndarray]:
+    """Means over cells as in test_parity: 24 cells a pass, normal noise, 4 seeds each; returns Cycles' last passes."""
     renders: dict[str, list[dict[str, np.ndarray]]] = {"OFF": [], "cycles": []}
     for rival, found in renders.items():
         for seed in range(4):
             find_rival(rival).configure(scene, Budget(64), seed, 0)
-            ask_for_passes(scene)
+            if asks_all:
+                ask_for_passes(scene)
             found.append(render_passes(scene, tmp_path / "i.exr", names))
     for name in names:
         ours, theirs = ([images[name] for images in renders[rival]] for rival in ("OFF", "cycles"))
         cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
         assert (np.abs(cells.difference) <= CELL_ALLOWANCE + SIGMAS * cells.standard_error).all(), name
+    return renders["cycles"][-1]
+
+
+def test_light_groups_are_those_of_cycles(cube_scene: Any, tmp_path: Path) -> None:
+    grouped(cube_scene)
+    check_passes_against_cycles(cube_scene, ["Combined_Key", "Combined_Glow", "Combined_Sky"], tmp_path)
+
+
+def test_instances_without_a_group_are_in_that_of_their_instancer(cube_scene: Any, tmp_path: Path) -> None:
+    """A collection of a lamp and a cube that glows, each in a group of its own or in none, instanced by an empty."""
+    import bpy
+
+    grouped(cube_scene)
+    collection = bpy.data.collections.new("Lamps")
+    for item in [*cube_scene.objects]:
+        if item.name == "Sun" or item.lightgroup == "Glow":
+            cube_scene.collection.objects.unlink(item)
+            collection.objects.link(item)
+            item.lightgroup = "" if item.lightgroup == "Glow" else item.lightgroup
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    lamp.data.energy, lamp.data.shadow_soft_size, lamp.location = 300.0, 0.3, (-2.0, -2.0, 2.0)
+    collection.objects.link(lamp)
+    empty = bpy.data.objects.new("Instancer", None)
+    empty.instance_type, empty.instance_collection, empty.lightgroup = "COLLECTION", collection, "Glow"
+    cube_scene.collection.objects.link(empty)
+    passes = check_passes_against_cycles(cube_scene, ["Combined_Key", "Combined_Glow", "Combined_Sky"], tmp_path)
+    assert all(image.mean() > 1e-4 for image in passes.values())
+
+
+@pytest.mark.parametrize("has_environment", [True, False])
+def test_a_transparent_film_leaves_the_environment_to_its_pass(
+    cube_scene: Any, tmp_path: Path, has_environment: bool
+) -> None:
+    """And, only with that pass, to the world's light group, as in Cycles; a pane covers half of the picture."""
+    import bpy
+
+    grouped(cube_scene)
+    cube_scene.render.film_transparent = True
+    bpy.ops.mesh.primitive_plane_add(size=2.0, location=(-1.0, -3.0, 1.0), rotation=(1.57, 0.0, 0.0))
+    bpy.context.object.data.materials.append(make_material("Thin", see_through(0.3)))
+    names = ["Combined", "Combined_Sky"]
+    ask_for_passes(cube_scene)
+    cube_scene.view_layers[0].use_pass_environment = has_environment
+    passes = check_passes_against_cycles(
+        cube_scene, [*names, "Environment"] if has_environment else names, tmp_path, asks_all=has_environment
+    )
+    assert passes["Combined"][..., 3].min() < 0.01
+    assert (passes["Combined_Sky"].min() > 0.01) == has_environment
+
+
+@pytest.mark.parametrize("distance", [None, 1.0, 30.0])
+def test_ambient_occlusion_looks_as_far_as_in_cycles(cube_scene: Any, tmp_path: Path, distance: float | None) -> None:
+    """As far as the world says, or 10 m without one, and whatever the view layer's switch and the object say.
+
+    A cube on a floor before a wall at 12 m.
+    """
+    import bpy
+
+    scene = cube_scene
+    bpy.ops.mesh.primitive_plane_add(size=60.0, location=(0.0, 0.0, -1.0))
+    bpy.context.object.cycles.ao_distance = 3.0
+    bpy.ops.mesh.primitive_cube_add(size=20.0, location=(0.0, 15.0, 0.0))
+    scene.world = None
+    if distance is not None:
+        scene.world = bpy.data.worlds.new("World")
+        scene.world.light_settings.distance = distance
+        scene.view_layers[0].use_sky = False
+    passes = check_passes_against_cycles(scene, ["Ambient Occlusion"], tmp_path)
+    assert 0.2 < passes["Ambient Occlusion"].mean() < 0.99
 
 
 def test_an_object_of_a_group_that_the_layer_has_not_is_of_none(cube_scene: Any) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.guiding.fields.binary_tree import LEAF, find_leaf
 from engine.guiding.fields.vmm import query
 from engine.guiding.fields.vmm.field import (
-    GRID_SIDE,
     LOBE_COEFFICIENT,
     LOBE_INVERSE_DISTANCE,
     LOBE_KAPPA,
@@ -23,6 +21,7 @@ from engine.guiding.fields.vmm.field import (
     allocate_guide,
 )
 from engine.guiding.records.light import Records, allocate_records
+from engine.kernels.binary_tree import GRID_SIDE, LEAF, find_leaf, locate_leaf
 from engine.runtime.jit import kernel
 
 FAR = 1e4
@@ -140,7 +139,7 @@ def _regions(field, points, u, out):
     for k in range(points.shape[0]):
         p = (points[k, 0], points[k, 1], points[k, 2])
         out[k, 0] = find_leaf(field, p)
-        out[k, 2] = query.locate_leaf(field, p)
+        out[k, 2] = locate_leaf(field, p)
         out[k, 1] = query.find_region(field, out[k, 0], p, u[k])
 
 

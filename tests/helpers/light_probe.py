@@ -11,6 +11,7 @@ from engine.builder.emission import ProgramInfo
 from engine.builder.environment import build_environment_map
 from engine.builder.geometry import build_geometry, empty_instances, plain_instances
 from engine.builder.lights import build_lights
+from engine.kernels.binary_tree import GRID_SIDE, LEAF
 from engine.kernels.lights import (
     background_pdf,
     lamp_factor,
@@ -21,11 +22,11 @@ from engine.kernels.lights import (
     sun_pdf,
     triangle_emitter_pdf,
 )
-from engine.kernels.lights.tree import emitter_pmf, pick_emitter
+from engine.kernels.lights.tree import emitter_pmf, pick_emitter, selection_row
 from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
 from engine.state.geometry import GeometryArrays
-from engine.state.lights import LIGHT_SUN, LightArrays
+from engine.state.lights import LIGHT_SUN, LightArrays, LightSelection
 
 # Columns of what `draw` writes.
 PDF, EMITTER, WI, DISTANCE, RADIANCE, NG, PROGRAM, USE_MIS, POINT, U, V, INSTANCE, TRIANGLE = (
@@ -92,13 +93,13 @@ def build(
 
 
 @kernel
-def _draw(lights, geometry, p, n, has_transmission, time, u, out):
+def _draw(lights, geometry, p, n, has_transmission, leaves_dim, time, u, out):
     for i in range(u.shape[0]):
         (
             pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance, _visibility,
             _cast_shadow, _max_bounces, use_mis, _back,
         ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-                         has_transmission, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
+                         has_transmission, leaves_dim, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
         out[i, PDF] = pdf
         out[i, EMITTER] = emitter
         out[i, DISTANCE] = distance
@@ -131,11 +132,11 @@ def stratified(count: int, seed: int) -> np.ndarray:
 
 def draw(
     lights: LightArrays, geometry: GeometryArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False,
-    time: float = 0.5,
+    time: float = 0.5, leaves_dim: bool = False,
 ) -> np.ndarray:
     """Samples of `sample_light`, float32 (N, WIDTH), for receivers `p`, `n` (one, or N), at a time of the shutter."""
     out = np.zeros((len(u), WIDTH), np.float32)
-    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, np.float32(time), u, out)
+    _draw(lights, geometry, _rows(p, len(u)), _rows(n, len(u)), has_transmission, leaves_dim, np.float32(time), u, out)
     return out
 
 
@@ -147,12 +148,12 @@ def irradiance(samples: np.ndarray, n: Any) -> np.ndarray:
 
 
 @kernel
-def _hit_pdf(lights, p, n, has_transmission, directions, out):
+def _hit_pdf(lights, p, n, has_transmission, leaves_dim, directions, out):
     position = (p[0], p[1], p[2])
     normal = (n[0], n[1], n[2])
     for i in range(directions.shape[0]):
         wi = (directions[i, 0], directions[i, 1], directions[i, 2])
-        pdf = background_pdf(lights, position, normal, has_transmission, wi)
+        pdf = background_pdf(lights, position, normal, has_transmission, leaves_dim, wi)
         for row in range(lights.lamps.shape[0]):
             if lights.lamp_table[row, 0] == LIGHT_SUN:
                 if sun_is_hit(lights, row, wi):
@@ -165,12 +166,14 @@ def _hit_pdf(lights, p, n, has_transmission, directions, out):
 
 
 def hit_pdf(
-    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False
+    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False,
+    leaves_dim: bool = False,
 ) -> np.ndarray:
     """Density (N,) with which lamps or the background are proposed along directions (N, 3)."""
     out = np.zeros(len(directions), np.float32)
     real = np.float32
-    _hit_pdf(lights, np.asarray(p, real), np.asarray(n, real), has_transmission, directions.astype(real), out)
+    place, normal = np.asarray(p, real), np.asarray(n, real)
+    _hit_pdf(lights, place, normal, has_transmission, leaves_dim, directions.astype(real), out)
     return out
 
 
@@ -204,10 +207,10 @@ def triangle_pdf(
 def _pmfs(lights, p, n, has_transmission, out):
     for i in range(p.shape[0]):
         for emitter in range(out.shape[1]):
+            at = (p[i, 0], p[i, 1], p[i, 2])
             out[i, emitter] = emitter_pmf(
-                lights.nodes, lights.links, lights.distant, lights.emitters, emitter, (p[i, 0], p[i, 1], p[i, 2]),
-                (n[i, 0], n[i, 1], n[i, 2]), has_transmission,
-            )  # fmt: skip
+                lights, selection_row(lights, at), emitter, at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission
+            )
 
 
 def pmfs(lights: LightArrays, p: np.ndarray, n: np.ndarray, has_transmission: bool = False) -> np.ndarray:
@@ -220,10 +223,10 @@ def pmfs(lights: LightArrays, p: np.ndarray, n: np.ndarray, has_transmission: bo
 @kernel
 def _picks(lights, p, n, has_transmission, u, emitters, pmf):
     for i in range(u.shape[0]):
-        emitters[i], pmf[i] = pick_emitter(
-            lights.nodes, lights.links, lights.distant, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-            has_transmission, u[i],
-        )  # fmt: skip
+        at = (p[i, 0], p[i, 1], p[i, 2])
+        emitters[i], pmf[i], _patch = pick_emitter(
+            lights, selection_row(lights, at), at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission, u[i]
+        )
 
 
 def picks(
@@ -233,3 +236,14 @@ def picks(
     emitters, pmf = np.zeros(len(u), np.int32), np.zeros(len(u), np.float32)
     _picks(lights, _rows(p, len(u)), _rows(n, len(u)), has_transmission, u.astype(np.float32), emitters, pmf)
     return emitters, pmf
+
+
+def with_selection(lights: LightArrays, probability: Any) -> LightArrays:
+    """The same lights, clusters chosen with these probabilities (C,) wherever the receiver is within 100 m."""
+    cumulative = np.concatenate([[0.0], np.cumsum(probability)]) / np.sum(probability)
+    bounds = np.array([[-100.0] * 3, [100.0] * 3], np.float32)
+    selection = LightSelection(
+        np.zeros(1, np.float32), np.array([[LEAF, 0]], np.int32), bounds, np.zeros(GRID_SIDE**3, np.int32),
+        np.full(3, GRID_SIDE / 200.0, np.float32), np.zeros(1, np.int32), cumulative[None].astype(np.float32),
+    )  # fmt: skip
+    return lights._replace(selection=selection)

@@ -3,12 +3,21 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from engine.array_types import Float32Array
 from engine.guiding.networks.mixture.shape import SHUTTER_SPAN
 from engine.guiding.records.training_rows import make_rows
 from engine.guiding.records.vertices import VertexRecords
+
+
+class RecordSink(Protocol):
+    """Takes all that a render records, that of the last iteration too."""
+
+    def take(self, records: VertexRecords, row_count: int) -> None:
+        """Take the records of an iteration."""
 
 
 class RowSink:

@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is learned by region whatever the method: the mixture field, how often to guide, how often to sample lights."""
+"""What is learned by region whatever the method: the mixture field, how often to guide, how often to sample lights, and
+which."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
 from engine.guiding.fields.state import State, part, prefixed, take
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.model import VmmModel
+from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.models.light_share import LightShareModel
 from engine.guiding.models.selection import SelectionModel
 from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.ris.orca import VarianceDeltas, mean_by_region
+from engine.state.lights import LightSelection, no_selection
 
 #: Estimates of what resampling saves that a state holds, at most.
 _KEPT_DELTAS = 1 << 16
@@ -54,6 +58,7 @@ class RegionModels:
         self._guiding_probability = guiding_probability
         self._max_distance = max_distance
         self._deltas = VarianceDeltas()
+        self._light_selection: LightSelectionModel | None = None
 
     @classmethod
     def of_records(cls, records: VertexRecords, row_count: int, guiding_probability: float) -> RegionModels:
@@ -65,15 +70,22 @@ class RegionModels:
         )
 
     @classmethod
-    def of_state(cls, state: State, guiding_probability: float) -> RegionModels:
+    def of_state(
+        cls, state: State, guiding_probability: float, field: VmmField | None = None
+    ) -> RegionModels:
         """The models that `state` was asked of.
+
+        Parameters
+        ----------
+        field : VmmField, optional
+            As `VmmModel.of_state`.
 
         Raises
         ------
         StateError
             If the arrays are no state of such models.
         """
-        mixture = VmmModel.of_state(part(state, "mixture"))
+        mixture = VmmModel.of_state(part(state, "mixture"), field=field)
         count = mixture.region_count
         models = cls(
             mixture, SelectionModel.of_state(part(state, "selection"), guiding_probability, count),
@@ -96,6 +108,16 @@ class RegionModels:
             "deltas.position": np.ascontiguousarray(position[::step]),
             "deltas.estimate": np.ascontiguousarray(estimate[::step]),
         }
+
+    def begin_light_selection(self, is_possible: npt.NDArray[np.bool_]) -> None:
+        """Learn from here on which clusters of lights to sample.
+
+        Parameters
+        ----------
+        is_possible : bool (C,)
+            Which of the scene's clusters can be sampled at all.
+        """
+        self._light_selection = LightSelectionModel(is_possible, self.mixture.region_count)
 
     def widen(self, records: VertexRecords, row_count: int) -> None:
         """Reach as far as these records, which another view may have made; `fit` comes next."""
@@ -122,7 +144,7 @@ class RegionModels:
     def learn_shares(
         self, records: VertexRecords, row_count: int, *, variance: float, ray_count: float, was_guided: bool
     ) -> None:
-        """Learn guiding probability and light share from the records that `fit` took.
+        """Learn guiding probability, light share and light selection from the records that `fit` took.
 
         Parameters
         ----------
@@ -131,13 +153,21 @@ class RegionModels:
         ray_count : float
             Cost of a path in rays.
         was_guided : bool
-            Whether the paths were guided: else it is not known what light sampling brought (`log_arrival`).
+            Whether the paths were guided: light shares are for those.
         """
         leaf = self._leaves(records.position[:row_count])
         self.selection.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
+        if self._light_selection is not None:
+            self._light_selection.update(self.mixture, records, leaf)
         if not was_guided:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
+
+    def choose_lights(self) -> LightSelection:
+        """How likely regions choose each cluster of lights."""
+        if self._light_selection is None:
+            return no_selection()
+        return self._light_selection.selection(self.mixture)
 
     def variance_deltas(self) -> Float32Array:
         """Mean of the deltas by region, float32 (R,); NaN where there are too few."""

@@ -85,7 +85,7 @@ class PlaneSizes:
 class TrainableShape(Protocol):
     """What the trainer, the channel and snapshots ask of the shape of any network; a dataclass of plain values.
 
-    kind : names its training in the worker (`worker/service.py`)
+    kind : names its training in the worker (`worker/kinds.py`)
     """
 
     kind: ClassVar[str]
@@ -264,6 +264,7 @@ class TrainingSettings:
     submission_rows : records taken from one `submit`; more are thinned at random
     epochs : times that a record is looked at on average before training waits for the next ones
     snapshot_seconds : between two snapshots while training
+    first_snapshot_seconds : from the first records to the first snapshot, unless training is done before
     """
 
     batch_size: int = 4096
@@ -274,6 +275,7 @@ class TrainingSettings:
     submission_rows: int = 1 << 18
     epochs: float = 4.0
     snapshot_seconds: float = 1.0
+    first_snapshot_seconds: float = 0.3
 
 
 #: Where u is seen there is more to learn from as many records, and light that comes and goes.

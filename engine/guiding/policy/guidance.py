@@ -15,6 +15,7 @@ from engine.guiding.networks.radiance_query import NetworkField
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.settings import RenderSettings
+from engine.state.lights import LightSelection
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Guidance:
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     network_session : RadianceSession or None, what asks the same network if not the kernel
+    lights : LightSelection or None, which lights to sample, of guided and unguided paths alike
     """
 
     settings: RenderSettings
@@ -56,6 +58,7 @@ class Guidance:
     uses_cache: bool = False
     cells: CellField | None = None
     measure_threshold: int = 0
+    lights: LightSelection | None = None
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""

@@ -13,12 +13,14 @@ import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.guiding.fields.state import part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.record_sink import RowSink
+from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
@@ -43,6 +45,7 @@ from engine.ris.orca import image_variance, make_allocation, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
+from engine.state.lights import LightSelection
 from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Least share of all samples that the last iteration must have to be learned from once the render is over.
@@ -68,21 +71,25 @@ class Learner:
         Of the largest unit of work; None: all.
     source : TrainedSource, optional
         What directions are drawn from, instead of what the settings would have this render learn.
-    sink : RowSink, optional
+    sink : RecordSink, optional
         Gets all records, those of the last iteration too, which nothing in this render can learn from.
     start : LearnedField, optional
         What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
         is of, this one learns anew, unless there is no trial.
     keeps : bool
         Whether what is learned outlives the render, so that the last iteration is worth learning from.
+    light_clusters : bool (C,), optional
+        Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
     """
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
-        source: TrainedSource | None = None, sink: RowSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False,
+        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
+        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self.settings = settings
+        self._light_clusters = light_clusters
+        self._lights: LightSelection | None = None
         self.notices: list[Notice] = []
         self.sink = sink
         self._thread_count = thread_count
@@ -142,7 +149,10 @@ class Learner:
 
     def _resume(self, start: LearnedField) -> None:
         """Take over what another render has learned."""
-        regions = self._regions = RegionModels.of_state(start.state, self.settings.guiding_probability)
+        regions = self._regions = RegionModels.of_state(
+            start.state, self.settings.guiding_probability, start.field
+        )
+        self._begin_light_selection(regions)
         count = regions.mixture.region_count
         resumed = {
             name for name, predictor in self._predictors.items()
@@ -290,8 +300,9 @@ class Learner:
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return Guidance(settings, 0)
-            return self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+                return Guidance(settings, 0, lights=self._lights)
+            guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
+            return replace(guidance, lights=self._lights)
         was_guided = self._regions is not None
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(self._newest.look(), weights)
@@ -330,6 +341,7 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
+        self._lights = regions.choose_lights()
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
@@ -360,7 +372,7 @@ class Learner:
                 self.settings, self._budget.threshold(samples), field, probability, regions.light_share.share,
                 regions.selection.benefit, self._fixed_count(rung), allocation, weights, predictions.table,
                 predictions.network, predictions.session, self._probes_only(rung),
-                self._source.field if self._source is not None else None, challenger,
+                self._source.field if self._source is not None else None, challenger, lights=self._lights,
             )
 
         return self._with_cache(by(choice.rung, by(choice.challenger) if choice.challenger else None))
@@ -445,6 +457,7 @@ class Learner:
             records = compensate(records, row_count, settings.guiding_probability)
         if self._regions is None:
             self._regions = RegionModels.of_records(records, row_count, settings.guiding_probability)
+            self._begin_light_selection(self._regions)
         elif self._start is not None and self._iteration == 1:
             self._regions.widen(records, row_count)
         self._regions.fit(records, row_count, self._executor, self._thread_count)
@@ -454,6 +467,10 @@ class Learner:
         self.report.region_count = len(field.is_ready)
         self.report.lobe_count = float(field.lobe_count.mean())
         self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
+
+    def _begin_light_selection(self, regions: RegionModels) -> None:
+        if self._light_clusters is not None:
+            regions.begin_light_selection(self._light_clusters)
 
     def _learn_source(
         self, records: VertexRecords, row_count: int, samples: float, recorded_share: float

@@ -51,6 +51,9 @@ VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
 VERTEX_WO = 29
 VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
 VERTEX_ARRIVAL = 33  # the path's sum before the vertex sampled a light, 4 channels
+VERTEX_CLUSTER = 37  # of the light that was sampled, -1 = none
+VERTEX_CLUSTER_PMF = 38  # with which probability the cluster was chosen
+VERTEX_TREE_PMF = 39  # and would have been by the light tree alone
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -75,7 +78,10 @@ class VertexRecords(Bundle):
     contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
         channels, times the pixel's weight
     light_squared : float32 (R,), the same of the light that the vertex found by light sampling, as if it had sampled a
-        light for sure; of guided renders only (`log_arrival`)
+        light for sure
+    light_cluster : int32 (R,), of the light that was sampled, -1 = none
+    light_pmf, tree_pmf : float32 (R,), probability with which the cluster was chosen, and would have been by the light
+        tree alone
     wo : float32 (R, 3), unit, from the vertex to where the path came from
     surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
     reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
@@ -97,6 +103,9 @@ class VertexRecords(Bundle):
     guide_pdf: Float32Array
     contribution_squared: Float32Array
     light_squared: Float32Array
+    light_cluster: Int32Array
+    light_pmf: Float32Array
+    tree_pmf: Float32Array
     wo: Float32Array
     surface_roughness: Float32Array
     reflectance: Float32Array
@@ -195,6 +204,9 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
     real[row, VERTEX_BSDF_PDF] = scattering.bsdf_pdf
     real[row, VERTEX_GUIDE_PDF] = scattering.guide_pdf
     light_weight = samples.weight[lane]
+    real[row, VERTEX_CLUSTER] = np.float32(samples.cluster[lane])
+    real[row, VERTEX_CLUSTER_PMF] = samples.cluster_pmf[lane]
+    real[row, VERTEX_TREE_PMF] = samples.tree_pmf[lane]
     real[row, VERTEX_LIGHT_SHARE] = 1.0 / light_weight if light_weight > 0.0 else np.float32(1.0)
     for c in range(len(paths.channels)):
         real[row, VERTEX_BEFORE + c] = before[lane, c]
@@ -299,6 +311,9 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.contribution_squared[record_count] = contribution * weight / channel_count
                     light *= real[row, VERTEX_LIGHT_SHARE]
                     records.light_squared[record_count] = light * weight / channel_count
+                    records.light_cluster[record_count] = int(real[row, VERTEX_CLUSTER])
+                    records.light_pmf[record_count] = real[row, VERTEX_CLUSTER_PMF]
+                    records.tree_pmf[record_count] = real[row, VERTEX_TREE_PMF]
                     record_count += 1
                 else:
                     reject_count += 1
@@ -321,8 +336,9 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
 
     return VertexRecords(
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), vectors(), scalars(), scalars(),
-        scalars(), np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
+        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), np.full(row_count, -1, np.int32),
+        scalars(), scalars(), vectors(), scalars(), scalars(), scalars(),
+        np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
     )
 
 

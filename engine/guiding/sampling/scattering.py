@@ -163,4 +163,6 @@ def send_on(scene, unit, guide, work, lane, candidate, weight, benefit):
             wi, 1.0 / weight, candidate.roughness, candidate.eta, benefit, bsdf_pdf, rough_guide_pdf
         )
         log_vertex(log, paths, points, closures, work.samples, lane, scattering, before)
-    scatter_path(scene.options, paths, points, closures, lane, wi, candidate.label, source_pdf, bsdf_pdf)
+    scatter_path(
+        scene.options, scene.lights, paths, points, closures, lane, wi, candidate.label, source_pdf, bsdf_pdf
+    )

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from engine.guiding.fields.state import State
+from engine.guiding.fields.state import State, part
+from engine.guiding.fields.vmm.field import VmmField
+from engine.guiding.fields.vmm.model import VmmModel
 from engine.scene.digest import content_digest
 from engine.settings import MAX_SEED
 
@@ -48,6 +50,17 @@ class LearnedField:
         """A digest of all that was learned."""
         return content_digest(self)
 
+    @cached_property
+    def field(self) -> VmmField:
+        """The mixture field, made once for all renders that start from this.
+
+        Raises
+        ------
+        StateError
+            If the arrays are no state of a model.
+        """
+        return VmmModel.of_state(part(self.state, "mixture")).field
+
     @property
     def region_count(self) -> int:
         """Regions of the mixture field."""
@@ -60,6 +73,12 @@ class LearnedField:
         use them again: where samples know the density that they are drawn with, their mean is not the image.
         """
         return zlib.crc32(f"{seed} {self.digest}".encode()) & MAX_SEED
+
+    def of_scene(self, light_digest: str) -> LearnedField:
+        """The same, said to be of another scene: for who looks whether it still fits (`FieldJudge`)."""
+        made = replace(self, light_digest=light_digest)
+        made.__dict__["field"] = self.field
+        return made
 
     def __str__(self) -> str:
         return f"{self.samples:g} samples a pixel, {self.region_count} regions"

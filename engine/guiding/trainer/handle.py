@@ -95,6 +95,10 @@ class NetworkTrainer:
     ----------
     script : Path
         What the worker runs; before `start` it may be replaced by anything that speaks the same protocol.
+
+    Notes
+    -----
+    A worker that stands by (`standby`) is taken, and given back by `close`.
     """
 
     def __init__(
@@ -180,7 +184,7 @@ class NetworkTrainer:
                 memories=(channel.memory,), script=self.script,
             )
         else:
-            child.send(**config, channel=channel.address_for_others)
+            child.send(kind="job", config=config | {"channel": channel.address_for_others})
         self._child = child
         self._reader = threading.Thread(target=self._listen, args=(self._child,), name="training", daemon=True)
         self._reader.start()
@@ -192,8 +196,29 @@ class NetworkTrainer:
         return None if child is None else child.process
 
     def close(self) -> None:
-        """Stop the worker and give its memory back; the trainer cannot be used again."""
+        """Stop training and give the memory back; the trainer cannot be used again.
+
+        The worker stays for the next one, if it is well.
+        """
+        self._give_back()
         self._die("closed")
+
+    def _give_back(self) -> None:
+        """Leave the worker to the next training, if it is well."""
+        with self._changed:
+            is_well = self._status.state in (TrainerState.WAITING, TrainerState.TRAINING, TrainerState.IDLE)
+            if not is_well or not self._may_stay:
+                return
+            child, self._child = self._child, None
+            reader, self._reader = self._reader, None
+        assert child is not None and reader is not None
+        child.send(kind="leave")
+        standby.keep(child, reader)
+
+    @property
+    def _may_stay(self) -> bool:
+        """Whether the worker is one that anybody could take."""
+        return standby.CAN_STAND_BY and self.script == ENTRY and self._interpreter == sys.executable
 
     def __enter__(self) -> NetworkTrainer:
         self.start()
@@ -235,7 +260,10 @@ class NetworkTrainer:
         assert stream is not None
         try:
             for line in stream:
-                self._take(json.loads(line))
+                message = json.loads(line)
+                if message["kind"] == "left":
+                    return
+                self._take(message)
         except (OSError, ValueError, KeyError, TypeError) as error:
             self._die(f"the training worker answered nonsense: {error}")
             return

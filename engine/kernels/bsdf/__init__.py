@@ -7,6 +7,7 @@ switched off is the caller's business for the first two; glass and Principled lo
 """
 
 from engine.kernels.bsdf.closures import blur_glossy as blur_glossy
+from engine.kernels.bsdf.closures import keeps_to_geometry as keeps_to_geometry
 from engine.kernels.bsdf.closures import reset_closures as reset_closures
 from engine.kernels.bsdf.closures import summarize as summarize
 from engine.kernels.bsdf.diffuse import add_diffuse as add_diffuse

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The list of closures of a lane: start it, append to it, ask what is in it, blur it."""
 
+import numpy as np
+
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
@@ -22,6 +24,9 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.constants import FLOAT_MAX
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_CHANNELS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
+
+#: Cosine between normals that are one but for rounding.
+_SAME_NORMAL = np.float32(1.0 - 1e-5)
 
 
 @kernel
@@ -64,6 +69,21 @@ def store_color(param, lane, i, column, color):
     param[lane, i, column + 1] = color[1]
     param[lane, i, column + 2] = color[2]
     param[lane, i, column + 3] = 0.0
+
+
+@kernel
+def keeps_to_geometry(closures, lane, ng):
+    """Whether all lobes are about the geometric normal, so that sampling them leaves out no direction that they have.
+
+    Directions below the surface but above a smooth or bumped normal are lit by light sampling alone.
+    """
+    for i in range(closures.count[lane]):
+        if closures.kind[lane, i] == TRANSPARENT:
+            continue
+        n = read3(closures.param, lane, i, CLOSURE_N)
+        if not abs(n[0] * ng[0] + n[1] * ng[1] + n[2] * ng[2]) > _SAME_NORMAL:
+            return False
+    return True
 
 
 @kernel

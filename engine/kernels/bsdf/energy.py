@@ -34,9 +34,10 @@ from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT
 
 
 @kernel
-def albedo_blends(param, data, lane, i, kind, wo):
+def albedo_blends(param, data, lane, i, kind, wo, looks_up_transmission):
     """Shared part of a lobe's estimated albedo: of reflection (table), of refraction (as if smooth).
 
+    With `looks_up_transmission` glass lets through what the table says that it does not reflect, as in Cycles 5.2.
     `data` is BsdfTables.data. The first goes into `reflected_albedo`, the second into `lobe_color`.
     """
     cos_o = dot(read3(param, lane, i, CLOSURE_N), wo)
@@ -52,6 +53,8 @@ def albedo_blends(param, data, lane, i, kind, wo):
         if kind == GLOSSY_DIELECTRIC:
             f0 = f0_of_eta(eta)
             reflected = f0 + (1.0 - f0) * reflected
+        if kind == GLASS and looks_up_transmission != 0:
+            refracted = reflected
     return reflected, refracted
 
 
@@ -85,7 +88,8 @@ def finish_lobe(param, data, lane, i, kind, wo, is_multiple, fresnel):
     Fresnel term; scaling instead of adding a lobe after Turquin 2019, "Practical multiple scattering compensation for
     microfacet models".
     """
-    reflected, refracted = albedo_blends(param, data, lane, i, kind, wo)
+    # Whatever passes show: here it decides how often the lobe is picked, and nothing else.
+    reflected, refracted = albedo_blends(param, data, lane, i, kind, wo, 0)
     r = reflected_albedo(param, lane, i, kind, reflected, 0)
     g = reflected_albedo(param, lane, i, kind, reflected, 1)
     b = reflected_albedo(param, lane, i, kind, reflected, 2)

@@ -315,15 +315,15 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
 
 
 @kernel
-def add_albedo(closures, tables, lane, i, wo, out, row):
-    """Add the estimated directional albedo of a lane's lobe `i` to out[row]."""
+def add_albedo(closures, tables, lane, i, wo, looks_up_transmission, out, row):
+    """Add the estimated directional albedo of a lane's lobe `i` to out[row]; see `albedo_blends`."""
     param = closures.param
     kind = closures.kind[lane, i]
     is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
     reflected = 1.0
     refracted = 1.0
     if is_microfacet:
-        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
+        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo, looks_up_transmission)
     for c in range(len(closures.channels)):
         share = 1.0
         if is_microfacet:
@@ -334,10 +334,10 @@ def add_albedo(closures, tables, lane, i, wo, out, row):
 
 
 @kernel
-def albedo(closures, tables, lane, wo, out, row):
+def albedo(closures, tables, lane, wo, looks_up_transmission, out, row):
     """Write the estimated directional albedo of all lobes into out[row]; transparent closures are left out."""
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
     for i in range(closures.count[lane]):
         if closures.kind[lane, i] != TRANSPARENT:
-            add_albedo(closures, tables, lane, i, wo, out, row)
+            add_albedo(closures, tables, lane, i, wo, looks_up_transmission, out, row)

@@ -83,11 +83,13 @@ def share_lobes(closures, lane, wo, wi, visibility, fallback, value, share):
 
 
 @kernel
-def albedo_parts(closures, tables, lane, wo, out):
+def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
     """Write the estimated directional albedo of the lane's lobes into the rows of `out`, by kind; `albedo` is the sum.
 
     Parameters
     ----------
+    looks_up_transmission : int
+        See `albedo_blends`.
     out : float32 (3, C)
     """
     param = closures.param
@@ -102,7 +104,7 @@ def albedo_parts(closures, tables, lane, wo, out):
             for c in range(len(closures.channels)):
                 out[DIFFUSE_LOBES, c] += param[lane, i, CLOSURE_WEIGHT + c]
             continue
-        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo)
+        reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo, looks_up_transmission)
         for c in range(len(closures.channels)):
             weight = param[lane, i, CLOSURE_WEIGHT + c]
             out[GLOSSY_LOBES, c] += weight * reflected_albedo(param, lane, i, kind, reflected, c)

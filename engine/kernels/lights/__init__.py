@@ -3,6 +3,8 @@
 
 from engine.kernels.lights.sample import (
     background_pdf,
+    cluster_choice,
+    finds_all,
     lamp_factor,
     lamp_hit,
     lamp_pdf,
@@ -14,6 +16,8 @@ from engine.kernels.lights.sample import (
 
 __all__ = [
     "background_pdf",
+    "cluster_choice",
+    "finds_all",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",

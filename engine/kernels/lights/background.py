@@ -34,18 +34,22 @@ def _find_row(marginal, guide, row_count, u):
 
 
 @kernel
-def _find_column(conditional, guide, row, u):
-    """Last column of a row whose cumulative probability is not above u."""
-    step = int(u * _GUIDE_STEPS)
-    low = np.int64(guide[row, step])
-    high = np.int64(guide[row, step + 1]) + 1
+def _search(cumulative, row, low, high, u):
+    """Last column of [low, high) of a row whose value is not above u."""
     while high - low > 1:
         middle = (low + high) >> 1
-        if conditional[row, middle] <= u:
+        if cumulative[row, middle] <= u:
             low = middle
         else:
             high = middle
     return low
+
+
+@kernel
+def _find_column(conditional, guide, row, u):
+    """Last column of a row whose cumulative probability is not above u."""
+    step = int(u * _GUIDE_STEPS)
+    return _search(conditional, row, np.int64(guide[row, step]), np.int64(guide[row, step + 1]) + 1, u)
 
 
 @kernel
@@ -82,8 +86,8 @@ def sample_map(marginal, conditional, guide, u0, u1):
 
 
 @kernel
-def map_pdf(marginal, conditional, direction):
-    """Density [sr^-1] of `sample_map` for a direction (any length)."""
+def find_cell(conditional, direction):
+    """Row and column of the map's cell that a direction (any length) lies in."""
     row_count = conditional.shape[0]
     column_count = conditional.shape[1] - 1
     z = direction[2] / math.sqrt(dot(direction, direction))
@@ -91,4 +95,82 @@ def map_pdf(marginal, conditional, direction):
     u = 0.5 - math.atan2(direction[1], direction[0]) * INV_TWO_PI
     row = min(row_count - 1, max(0, int(v * np.float32(row_count))))
     column = min(column_count - 1, max(0, int(u * np.float32(column_count))))
-    return _cell_pdf(marginal, conditional, row, column, column_count)
+    return row, column
+
+
+@kernel
+def map_pdf(marginal, conditional, direction):
+    """Density [sr^-1] of `sample_map` for a direction (any length)."""
+    row, column = find_cell(conditional, direction)
+    return _cell_pdf(marginal, conditional, row, column, conditional.shape[1] - 1)
+
+
+@kernel
+def first_of_part(part, part_count, count):
+    """First of `count` rows (columns) that lies in a band (sector) of `part_count`."""
+    return (part * count + part_count - 1) // part_count
+
+
+@kernel
+def patch_of(conditional, bands, sectors, direction):
+    """Number of the patch that a direction lies in."""
+    row, column = find_cell(conditional, direction)
+    return (row * bands // conditional.shape[0]) * sectors + column * sectors // (conditional.shape[1] - 1)
+
+
+@kernel
+def _patch_cell_pdf(marginal, conditional, patches, patch, first_row, row, column, west, east):
+    """Density [sr^-1] within a patch of one of its cells; 0 where single precision leaves nothing of its row."""
+    across = conditional[row, east] - conditional[row, west]
+    if not across > 0.0:
+        return 0.0 * across
+    probability = patches[patch, row - first_row + 1] - patches[patch, row - first_row]
+    probability *= (conditional[row, column + 1] - conditional[row, column]) / across
+    height = marginal[row + 1, 1] - marginal[row, 1]
+    return probability * np.float32(conditional.shape[1] - 1) * INV_TWO_PI / height
+
+
+@kernel
+def sample_patch(marginal, conditional, patches, bands, sectors, patch, u0, u1):
+    """Direction towards a patch of the background, and its density [sr^-1] within the patch (0 = none)."""
+    row_count = conditional.shape[0]
+    column_count = conditional.shape[1] - 1
+    band = patch // sectors
+    sector = patch - band * sectors
+    first_row = first_of_part(band, bands, row_count)
+    last_row = first_of_part(band + 1, bands, row_count)
+    west = first_of_part(sector, sectors, column_count)
+    east = first_of_part(sector + 1, sectors, column_count)
+    offset = _search(patches, patch, np.int64(0), np.int64(last_row - first_row), u1)
+    row = first_row + offset
+    low = patches[patch, offset]
+    high = patches[patch, offset + 1]
+    dv = 0.0 * u0
+    if high > low:
+        dv = min(1.0, (u1 - low) / (high - low))
+    begin = conditional[row, west]
+    u0 = begin + u0 * (conditional[row, east] - begin)
+    column = _search(conditional, row, np.int64(west), np.int64(east), u0)
+    low = conditional[row, column]
+    high = conditional[row, column + 1]
+    du = 0.0 * u0
+    if high > low:
+        du = min(1.0, (u0 - low) / (high - low))
+    z = marginal[row, 1] + dv * (marginal[row + 1, 1] - marginal[row, 1])
+    phi = PI - TWO_PI * ((np.float32(column) + du) / np.float32(column_count))
+    r = math.sqrt(max(0.0, 1.0 - z * z))
+    pdf = _patch_cell_pdf(marginal, conditional, patches, patch, first_row, row, column, west, east)
+    return pdf, (r * math.cos(phi), r * math.sin(phi), z)
+
+
+@kernel
+def patch_pdf(marginal, conditional, patches, bands, sectors, direction):
+    """The patch that a direction (any length) lies in, and its density [sr^-1] within it."""
+    row, column = find_cell(conditional, direction)
+    band = row * bands // conditional.shape[0]
+    sector = column * sectors // (conditional.shape[1] - 1)
+    patch = band * sectors + sector
+    west = first_of_part(sector, sectors, conditional.shape[1] - 1)
+    east = first_of_part(sector + 1, sectors, conditional.shape[1] - 1)
+    first_row = first_of_part(band, bands, conditional.shape[0])
+    return patch, _patch_cell_pdf(marginal, conditional, patches, patch, first_row, row, column, west, east)

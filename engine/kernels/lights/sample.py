@@ -4,7 +4,8 @@
 Conventions
 -----------
 p, n : where the receiver stands and the unit normal the tree saw there; a hit must be weighted with the same p, n and
-    `has_transmission` that the sample was drawn with.
+    `has_transmission` that the sample was drawn with, and hits of the background with the same `leaves_dim`: whether
+    its dim parts were left to scattering (`finds_all`).
 pdf : [sr^-1] in solid angle at p, times the probability of choosing the emitter. Lights that are a delta (points
     without a radius, suns without an angle, area lights without spread) return the bare probability, and as radiance
     what they contribute per unit of f_cos (1 / distance^2 included); for them `use_mis` is False.
@@ -12,12 +13,13 @@ radiance : what the light emits towards p if `program` is -1, else the factor on
 """
 
 
+from engine.kernels.bsdf import keeps_to_geometry
 from engine.kernels.constants import DISTANT, INV_TWO_PI
 from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_attenuation
-from engine.kernels.lights.background import map_pdf, sample_map
+from engine.kernels.lights.background import map_pdf, patch_of, patch_pdf, sample_map, sample_patch
 from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
-from engine.kernels.lights.tree import emitter_pmf, pick_emitter
+from engine.kernels.lights.tree import cluster_pmf, emitter_pmf, pick_emitter, selection_row, tree_choice
 from engine.kernels.lights.triangle import emissive_triangle, sample_triangle, triangle_pdf
 from engine.kernels.vector import add, cross, dot, length, scale, subtract
 from engine.runtime.jit import kernel
@@ -35,6 +37,9 @@ from engine.state.lights import (
     HEADER_BACKGROUND_EMITTER,
     HEADER_BACKGROUND_MAX_BOUNCES,
     HEADER_BACKGROUND_SHADOW,
+    HEADER_BANDS,
+    HEADER_FIRST_PATCH,
+    HEADER_SECTORS,
     LAMP_DIRECTION,
     LAMP_EMITTER,
     LAMP_FLAG_DELTA,
@@ -67,8 +72,17 @@ def _sides(flags, facing):
     return (flags & EMITTER_BACK) != 0
 
 
+@kernel
+def finds_all(lights, closures, lane, ng):
+    """Whether a surface leaves the background's dim parts to scattering, which finds all that light sampling would.
+
+    Regions that have learned to choose among its patches sample what they have learned all the same.
+    """
+    return lights.compensated_conditional.shape[0] > 0 and keeps_to_geometry(closures, lane, ng)
+
+
 @kernel(forceinline=True)
-def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1):
+def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_pick, u0, u1):
     """Choose an emitter and a direction towards it for next-event estimation.
 
     Parameters
@@ -79,6 +93,8 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
     p, n : 3-tuples, world space
     has_transmission : bool
         The receiver also scatters light that comes from behind n.
+    leaves_dim : bool
+        The background's dim parts are left to scattering (`finds_all`).
     time : float32 in [0, 1], of the shutter
     u_pick, u0, u1 : float32 in [0, 1)
 
@@ -99,7 +115,7 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
     use_mis : bool, False: weight 1, nothing else finds this light
     shows_back : bool, of a triangle: the receiver sees its back
     """
-    emitter, pmf = pick_emitter(lights.nodes, lights.links, lights.distant, p, n, has_transmission, u_pick)
+    emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u_pick)
     pdf = 0.0 * u0
     u = pdf
     v = pdf
@@ -142,7 +158,17 @@ def sample_light(lights, geometry, p, n, has_transmission, time, u_pick, u0, u1)
         elif kind == LIGHT_BACKGROUND:
             max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
             cast_shadow = lights.header[HEADER_BACKGROUND_SHADOW] != 0
-            pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
+            if patch >= 0:
+                pdf, wi = sample_patch(
+                    lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
+                    lights.header[HEADER_SECTORS], patch - lights.header[HEADER_FIRST_PATCH], u0, u1,
+                )
+            elif leaves_dim:
+                pdf, wi = sample_map(
+                    lights.compensated_marginal, lights.compensated_conditional, lights.compensated_guide, u0, u1
+                )
+            else:
+                pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
             ng = (-wi[0], -wi[1], -wi[2])
             point = wi
             distance = DISTANT
@@ -223,23 +249,60 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     pdf = triangle_pdf(v0, edge1, edge2, p, wi, distance)
     if not pdf > 0.0:
         return pdf
-    return pdf * emitter_pmf(
-        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
-    )
+    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
 
 
 @kernel
-def background_pdf(lights, p, n, has_transmission, direction):
+def background_pdf(lights, p, n, has_transmission, leaves_dim, direction):
     """Density [sr^-1] with which `sample_light` would have proposed this direction as background; 0: never."""
     emitter = lights.header[HEADER_BACKGROUND_EMITTER]
     if emitter < 0:
         return 0.0 * p[0]
-    pdf = map_pdf(lights.map_marginal, lights.map_conditional, direction)
+    row = selection_row(lights, p)
+    if row >= 0:
+        patch, pdf = patch_pdf(
+            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
+            lights.header[HEADER_SECTORS], direction,
+        )
+        return pdf * cluster_pmf(lights, row, lights.header[HEADER_FIRST_PATCH] + patch)
+    if leaves_dim:
+        pdf = map_pdf(lights.compensated_marginal, lights.compensated_conditional, direction)
+    else:
+        pdf = map_pdf(lights.map_marginal, lights.map_conditional, direction)
     if not pdf > 0.0:
         return pdf
-    return pdf * emitter_pmf(
-        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
-    )
+    return pdf * emitter_pmf(lights, row, emitter, p, n, has_transmission)
+
+
+@kernel
+def cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi):
+    """The cluster of a light sample, and how likely it was chosen.
+
+    Where the background's dim parts are left to scattering, its density within a patch is another one: probabilities
+    are then such that they give, times the density of the whole map within the patch, the density of the direction.
+
+    Returns
+    -------
+    cluster : int
+    pmf : float, with which `sample_light` has chosen it
+    tree_pmf : float, with which the light tree alone would have; 0 for what it leaves to scattering
+    """
+    patch = -1
+    ratio = 0.0 * p[0] + 1.0
+    if emitter == lights.header[HEADER_BACKGROUND_EMITTER]:
+        patch = lights.header[HEADER_FIRST_PATCH] + patch_of(
+            lights.map_conditional, lights.header[HEADER_BANDS], lights.header[HEADER_SECTORS], wi
+        )
+        if leaves_dim:
+            whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
+            part = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi)
+            ratio = part / whole if whole > 0.0 else 0.0 * whole
+    cluster, tree_pmf = tree_choice(lights, emitter, patch, p, n, has_transmission)
+    tree_pmf *= ratio
+    row = selection_row(lights, p)
+    if row >= 0 and cluster >= 0:
+        return cluster, cluster_pmf(lights, row, cluster), tree_pmf
+    return cluster, tree_pmf, tree_pmf
 
 
 @kernel
@@ -272,9 +335,7 @@ def lamp_pdf(lights, row, p, n, has_transmission, wi, distance):
     else:
         pdf = sphere_pdf(lights.lamps, lights.lamp_table, row, p, n, has_transmission, wi, distance)
     emitter = lights.lamp_table[row, LAMP_EMITTER]
-    return pdf * emitter_pmf(
-        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
-    )
+    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
 
 
 @kernel
@@ -290,5 +351,5 @@ def sun_pdf(lights, row, p, n, has_transmission):
     """Density [sr^-1] with which `sample_light` proposes directions of sun `row`'s disc."""
     emitter = lights.lamp_table[row, LAMP_EMITTER]
     return (INV_TWO_PI / lights.lamps[row, LAMP_ONE_MINUS_COS]) * emitter_pmf(
-        lights.nodes, lights.links, lights.distant, lights.emitters, emitter, p, n, has_transmission
+        lights, selection_row(lights, p), emitter, p, n, has_transmission
     )

@@ -17,10 +17,12 @@ from engine.kernels.shader.ops_input import run_input_op
 from engine.kernels.shader.ops_math import run_math_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
+from engine.kernels.shader.world_image import ask_for_world, shade_world
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
 from engine.state.shaders import (
     MODE_CLOSURES,
+    MODE_EMISSION,
     MODE_MASK,
     MODE_NO_REFLECTIVE_CAUSTICS,
     MODE_NO_REFRACTIVE_CAUSTICS,
@@ -29,6 +31,7 @@ from engine.state.shaders import (
     PROGRAM_IS_LAMBERTIAN,
     PROGRAM_NO_BUMP_CORRECTION,
     PROGRAM_START,
+    PROGRAM_WORLD_IMAGE,
     VALUE_LAMBERTIAN,
 )
 
@@ -79,6 +82,8 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         if column == 2 * MODE_CLOSURES:
             ask_for_coordinates(programs, geometry, points, lanes[min(k + _COORDINATES_AHEAD, lane_count - 1)])
             ask_for_texels(programs, images, pixels_byte, pixels_float, geometry, points, ahead)
+        if column == 2 * MODE_EMISSION:
+            ask_for_world(programs, images, pixels_byte, pixels_float, pool, points, ahead)
         program = points.integer[lane, POINT_PROGRAM]
         flags = 0
         if points.integer[lane, POINT_RAY_FLAGS] & RAY_DIFFUSE_ANCESTOR:
@@ -96,6 +101,9 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
                     values[program, VALUE_LAMBERTIAN + 2],
                 )
                 append_closure(closures, lane, DIFFUSE, weight, ns)
+            continue
+        if column == 2 * MODE_EMISSION and programs[program, PROGRAM_WORLD_IMAGE] != 0:
+            shade_world(programs, values, images, pixels_byte, pixels_float, pool, points, closures, lane)
             continue
         pc = programs[program, PROGRAM_START + column]
         end = programs[program, PROGRAM_END + column]

@@ -166,6 +166,70 @@ def test_settings_of_the_viewport_are_cycles(window: Window) -> None:
     assert window.draw(touched(scene)) == [Update(is_paused=True)]
 
 
+def test_without_the_scenes_world_the_studio_light_shines(window: Window, blender: Any) -> None:
+    shading = window.space.shading
+    shading.type = "RENDERED"
+    shading.use_scene_world_render = False
+    shading.studiolight_intensity = 0.5
+    (update,) = window.draw()
+    world, (image,) = update.scene.world, update.scene.images
+    assert world.key == ("studio", shading.selected_studio_light.path)
+    assert image.pixels.dtype == np.float32 and image.encoding == "LINEAR" and image.pixels.shape[1] >= 256
+    # Another angle is another world, by the same image; and no datablock is left of it.
+    shading.studiolight_rotate_z = 1.0
+    (update,) = window.draw()
+    assert update.scene.world.graph != world.graph and update.scene.images[0] is image
+    assert not any("studiolights" in item.filepath for item in bpy.data.images)
+    shading.use_scene_world_render = True
+    (update,) = window.draw()
+    assert update.scene.world.name == bpy.context.scene.world.name and not update.scene.images
+
+
+def test_a_material_that_blender_has_not_touched_is_not_read(
+    window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even where another one changes, or a lamp."""
+    from addon.export import nodes
+
+    cube = bpy.data.objects["Cube"]
+    other = cube.copy()
+    other.data = cube.data.copy()
+    other.data.materials[0] = cube.data.materials[0].copy()
+    bpy.context.scene.collection.objects.link(other)
+    window.draw(touched(bpy.context.scene), touched(other, "gts"), touched(other.data.materials[0], "s"))
+    read: list[str] = []
+    export = nodes.GraphExporter.export
+
+    def note(exporter: Any, tree: Any, subject: str) -> Any:
+        read.append(subject.rpartition(" / ")[2])
+        return export(exporter, tree, subject)
+
+    monkeypatch.setattr(nodes.GraphExporter, "export", note)
+    mine = other.data.materials[0]
+    mine.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.123
+    (update,) = window.draw(touched(mine, "s"))
+    assert [name for name in read if name.startswith("Material")] == [mine.name]
+    assert len(update.scene.materials) == 2
+    read.clear()
+    light = bpy.data.objects["Light"]
+    light.data.energy *= 2.0
+    window.draw(touched(light, "g"), touched(light.data, "gts"))
+    assert not [name for name in read if name.startswith("Material")]
+
+
+def test_what_a_material_shows_of_an_object_is_read_again(window: Window) -> None:
+    cube, empty = bpy.data.objects["Cube"], bpy.data.objects.new("Empty", None)
+    bpy.context.scene.collection.objects.link(empty)
+    tree = cube.data.materials[0].node_tree
+    where = tree.nodes.new("ShaderNodeTexCoord")
+    where.object = empty
+    tree.links.new(where.outputs["Object"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    (before,) = window.draw(touched(bpy.context.scene), touched(cube.data.materials[0], "s"))
+    empty.location.x = 3.0
+    (after,) = window.draw(touched(empty, "t"))
+    assert before.scene.materials[0].key != after.scene.materials[0].key
+
+
 def test_a_border_leaves_a_part_of_the_window(window: Window) -> None:
     space = window.space
     space.use_render_border = True

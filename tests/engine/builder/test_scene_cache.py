@@ -4,6 +4,7 @@
 import copy
 import dataclasses
 import inspect
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -304,7 +305,6 @@ CHANGES: dict[str, list[Change]] = {
     "World.max_bounces": [_set("world.max_bounces", 0)],
     "World.cast_shadow": [_set("world.cast_shadow", False)],
     "World.light_group": [_set("world.light_group", 0)],
-    "World.occlusion_distance": [_set("world.occlusion_distance", 2.0)],
     "Light.key": [_set("lights.0.key", "another")],
     "Light.name": [_set("lights.0.name", "Another")],
     "Light.kind": [_set("lights.0.kind", "POINT")],
@@ -414,6 +414,9 @@ CHANGES: dict[str, list[Change]] = {
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
     "PassSettings.mist_falloff": [_set("passes.mist_falloff", 2.0)],
+    "PassSettings.occlusion_distance": [_set("passes.occlusion_distance", 2.0)],
+    "PassSettings.background_moves": [_set("passes.background_moves", True)],
+    "PassSettings.looks_up_transmission": [_set("passes.looks_up_transmission", True)],
     "PassSettings.aovs": [_set("passes.aovs", ()), _set("passes.aovs", (Aov("Before", False), Aov("Tint", True)))],
     "PassSettings.motion": [_set("passes.motion", PassMotion())],
     "PassMotion.camera": [_set("passes.motion", PassMotion(camera=np.stack([_at(0, 0, 9), _at(0, 1, 9)])))],
@@ -434,7 +437,8 @@ UNSEEN = frozenset({
     "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
-    "SceneDescription.light_groups", "World.light_group", "World.occlusion_distance",
+    "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
+    "SceneDescription.light_groups", "World.light_group",
 })  # fmt: skip
 
 
@@ -588,3 +592,52 @@ def test_a_build_that_fails_leaves_nothing_stale(session: Session) -> None:
         session.load(_changed(_set("instances.motion", {99: np.stack([_at(0, 0, 0)] * 2)})))
     fresh = Session(_SETTINGS)
     assert _different(_loaded(session, _original()), _loaded(fresh, _original())) == []
+
+
+@pytest.mark.parametrize("sees_camera", [False, True])
+def test_a_look_by_another_camera_is_what_a_load_would_be(sees_camera: bool, session: Session) -> None:
+    """Also where an emission sees the camera, so that more than the camera is another."""
+    description = _original()
+    if not sees_camera:
+        description.materials[1].graph = _PLAIN
+    before = _loaded(session, description)
+    camera = dataclasses.replace(description.camera, transform=_at(0.3, 0.1, 8), motion=None)
+    frame = Frame(12, 10, (2, 2, 12, 8))
+    session.look(camera, frame)
+    assert session.scene is not None
+    fresh = Session(_SETTINGS)
+    expected = _loaded(fresh, dataclasses.replace(description, camera=camera, frame=frame))
+    assert _different(session.scene, expected) == []
+    assert session.scene.description.frame == frame and session.scene.notices == before.notices
+    assert session.scene.accelerator is before.accelerator
+    images = [item.render(passes=("Combined", "Depth")).passes for item in (session, fresh)]
+    assert all(np.array_equal(images[0][name], images[1][name], equal_nan=True) for name in images[1])
+    fresh.close()
+
+
+def test_what_is_moved_again_builds_the_top_level_alone() -> None:
+    """It is instanced, and what stands still has a hierarchy of its own; pictures are the same but for rounding."""
+    session = Session(_SETTINGS, expects_moves=True)
+    moves = [
+        _changed(_edit("instances.transform", _with_entry(2, _at(2.0, 0.5 * step, 0.25 * step)))) for step in range(4)
+    ]
+    scenes = [_loaded(session, move) for move in moves]
+    # Instances 2, 3 and 4 are each the only user of a mesh; the last one changes its shape.
+    baked = [(scene.geometry.instance_table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED) != 0 for scene in scenes]
+    assert baked[0][2:4].all() and all(not item[2] and item[3] for item in baked[1:])
+    for before, after in itertools.pairwise(scenes):
+        shapes = {f"geometry.{name}" for name in ("vertices", "triangles", "corner_normals", "attribute_data")}
+        assert not _other_objects(before, after) & shapes
+        assert after.accelerator is not before.accelerator
+        assert all(a is b for a, b in zip(after.accelerator.meshes, before.accelerator.meshes, strict=True))
+    fresh = Session(_SETTINGS)
+    _loaded(fresh, moves[-1])
+    (moved, expected) = (item.render(passes=("Combined", "Depth")).passes for item in (session, fresh))
+    assert np.allclose(moved["Depth"], expected["Depth"], rtol=1e-4, equal_nan=True)
+    different = ~np.isclose(moved["Combined"], expected["Combined"], rtol=1e-2, atol=1e-3).all(axis=-1)
+    assert different.mean() < 0.1
+    # Nobody moves anything: no instances, no hierarchy of its own.
+    still = Session(_SETTINGS, expects_moves=True)
+    assert len(_loaded(still, moves[0]).accelerator.meshes) == len(_loaded(fresh, moves[0]).accelerator.meshes)
+    for item in (session, fresh, still):
+        item.close()

@@ -206,7 +206,8 @@ def test_occlusion_is_what_hides_the_sky_within_a_distance(distance):
     """A floor and a wall of 50 m, at y = 3: the wall hides (1 - the cosine of its elevation) / 2 of the hemisphere."""
     wall = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
     description = floor_scene(transforms=[np.eye(4), wall], size=(16, 16))
-    description.world = World("world", "World", None, occlusion_distance=distance)
+    description.world = World("world", "World", None)
+    description.passes.occlusion_distance = distance
     images = render(description, passes=["Combined", "Ambient Occlusion", "Position"], samples=64).passes
     share, y = images["Ambient Occlusion"][..., 0], images["Position"][..., 1]
     z = images["Position"][..., 2]
@@ -228,6 +229,22 @@ def test_occlusion_alone_leaves_the_picture_as_it_is():
     dark = render(description, passes=["Combined", "Ambient Occlusion"]).passes
     assert dark["Ambient Occlusion"].min() >= 0.0 and dark["Ambient Occlusion"].mean() > 0.3
     assert not dark["Combined"][..., :3].any()
+
+
+def test_the_environment_pass_has_what_a_transparent_film_leaves_out():
+    """A floor that ends in sight: the world is in the pass and in its group, in the picture it is not."""
+    description = floor_scene(size=(16, 16), transforms=[np.diag([0.02, 0.02, 1.0, 1.0])])
+    description.world = World("world", "World", None, (0.2, 0.4, 0.8), light_group=0)
+    description.light_groups = ("Sky",)
+    description.lights = []
+    names = ["Combined", "Environment", "Combined_Sky", "Depth"]
+    images = render(description, passes=names, samples=16, film_transparent=True).passes
+    opaque = render(description, passes=names, samples=16).passes
+    assert np.array_equal(images["Environment"], opaque["Environment"]) and images["Environment"].max() > 0.5
+    assert np.allclose(images["Combined_Sky"], opaque["Combined"][..., :3], rtol=1e-5)
+    assert np.allclose(images["Combined"][..., :3] + images["Environment"], opaque["Combined"][..., :3], rtol=1e-5)
+    alone = render(description, passes=["Combined"], samples=16, film_transparent=True).passes["Combined"]
+    assert np.array_equal(images["Combined"], alone) and alone[..., 3].min() < 0.1
 
 
 def test_only_light_passes_need_parts():

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
-from engine.guiding.fields.binary_tree import LEAF
+from engine.kernels.binary_tree import LEAF
 from engine.runtime.bundle import Bundle
 
 # Columns of SdTreeField.quad_split: shares of a node's probability, none of which is 0 or 1.

@@ -29,7 +29,6 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
-from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS
 from engine.guiding.fields.sdtree import quadtree, space
 from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_WIDTH, SdTreeField
 from engine.guiding.fields.sdtree.quadtree import QuadPool
@@ -51,6 +50,7 @@ from engine.guiding.fields.update import (
     run_chunks,
 )
 from engine.guiding.records.vertices import VertexRecords
+from engine.kernels.binary_tree import LEAF, NODE_AXIS
 from engine.kernels.rng import hash_combine
 
 _FIRST_CAPACITY = 64

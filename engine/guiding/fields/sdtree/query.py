@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.binary_tree import find_leaf
 from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_PHI, SPLIT_Z
+from engine.kernels.binary_tree import find_leaf
 from engine.kernels.constants import INV_FOUR_PI, INV_TWO_PI, ONE_MINUS_EPSILON, TWO_PI
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel

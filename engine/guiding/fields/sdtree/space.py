@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.binary_tree import cut_leaf, find_leaf
 from engine.guiding.fields.sdtree.query import direction_to_square, find_blurred_region
 from engine.guiding.fields.update import REJECT_NOT_FINITE, REJECT_OUTSIDE
 from engine.guiding.records.light import is_usable
+from engine.kernels.binary_tree import cut_leaf, find_leaf
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.rng import hash_combine
 from engine.kernels.vector import load

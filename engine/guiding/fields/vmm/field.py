@@ -9,13 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Uint8Array
-from engine.guiding.fields.binary_tree import LEAF
+from engine.kernels.binary_tree import GRID_SIDE, LEAF
 from engine.runtime.bundle import Bundle
 
 MAX_LOBES = 16
 NEIGHBOR_COUNT = 8
-#: Cells along each axis of the grid by which leaves are found.
-GRID_SIDE = 32
 
 # Rows of VmmField.lobes and of the model's own lobes. Unused lobes have weight and coefficient 0.
 LOBE_WEIGHT = 0

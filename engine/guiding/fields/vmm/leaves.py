@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Regions of many points at once."""
 
-from engine.guiding.fields.vmm.query import locate_leaf
+from engine.kernels.binary_tree import locate_leaf
 from engine.runtime.jit import kernel
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Int64Array
-from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 from engine.guiding.fields.state import State
 from engine.guiding.fields.update import (
     PIECES_PER_THREAD,
@@ -32,6 +31,7 @@ from engine.guiding.fields.vmm import fit, tree
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
 from engine.guiding.fields.vmm.state import VmmState
 from engine.guiding.records.light import Records
+from engine.kernels.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 
 _FIRST_CAPACITY = 64
 #: Look-ups reach for half the distance to the neighbour of this rank.
@@ -102,6 +102,8 @@ class VmmModel:
     bounds : float (2, 3)
         Lowest and highest corner of the scene; a little is added. Records outside are left out, look-ups find nothing.
     settings : VmmSettings
+    field : VmmField, optional
+        That of the model, for who has it already (`of_state`).
 
     Attributes
     ----------
@@ -113,7 +115,9 @@ class VmmModel:
         The last update's samples sorted by region, and each region's rows: for other models on the same regions.
     """
 
-    def __init__(self, bounds: npt.ArrayLike, settings: VmmSettings | None = None) -> None:
+    def __init__(
+        self, bounds: npt.ArrayLike, settings: VmmSettings | None = None, field: VmmField | None = None
+    ) -> None:
         corners = padded_bounds(bounds)
         self.settings = settings or VmmSettings()
         self.region_count = 1
@@ -136,11 +140,20 @@ class VmmModel:
         self._tree.node_link[0, NODE_AXIS] = LEAF
         self._tree.node_link[0, NODE_CHILD] = 0
         self._scratches: list[fit.FitScratch] = []
-        self.field = self._publish(None, 1)
+        self.field = self._publish(None, 1) if field is None else field
 
     @classmethod
-    def of_state(cls, state: State, settings: VmmSettings | None = None) -> VmmModel:
+    def of_state(
+        cls, state: State, settings: VmmSettings | None = None, field: VmmField | None = None
+    ) -> VmmModel:
         """The model that `state` was asked of; it goes on learning as that one would.
+
+        Parameters
+        ----------
+        state : State
+        settings : VmmSettings, optional
+        field : VmmField, optional
+            What an earlier model of this very state has published: it is not made again.
 
         Raises
         ------
@@ -149,12 +162,13 @@ class VmmModel:
         """
         settings = settings or VmmSettings()
         known = VmmState.of_arrays(state, settings.max_kappa)
-        model = cls(known.tree.bounds, settings)
+        model = cls(known.tree.bounds, settings, field)
         model._tree, model._store, model._region_leaf = known.tree, known.store, known.region_leaf
         model._node_count, model.region_count = len(known.tree.node_split), len(known.region_leaf)
         model.batch_rows = np.zeros((model.region_count, 2), np.int64)
         model._totals.record_count = known.record_count
-        model.field = model._publish(make_runner(None, 1), 1)
+        if field is None:
+            model.field = model._publish(make_runner(None, 1), 1)
         return model
 
     def state(self) -> State:

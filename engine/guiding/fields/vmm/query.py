@@ -8,13 +8,11 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.binary_tree import descend, is_inside
 from engine.guiding.fields.vmm.field import (
     COSINE_FLUENCE,
     COSINE_KAPPA,
     COSINE_NORMAL,
     COSINE_RADIANCE,
-    GRID_SIDE,
     GUIDE_COEFFICIENT,
     GUIDE_KAPPA,
     GUIDE_WEIGHT,
@@ -48,18 +46,6 @@ _NO_NEIGHBOR = np.float32(1e35)
 #: Part of the predicted radiance that comes evenly from all directions.
 EVEN_SHARE = np.float32(0.3)
 _TEN_BITS = np.float32(1.0 / 512.0)
-
-
-@kernel
-def locate_leaf(field, p):
-    """The same as `find_leaf` of a published field: from the grid's cell on, not from the root."""
-    if not is_inside(field, p):
-        return -1
-    cell = 0
-    for axis in range(3):
-        steps = int((p[axis] - field.bounds[0, axis]) * field.grid_scale[axis])
-        cell = cell * GRID_SIDE + min(max(steps, 0), GRID_SIDE - 1)
-    return descend(field, np.int64(field.grid[cell]), p)
 
 
 @kernel

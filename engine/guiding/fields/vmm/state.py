@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.array_types import Int32Array
-from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 from engine.guiding.fields.state import State, require, take
 from engine.guiding.fields.vmm.field import (
     LOBE_COEFFICIENT,
@@ -26,6 +25,7 @@ from engine.guiding.fields.vmm.field import (
 )
 from engine.guiding.fields.vmm.fit import MOMENT_WIDTH, SPLIT_ROWS, STAT_ROWS, TOTAL_WIDTH, RegionStore
 from engine.guiding.fields.vmm.tree import TreeNodes
+from engine.kernels.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 
 #: How far float32 may be off where numbers follow from others.
 _ROUNDING = 1e-3

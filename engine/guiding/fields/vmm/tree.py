@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.binary_tree import LEAF, NODE_AXIS, NODE_CHILD, cut_leaf, find_leaf
 from engine.guiding.fields.update import REJECT_NOT_FINITE, REJECT_OUTSIDE
-from engine.guiding.fields.vmm.field import GRID_SIDE, NEIGHBOR_COUNT
+from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT
 from engine.guiding.fields.vmm.fit import (
     MOMENT_COUNT,
     MOMENT_MEAN,
@@ -27,6 +26,7 @@ from engine.guiding.fields.vmm.fit import (
     SAMPLE_WIDTH,
 )
 from engine.guiding.records.light import is_usable
+from engine.kernels.binary_tree import GRID_SIDE, LEAF, NODE_AXIS, NODE_CHILD, cut_leaf, find_leaf
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
 from engine.runtime.bundle import Bundle

@@ -286,6 +286,8 @@ SG = replace(NASG_PRODUCT, lobe_model="VMF", lobe_count=14)
 class MixtureSettings(TrainingSettings):
     """How a mixture network is trained: what `TrainingSettings` says, and
 
+    Its first snapshot comes later: it puts the mixture field out of its place, so it must know more than that.
+
     epsilon : [sr^-1] added to the density that a direction was drawn with, and to the mixture's
     averaging : share of its past that the average of parameters keeps at every step; snapshots carry the average
     selection_share : of the loss, that goes to the mixture and the BSDF together (e of Huang et al. 2024, Eq. 18)
@@ -305,6 +307,7 @@ class MixtureSettings(TrainingSettings):
     learning_rate: float = 5e-3
     table_learning_rate: float = 5e-3
     weight_decay: float = 1e-6
+    first_snapshot_seconds: float = 1.0
     epsilon: float = 1e-5
     averaging: float = 0.95
     selection_share: float = 0.2

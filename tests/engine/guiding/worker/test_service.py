@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import pytest
 
@@ -48,6 +49,7 @@ class StubService(Service):
         self.training = StubTraining(gain)
         self.settings = TrainingSettings()
         self.submission_count = 0
+        self.is_over = threading.Event()
 
     def take_pending(self):
         if self.training.step_count < self.submission_count * ROWS_EVERY:

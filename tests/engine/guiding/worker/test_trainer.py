@@ -25,6 +25,7 @@ from engine.guiding.networks.flow.shape import FlowShape
 from engine.guiding.networks.mixture.shape import MixtureShape
 from engine.guiding.networks.radiance import NetworkShape, Snapshot, TrainingSettings, initial_parameters
 from engine.guiding.records.light import allocate_records
+from engine.guiding.trainer import standby
 from engine.guiding.trainer.channel import Channel
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
 from engine.processes import memory as memory_module
@@ -152,7 +153,8 @@ ATTACH = """
 
 @pytest.fixture
 def trainer(tmp_path):
-    """Makes trainers whose worker is a script; closes them, and looks for what they left."""
+    """Makes trainers whose worker is a script or was started for them; closes them, and looks for what they left."""
+    standby.dismiss()
     made, processes = [], []
 
     def make(*script, **options):
@@ -392,6 +394,8 @@ def test_real_worker_repeats_itself():
 
 @needs_torch
 def test_waiting_for_a_dead_worker_ends():
+    # One that stood by would be done before it is killed.
+    standby.dismiss()
     with NetworkTrainer(SHAPE, settings=SETTINGS, deterministic=True) as trainer:
         trainer.submit(some_records(), 500)
         threading.Timer(0.2, trainer.process.kill).start()

@@ -2,7 +2,9 @@
 """The binary tree over space that fields find their regions by: its nodes, looking up a point, and cutting a leaf.
 
 A field, or the model that makes it, has the nodes in `node_split`, float32 (N,), and `node_link`, int32 (N, 2), and the
-space that they divide in `bounds`, float32 (2, 3). Node 0 is the root.
+space that they divide in `bounds`, float32 (2, 3). Node 0 is the root. Fields that are looked up at every vertex have a
+grid besides: `grid`, int32 (GRID_SIDE**3,), the smallest node that contains a cell of the bounds, in C order of x, y,
+z, and `grid_scale`, float32 (3,), cells per metre.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ NODE_CHILD = 1
 
 #: NODE_AXIS of a leaf.
 LEAF = -1
+#: Cells along each axis of the grid by which leaves are found.
+GRID_SIDE = 32
 
 
 @kernel
@@ -26,6 +30,18 @@ def find_leaf(field, p):
     if not is_inside(field, p):
         return -1
     return descend(field, 0, p)
+
+
+@kernel
+def locate_leaf(field, p):
+    """The same as `find_leaf` of a published field: from the grid's cell on, not from the root."""
+    if not is_inside(field, p):
+        return -1
+    cell = 0
+    for axis in range(3):
+        steps = int((p[axis] - field.bounds[0, axis]) * field.grid_scale[axis])
+        cell = cell * GRID_SIDE + min(max(steps, 0), GRID_SIDE - 1)
+    return descend(field, np.int64(field.grid[cell]), p)
 
 
 @kernel

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which lights each region samples: learned, so that lamps in other rooms and sky behind walls are left alone.
+
+A light sample chooses a cluster k with probability P_k, then a point on its lights. With M_k the second moment of what
+the point brings to the image, visibility included, the sample has the second moment sum of M_k / P_k, which is least
+where P_k is in proportion to the square root of M_k. A record of contribution c, its cluster chosen with P_k, adds
+c^2 P_k to the estimate of M_k, however P_k was learned. The probabilities are made from earlier iterations only, and
+those of no cluster are 0 that the light tree would choose, so the expected image does not change.
+
+References: Vevoda, Kondapaneni and Krivanek 2018, "Bayesian Online Regression for Adaptive Direct Illumination
+Sampling"; moments instead of means as in Rath et al. 2020, "Variance-Aware Path Guiding".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.array_types import Float32Array, Int32Array
+from engine.guiding.fields.vmm.model import VmmModel
+from engine.guiding.records.vertices import VertexRecords
+from engine.state.lights import LightSelection, no_selection
+
+#: What an iteration's sums count for in the next.
+DECAY = 0.8
+#: Records with a contribution that the mean shape of all regions stands for in each, and of all records.
+_PRIOR_COUNT = 1.0
+_PRIOR_DRAWN = 16.0
+#: Share of the probability that goes by the tree, as the region's records have met it, where much is known, and number
+#: of records with a contribution until which it is larger.
+_TREE_SHARE = 0.1
+_DOUBT_COUNT = 16.0
+#: Share that all clusters have alike.
+_EVEN_SHARE = 0.02
+#: Largest share of a region's sum that a single record may have.
+_OUTLIER_SHARE = 0.1
+#: Records with a contribution without which a region stays with the tree.
+_LEAST_COUNT = 16.0
+#: A region stays with the tree unless that has so many times the second moment.
+_LEAST_BENEFIT = 1.15
+#: Nothing is looked up at all unless so much of the light samples' second moment is saved.
+_LEAST_SAVED = 0.03
+
+
+class LightSelectionModel:
+    """Learns probabilities of clusters for the regions of a `VmmModel`; update it after every update of that model.
+
+    Parameters
+    ----------
+    is_possible : bool (C,)
+        Which clusters can be sampled at all.
+    region_count : int
+        Regions that there are already.
+
+    Attributes
+    ----------
+    sums : float64 (R, C), estimates of M_k, by region
+    drawn : float64 (R, C), how often the tree would have chosen each cluster
+    tree_moment : float64 (R,), second moment of the light samples had they gone by the tree
+    known : float64 (R,), number of records with a contribution
+    """
+
+    def __init__(self, is_possible: npt.NDArray[np.bool_], region_count: int = 1) -> None:
+        self._even = is_possible / max(int(is_possible.sum()), 1)
+        self.sums = np.zeros((region_count, len(is_possible)))
+        self.drawn = np.zeros((region_count, len(is_possible)))
+        self.tree_moment = np.zeros(region_count)
+        self.known = np.zeros(region_count)
+
+    def update(self, model: VmmModel, records: VertexRecords, leaf: Int32Array) -> None:
+        """Learn from the records that the model's last update took.
+
+        Parameters
+        ----------
+        leaf : int32 (R,)
+            Region of each record, -1 = none.
+        """
+        count = len(leaf)
+        for name in ("sums", "drawn", "tree_moment", "known"):
+            setattr(self, name, model.inherited(DECAY * getattr(self, name), share=0.5))
+        cluster, pmf, tree_pmf = records.light_cluster[:count], records.light_pmf[:count], records.tree_pmf[:count]
+        usable = (leaf >= 0) & (cluster >= 0) & (pmf > 0.0)
+        usable &= np.isfinite(records.light_squared[:count])
+        region, cluster = leaf[usable].astype(np.int64), cluster[usable]
+        pmf, tree_pmf = pmf[usable].astype(np.float64), tree_pmf[usable].astype(np.float64)
+        moment = records.light_squared[:count][usable].astype(np.float64) * pmf
+        region_count, cluster_count = self.sums.shape
+        total = np.bincount(region, weights=moment, minlength=region_count)
+        moment = np.minimum(moment, _OUTLIER_SHARE * total[region])
+        cell = region * cluster_count + cluster
+
+        def by_cell(weights: np.ndarray) -> np.ndarray:
+            return np.bincount(cell, weights=weights, minlength=self.sums.size).reshape(self.sums.shape)
+
+        self.sums += by_cell(moment)
+        self.drawn += by_cell(tree_pmf / pmf)
+        # What the tree would have left to scattering costs what it costs here.
+        tree_cost = moment / np.where(tree_pmf > 0.0, tree_pmf, pmf)
+        self.tree_moment += np.bincount(region, weights=tree_cost, minlength=region_count)
+        self.known += np.bincount(region, weights=moment > 0.0, minlength=region_count)
+
+    def probabilities(self) -> tuple[Float32Array, np.ndarray]:
+        """Probability of each cluster, (R, C), and which regions it pays in, bool (R,)."""
+        total, known = self.sums.sum(axis=1), self.known
+        mean_shape = self.sums.sum(axis=0) / max(self.sums.sum(), 1e-300)
+        mean_drawn = self.drawn.sum(axis=0) / max(self.drawn.sum(), 1e-300)
+        one_record = total / np.maximum(known, 1.0)
+        learned = np.sqrt(self.sums + _PRIOR_COUNT * one_record[:, None] * mean_shape)
+        learned /= np.maximum(learned.sum(axis=1), 1e-300)[:, None]
+        drawn = (self.drawn + _PRIOR_DRAWN * mean_drawn) / (self.drawn.sum(axis=1)[:, None] + _PRIOR_DRAWN)
+        drawn /= np.maximum(drawn.sum(axis=1), 1e-300)[:, None]
+        doubt = (_TREE_SHARE + (1.0 - _TREE_SHARE) * _DOUBT_COUNT / (known + _DOUBT_COUNT))[:, None]
+        mixed = (1.0 - _EVEN_SHARE) * ((1.0 - doubt) * learned + doubt * drawn) + _EVEN_SHARE * self._even
+        mixed /= mixed.sum(axis=1)[:, None]
+        moment = (self.sums / np.maximum(mixed, 1e-300)).sum(axis=1)
+        pays = (known >= _LEAST_COUNT) & (self.tree_moment >= _LEAST_BENEFIT * moment)
+        saved = (self.tree_moment - moment)[pays].sum()
+        if not saved > _LEAST_SAVED * self.tree_moment.sum():
+            pays[:] = False
+        return mixed, pays
+
+    def selection(self, model: VmmModel) -> LightSelection:
+        """What kernels choose by."""
+        probability, pays = self.probabilities()
+        if not pays.any():
+            return no_selection()
+        table = np.full(len(pays), -1, np.int32)
+        table[pays] = np.arange(int(pays.sum()))
+        cumulative = np.zeros((int(pays.sum()), probability.shape[1] + 1), np.float32)
+        cumulative[:, 1:] = np.cumsum(probability[pays], axis=1)
+        cumulative[:, -1] = 1.0
+        field = model.field
+        return LightSelection(
+            field.node_split, field.node_link, field.bounds, field.grid, field.grid_scale, table, cumulative
+        )
