@@ -449,6 +449,14 @@ class RenderSettings:
     use_russian_roulette: bool = _declare(
         True, "Russian Roulette", "End dim paths early, at random. Off only for experiments", "Paths",
     )
+    roulette: str = _declare(
+        "AUTO", "Roulette By", "What decides which paths end early", "Paths",
+        choices=(
+            Choice("AUTO", "Automatic", "Learned light where automatic guiding loses and this wins, else throughput"),
+            Choice("THROUGHPUT", "Throughput", "What the surfaces that a path has met have left of its light"),
+            Choice("LEARNED", "Learned Light", "What a path is expected to bring to its pixel, by what others found"),
+        ),
+    )
 
     def __post_init__(self) -> None:
         for setting in SETTINGS.values():
@@ -463,6 +471,15 @@ class RenderSettings:
     def is_guided(self) -> bool:
         """Whether anything is to be learned: AUTO leaves renders alone that end before guiding can pay."""
         return self.guiding_method != "OFF" and (self.guiding_method != "AUTO" or self.samples >= LEAST_GUIDED_SAMPLES)
+
+    @property
+    def learns_roulette(self) -> bool:
+        """Whether roulette goes by what is learned of surfaces."""
+        if self.roulette == "AUTO":
+            is_wanted = self.guiding_method == "AUTO" and self.is_guided
+        else:
+            is_wanted = self.roulette == "LEARNED"
+        return is_wanted and self.use_russian_roulette and self.radiance_cache == "OFF"
 
     @property
     def channel_count(self) -> int:

@@ -144,8 +144,9 @@ class Batch:
         )
         self.is_guided, self.has_records = is_guided, records
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
+        self.predicts = settings.learns_roulette
         self._scratch = RayScratch()
-        has_log = records and is_guided
+        has_log = records and (is_guided or self.predicts)
         self.records = allocate_vertex_records(RECORD_ROWS if has_log else 1, channel_count)
         self.work = Work(
             counts=np.zeros(COUNT_WIDTH, np.int64),

@@ -18,6 +18,7 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import LearningRests, iteration_weight
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.roulette_learning import RouletteLearner
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
@@ -92,7 +93,7 @@ class Job:
         self.has_image = False
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self.learner: Learner | CacheLearner | None = None
+        self.learner: Learner | CacheLearner | RouletteLearner | None = None
         self._tiles = tiles_of(frame)
         self._strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
@@ -112,6 +113,8 @@ class Job:
             )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, largest)
+        elif settings.learns_roulette:
+            self.learner = RouletteLearner(settings, pixel_count, largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata)
@@ -401,4 +404,5 @@ class Job:
             total.several_count - before.several_count,
             total.several_candidate_count - before.several_candidate_count,
             total.record_drop_count - before.record_drop_count,
+            total.rays["closest"] - before.rays["closest"],
         )

@@ -74,7 +74,7 @@ def _compile_tracing() -> None:
 
 def _compile_guiding() -> None:
     # Every method has a stage of its own; the rest is the same.
-    _render("VMM_RIS")
+    _render("VMM_RIS", roulette="LEARNED")
     _render("TABLE_RIS")
 
 
@@ -83,16 +83,18 @@ def _compile_spectral() -> None:
 
 
 def _compile_spectral_guiding() -> None:
-    _render("VMM_RIS", spectral="ON")
+    _render("VMM_RIS", spectral="ON", roulette="LEARNED")
     _render("TABLE_RIS", spectral="ON")
 
 
-def _render(guiding_method: str, spectral: str = "OFF") -> None:
+def _render(guiding_method: str, spectral: str = "OFF", roulette: str = "AUTO") -> None:
     from engine.builder.scene import SceneCache, build_scene
     from engine.render.session import Session
     from engine.settings import RenderSettings
 
-    settings = RenderSettings(samples=3, threads=1, guiding_method=guiding_method, spectral=spectral)
+    settings = RenderSettings(
+        samples=3, threads=1, guiding_method=guiding_method, spectral=spectral, roulette=roulette
+    )
     session = Session(settings)
     session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
     session.render(passes=("Combined", "Normal"))

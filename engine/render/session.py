@@ -52,11 +52,14 @@ def _cache_notices() -> list[Notice]:
     return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
 
 
-def _media_notices(dropped_count: int) -> list[Notice]:
-    if not dropped_count:
-        return []
-    problem = f"paths were in more than {MAX_MEDIA} media at once"
-    return [Notice("Volumes", problem, "those beyond are not there for these paths")]
+def _media_notices(scene: Scene, settings: RenderSettings, dropped_count: int) -> list[Notice]:
+    found = []
+    if dropped_count:
+        problem = f"paths were in more than {MAX_MEDIA} media at once"
+        found.append(Notice("Volumes", problem, "those beyond are not there for these paths"))
+    if scene.media.is_used and settings.roulette == "LEARNED":
+        found.append(Notice("Roulette", "knows no media", "it goes by the throughput"))
+    return found
 
 
 def _is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
@@ -285,6 +288,9 @@ class Session:
         if names.intersection(map(group_pass, groups)) or scene.has_catchers or scene.media.is_used:
             # Nor light groups, nor what shadow catchers would have alone, nor what is within media.
             settings = replace(settings, radiance_cache="OFF")
+        if scene.media.is_used:
+            # What it goes by is of surfaces: collisions with media are none.
+            settings = replace(settings, roulette="THROUGHPUT")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
@@ -390,7 +396,8 @@ class Session:
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
-                *(learner.notices if learner is not None else []), *_media_notices(total.medium_drop_count),
+                *(learner.notices if learner is not None else []),
+                *_media_notices(scene, self.settings, total.medium_drop_count),
             ],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,

@@ -13,6 +13,7 @@ import numpy as np
 from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
+from engine.guiding.fields.reflected.field import no_reflected
 from engine.guiding.fields.table import no_table
 from engine.guiding.fields.vmm.field import no_field
 from engine.guiding.networks.onnx_session import RadianceSession
@@ -67,6 +68,7 @@ from engine.wavefront.columns import (
     UNIT_IS_GUIDED,
     UNIT_MEASURE_THRESHOLD,
     UNIT_PATH_COUNT,
+    UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
     UNIT_SEED,
@@ -95,7 +97,7 @@ _STAGE_FLAGS = [
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
-    UNIT_SHOWS_BACKGROUND,
+    UNIT_SHOWS_BACKGROUND, UNIT_PREDICTS,
 ]  # fmt: skip
 
 
@@ -159,7 +161,9 @@ class Tracer:
             "field": no_field(), "allocation": no_allocation(), "probability": nothing, "light_share": nothing,
             "benefit": nothing,
         }
-        self._no_radiance = RadianceView(no_table(channel_count), no_network(network_shape(settings)), no_cells())
+        self._no_radiance = RadianceView(
+            no_table(channel_count), no_network(network_shape(settings)), no_cells(), no_reflected()
+        )
         self._settings = settings
         self.guidance: Guidance | None = None
         if self._linked_for is None:
@@ -206,7 +210,7 @@ class Tracer:
         _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
         needed = (
             *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, batch.has_records, batch.uses_cache, self.layout.use_features,
+            batch.is_guided, batch.has_records, batch.uses_cache, batch.predicts, self.layout.use_features,
             self.layout.use_denoising, self.layout.light_part_count > 0,
             self.layout.use_occlusion, self.layout.has_catchers,
             scene.data.options.is_used, scene.data.options.aov_width > 0,
@@ -237,8 +241,9 @@ class Tracer:
             selection = no_selection() if guidance is None or guidance.lights is None else guidance.lights
             self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
         challenger = guidance.challenger if guidance is not None else None
-        # The cache ends paths whatever guides them.
-        plain = guidance.plain() if guidance is not None and guidance.uses_cache else None
+        # The cache and roulette end paths whatever guides them.
+        ends_paths = guidance is not None and (guidance.uses_cache or guidance.reflected is not None)
+        plain = guidance.plain() if guidance is not None and ends_paths else None
         self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance)}
         if challenger is not None:
             self._arms[CHALLENGER] = self._make_arm(challenger)
@@ -274,7 +279,7 @@ class Tracer:
         is_linked = self.stages.link(
             stage_arguments(
                 scene, view, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records,
-                uses_cache=batch.uses_cache,
+                uses_cache=batch.uses_cache, predicts=batch.predicts,
             )
         )
         if hasattr(trace_rounds, "overloads"):
@@ -390,6 +395,7 @@ class Tracer:
         header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
+        header[UNIT_PREDICTS] = guidance is not None and guidance.reflected is not None
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)

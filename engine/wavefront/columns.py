@@ -40,7 +40,8 @@ UNIT_USE_OCCLUSION = 14  # so is Ambient Occlusion
 UNIT_CATCHES = 15  # the scene has shadow catchers
 UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
 UNIT_SHOWS_BACKGROUND = 17  # the Environment pass is asked for: it has what a transparent film leaves out
-UNIT_HEADER_WIDTH = 18
+UNIT_PREDICTS = 18  # roulette goes by what surfaces were found to send back
+UNIT_HEADER_WIDTH = 19
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -75,6 +76,7 @@ class ClockEntries(NamedTuple):
     shade_lights: int
     sample_medium: int
     prepare_surface: int
+    play_adjoint_roulette: int
     shade_background: int
     evaluate_shaders: int
     upsample: int

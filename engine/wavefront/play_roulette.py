@@ -22,6 +22,7 @@ from engine.state.lanes import (
     RAY_TRANSPARENT_BACKGROUND,
 )
 from engine.state.lights import HEADER_SOURCES
+from engine.wavefront.columns import UNIT_PREDICTS
 
 
 @kernel
@@ -48,6 +49,7 @@ def play_roulette(scene, unit, work, queue):
     lights, options, paths, log = scene.lights, scene.options, work.paths, work.log
     active, active_count, traced = queue.lanes, queue.count[0], work.traced.lanes
     traced_count = 0
+    predicts = unit.header[UNIT_PREDICTS] != 0
     source_count = lights.header[HEADER_SOURCES]
     for k in range(active_count):
         lane = active[k]
@@ -72,7 +74,10 @@ def play_roulette(scene, unit, work, queue):
                 for c in range(len(paths.channels)):
                     largest = max(largest, abs(paths.throughput[lane, c]))
                 survival = max(paths.survival[lane], min(math.sqrt(largest * paths.unguided[lane]), 1.0))
-                if u3 >= survival:
+                if predicts and not flags & RAY_TRANSPARENT:
+                    # What the ray hits has a say.
+                    pass
+                elif u3 >= survival:
                     flags |= RAY_TERMINATE_ON_NEXT_SURFACE
                     paths.flags[lane] = flags
                 else:

@@ -35,6 +35,7 @@ from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.media_stacks import cross_boundaries, start_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
+from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
 from engine.wavefront.play_roulette import play_roulette
 from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
@@ -88,13 +89,14 @@ _GUIDED_FEATURES = _by_name(write_guiding)
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
 _CACHE, _TAUGHT = _by_name(end_in_cache), _by_name(follow_footprints, collect_taught)
+_ADJOINT = _by_name(play_adjoint_roulette)
 _PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
 
 #: Every stage.
 STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
-    **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT,
+    **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
     **_MEDIA, **_MEDIA_SHADOWS,
 }
@@ -102,7 +104,7 @@ STAGES: _Stages = {
 
 def stage_arguments(
     scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool,
-    records: bool, uses_cache: bool,
+    records: bool, uses_cache: bool, predicts: bool,
 ) -> dict[str, tuple[Any, ...]]:
     """What `StageTable.link` is to know of every stage that `trace_rounds` may call for these bundles.
 
@@ -148,4 +150,5 @@ def stage_arguments(
     add(_BLENDING, (guidance, work), is_guided)
     add(_CACHE, (scene, unit, radiance, work, work.active), uses_cache)
     add(_TAUGHT, plain, uses_cache)
+    add(_ADJOINT, (scene, unit, radiance, work, work.active), predicts)
     return arguments

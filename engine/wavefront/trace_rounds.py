@@ -19,6 +19,7 @@ from engine.wavefront.columns import (
     UNIT_CATCHES,
     UNIT_FOLLOWS,
     UNIT_IS_GUIDED,
+    UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
     UNIT_SHADER_MODE,
     UNIT_SPLITS_LIGHT,
@@ -201,6 +202,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             _catch_shadows(stages, scene, unit, work)
         stages.prepare_surface(scene, unit, work, work.traced)
         mark(clock, CLOCK.prepare_surface)
+        if unit.header[UNIT_PREDICTS] != 0:
+            stages.play_adjoint_roulette(scene, unit, radiance, work, work.surface)
+            mark(clock, CLOCK.play_adjoint_roulette)
         if unit.header[UNIT_USES_CACHE] != 0:
             stages.end_in_cache(scene, unit, radiance, work, work.surface)
             mark(clock, CLOCK.end_in_cache)

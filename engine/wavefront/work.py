@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.fields.cells.field import CellField
+from engine.guiding.fields.reflected.field import ReflectedField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.radiance_query import NetworkField
@@ -61,7 +62,7 @@ class SceneView(Bundle):
 
 class RadianceView(Bundle):
     """What predicts radiance along candidates, if it is not the mixture, and where paths end; where there is none, its
-    shape and never read, or cells that know nothing.
+    shape and never read, or cells that know nothing; and what roulette goes by.
 
     Apart from `GuidanceView`: a network's shape depends on settings, and only one stage is to be compiled for it.
     """
@@ -69,6 +70,7 @@ class RadianceView(Bundle):
     table: TableField
     network: NetworkField
     cells: CellField
+    reflected: ReflectedField
 
 
 class GuidanceView(Bundle):

@@ -39,6 +39,8 @@ NETWORKS = (*(source.name for source in SOURCES.values() if source.is_network), 
 STATISTICAL = [method for method in METHODS if method not in ("OFF", *NETWORKS)]
 #: Quick and different: near field, colours, a scale that float32 can just square, no extent along an axis, one sample.
 FAST = ("parallax", "colors", "scale-1e6", "coplanar", "few-1")
+#: Where regions learn which lights they see.
+WITH_HIDDEN_LIGHTS = ("ten-rooms", "street")
 
 #: Where methods are left to choose how much to guide: forced, the weights of long paths spread so far that a few
 #: hundred samples show neither mean nor noise (docs/decisions/stability.md).
@@ -127,6 +129,14 @@ def problems(case: Case, methods: Sequence[str]) -> list[str]:
 @pytest.mark.parametrize("name", FAST)
 def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str) -> None:
     assert not problems(CASES[name], STATISTICAL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_HIDDEN_LIGHTS)
+def test_learned_light_selection_is_unbiased(name: str) -> None:
+    picture = pictures(CASES[name], "VMM", 31, [1])[0]
+    assert any(line.startswith("lights: ") and not line.startswith("lights: 0%") for line in picture.guiding)
+    assert not problems(CASES[name], ["VMM"])
 
 
 @pytest.mark.slow

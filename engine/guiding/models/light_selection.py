@@ -19,6 +19,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.records.vertices import VertexRecords
+from engine.runtime.jit import kernel
 from engine.state.lights import LightSelection, no_selection
 
 #: What an iteration's sums count for in the next.
@@ -33,13 +34,47 @@ _DOUBT_COUNT = 16.0
 #: Share that all clusters have alike.
 _EVEN_SHARE = 0.02
 #: Largest share of a region's sum that a single record may have.
-_OUTLIER_SHARE = 0.1
+_OUTLIER_SHARE = np.float64(0.1)
 #: Records with a contribution without which a region stays with the tree.
 _LEAST_COUNT = 16.0
 #: A region stays with the tree unless that has so many times the second moment.
 _LEAST_BENEFIT = 1.15
 #: Nothing is looked up at all unless so much of the light samples' second moment is saved.
 _LEAST_SAVED = 0.03
+#: Updates after which nothing more is learned if nothing has been saved.
+_LAST_UPDATE = 6
+
+
+@kernel
+def _add_records(records, leaf, total, sums, drawn, tree_moment, known):
+    """Add records to their regions' sums, none with more than its share.
+
+    Parameters
+    ----------
+    leaf : int32 (N,), -1 = none
+    total : float64 (R,), scratch, zeroed
+    sums, drawn, tree_moment, known : see `LightSelectionModel`
+    """
+    for adds in range(2):
+        for row in range(leaf.shape[0]):
+            region = leaf[row]
+            cluster = records.light_cluster[row]
+            pmf = np.float64(records.light_pmf[row])
+            squared = np.float64(records.light_squared[row])
+            # Written so that NaN fails.
+            if region < 0 or cluster < 0 or not pmf > 0.0 or not squared < 1e30:
+                continue
+            moment = squared * pmf
+            if adds == 0:
+                total[region] += moment
+                continue
+            moment = min(moment, _OUTLIER_SHARE * total[region])
+            tree_pmf = np.float64(records.tree_pmf[row])
+            sums[region, cluster] += moment
+            drawn[region, cluster] += tree_pmf / pmf
+            # What the tree would have left to scattering costs what it costs here.
+            tree_moment[region] += moment / (tree_pmf if tree_pmf > 0.0 else pmf)
+            known[region] += 1.0 if moment > 0.0 else 0.0
 
 
 class LightSelectionModel:
@@ -66,6 +101,8 @@ class LightSelectionModel:
         self.drawn = np.zeros((region_count, len(is_possible)))
         self.tree_moment = np.zeros(region_count)
         self.known = np.zeros(region_count)
+        self._update_count = 0
+        self._is_over = False
 
     def update(self, model: VmmModel, records: VertexRecords, leaf: Int32Array) -> None:
         """Learn from the records that the model's last update took.
@@ -75,29 +112,12 @@ class LightSelectionModel:
         leaf : int32 (R,)
             Region of each record, -1 = none.
         """
-        count = len(leaf)
+        if self._is_over:
+            return
         for name in ("sums", "drawn", "tree_moment", "known"):
             setattr(self, name, model.inherited(DECAY * getattr(self, name), share=0.5))
-        cluster, pmf, tree_pmf = records.light_cluster[:count], records.light_pmf[:count], records.tree_pmf[:count]
-        usable = (leaf >= 0) & (cluster >= 0) & (pmf > 0.0)
-        usable &= np.isfinite(records.light_squared[:count])
-        region, cluster = leaf[usable].astype(np.int64), cluster[usable]
-        pmf, tree_pmf = pmf[usable].astype(np.float64), tree_pmf[usable].astype(np.float64)
-        moment = records.light_squared[:count][usable].astype(np.float64) * pmf
-        region_count, cluster_count = self.sums.shape
-        total = np.bincount(region, weights=moment, minlength=region_count)
-        moment = np.minimum(moment, _OUTLIER_SHARE * total[region])
-        cell = region * cluster_count + cluster
-
-        def by_cell(weights: np.ndarray) -> np.ndarray:
-            return np.bincount(cell, weights=weights, minlength=self.sums.size).reshape(self.sums.shape)
-
-        self.sums += by_cell(moment)
-        self.drawn += by_cell(tree_pmf / pmf)
-        # What the tree would have left to scattering costs what it costs here.
-        tree_cost = moment / np.where(tree_pmf > 0.0, tree_pmf, pmf)
-        self.tree_moment += np.bincount(region, weights=tree_cost, minlength=region_count)
-        self.known += np.bincount(region, weights=moment > 0.0, minlength=region_count)
+        total = np.zeros(len(self.sums))
+        _add_records(records, leaf, total, self.sums, self.drawn, self.tree_moment, self.known)
 
     def probabilities(self) -> tuple[Float32Array, np.ndarray]:
         """Probability of each cluster, (R, C), and which regions it pays in, bool (R,)."""
@@ -120,9 +140,13 @@ class LightSelectionModel:
         return mixed, pays
 
     def selection(self, model: VmmModel) -> LightSelection:
-        """What kernels choose by."""
+        """What kernels choose by; ask once an update."""
+        if self._is_over:
+            return no_selection()
         probability, pays = self.probabilities()
+        self._update_count += 1
         if not pays.any():
+            self._is_over = self._update_count >= _LAST_UPDATE
             return no_selection()
         table = np.full(len(pays), -1, np.int32)
         table[pays] = np.arange(int(pays.sum()))

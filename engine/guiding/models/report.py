@@ -51,6 +51,8 @@ class GuidingReport:
     trials: list[str] = field(default_factory=list)
     #: Share of the regions that are guided.
     guided_share: float = float("nan")
+    #: Share of the regions that sample the lights that they have learned to see; NaN: there is nothing to choose.
+    lights_share: float = float("nan")
 
     #: What the image still lacks that the radiance cache did not know, relative to a pixel, root of the mean
     #: square, as estimated; NaN where it is not measured. The sample from which on the cache was given up, 0:
@@ -103,6 +105,10 @@ class GuidingReport:
             self.lines.append(self.sentence)
         if self.trials:
             self.lines.append("compared: " + "; ".join(self.trials))
+        if not math.isnan(self.lights_share):
+            self.lines.append(
+                f"lights: {self.lights_share:.0%} of the regions sample those that they have learned to see"
+            )
         if self.source:
             self.lines.append(self.source)
         if self.source_stopped_at:

@@ -31,6 +31,8 @@ class IterationCosts:
     several_candidates: int
     #: Records that there was no room for.
     dropped_records: int = 0
+    #: Rays that looked for the next surface.
+    closest_count: int = 0
 
 
 class MethodCosts:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.guiding.fields.cells.field import CellField
+from engine.guiding.fields.reflected.field import ReflectedField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.networks.onnx_session import RadianceSession
@@ -35,6 +36,7 @@ class Guidance:
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
+    reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     network_session : RadianceSession or None, what asks the same network if not the kernel
     lights : LightSelection or None, which lights to sample, of guided and unguided paths alike
@@ -58,16 +60,24 @@ class Guidance:
     uses_cache: bool = False
     cells: CellField | None = None
     measure_threshold: int = 0
+    reflected: ReflectedField | None = None
     lights: LightSelection | None = None
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
         plain = Guidance(self.settings, 0)
+        if self.reflected is not None:
+            plain = plain.with_roulette(self.reflected, self.pixel_weight)
         return plain.with_cells(self.cells, self.measure_threshold) if self.uses_cache else plain
 
     def without_records(self) -> Guidance:
         """The same, but nothing is recorded."""
         return replace(self, record_threshold=0, challenger=None)
+
+    def with_roulette(self, reflected: ReflectedField, pixel_weight: np.ndarray | None) -> Guidance:
+        """The same, with roulette by what surfaces send back."""
+        challenger = None if self.challenger is None else self.challenger.with_roulette(reflected, pixel_weight)
+        return replace(self, reflected=reflected, pixel_weight=pixel_weight, challenger=challenger)
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""

@@ -42,7 +42,7 @@ def iteration_weight(first_sample: int, settings: RenderSettings, known_samples:
     Where nothing but the radiance cache learns, the square root of that is enough: what the camera sees is never
     sampled better than at first, and a cache of no use costs an image of 8 samples a twelfth of them, not a quarter.
     """
-    if settings.sample_weighting == "UNIFORM":
+    if settings.sample_weighting == "UNIFORM" or not (settings.is_guided or settings.radiance_cache != "OFF"):
         return 1.0
     share = min((known_samples + first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
     return share if settings.is_guided else math.sqrt(share)
@@ -95,8 +95,11 @@ class RecordBudget:
         Of paths that are recorded, as far as is known.
     """
 
-    def __init__(self, paths_per_sample: int, unit_pixels: int) -> None:
+    def __init__(
+        self, paths_per_sample: int, unit_pixels: int, records_per_iteration: int = RECORDS_PER_ITERATION
+    ) -> None:
         self.paths_per_sample = paths_per_sample
+        self._wanted = records_per_iteration
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
 
@@ -108,7 +111,7 @@ class RecordBudget:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
         expected = self.records_per_path * samples
         share = min(
-            RECORDS_PER_ITERATION / max(expected * self.paths_per_sample, 1.0),
+            self._wanted / max(expected * self.paths_per_sample, 1.0),
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)

@@ -34,6 +34,7 @@ from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget, is_narrow
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
+from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
@@ -114,6 +115,9 @@ class Learner:
         self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice)
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
+        self._roulette = RouletteModel() if settings.learns_roulette else None
+        #: Of roulette without guiding, once that has lost; and whether it is in work.
+        self._roulette_trial: RouletteTrial | None = None
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._iteration = 0
@@ -198,19 +202,22 @@ class Learner:
     @property
     def parts(self) -> list[Part]:
         """Parts of the iteration in work."""
+        if self._roulette_trial is not None and self._roulette_trial.is_running:
+            return self._roulette_trial.parts
         return self._choice.parts
 
     @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
-        return self._is_over and (self._cache is None or self._cache.is_over)
+        is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
+        return self._is_over and not is_trying and (self._cache is None or self._cache.is_over)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: what the render starts from, else none, but record."""
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            return self._with_cache(Guidance(self.settings, self._budget.threshold(1)))
+            return self._completed(Guidance(self.settings, self._budget.threshold(1)))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
         return self._guidance(
@@ -218,7 +225,28 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
-    def _with_cache(self, guidance: Guidance) -> Guidance:
+    @property
+    def _teaches_roulette(self) -> bool:
+        """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
+        return self.settings.roulette == "LEARNED" or not self._choice.is_settled
+
+    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
+        """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
+        plain = Guidance(self.settings, 0, lights=self._lights)
+        if self._roulette is None:
+            return plain
+        if self._roulette_trial is None:
+            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
+            if self._roulette_trial.is_running:
+                return replace(plain, challenger=self._roulette.complete(plain, weights))
+        elif self._roulette_trial.is_running:
+            self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
+        return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
+
+    def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
+        """Guidance with what ends paths; `weights` are those of the film's pixels."""
+        if self._roulette is not None and self.settings.roulette == "LEARNED":
+            guidance = self._roulette.complete(guidance, weights)
         return guidance if self._cache is None else self._cache.complete(guidance)
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
@@ -246,12 +274,15 @@ class Learner:
         for column in (records.radiance, records.pdf, records.distance, records.roughness):
             column[:] = 1.0
         regions = RegionModels.of_records(records, count, 0.5)
+        self._begin_light_selection(regions)
         regions.fit(records, count)
         regions.learn_shares(records, count, variance=1.0, ray_count=1.0, was_guided=True)
         if self._source is not None:
             self._source.rehearse(records, count, self._executor)
         if self._cache is not None:
             self._cache.rehearse()
+        if self._roulette is not None:
+            self._roulette.rehearse()
         if self._gate is not None:
             held = hold_out(records, count, regions.field, regions.selection.probability, 1.0)
             for predictor in self._predictors.values():
@@ -300,7 +331,7 @@ class Learner:
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return Guidance(settings, 0, lights=self._lights)
+                return self._unguided(weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
         was_guided = self._regions is not None
@@ -318,13 +349,15 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
+            if self._roulette is not None and self._teaches_roulette:
+                self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)
                 self._cache.judge(sums, size, next_range[0])
         regions = self._regions
         if regions is None:
             choice.plan(*next_range, (), knows_something=False)
-            return self._with_cache(Guidance(settings, self._budget.threshold(next_range[1])))
+            return self._completed(Guidance(settings, self._budget.threshold(next_range[1])), weights)
         if row_count:
             regions.add_deltas(records, row_count)
         if costs.guided_vertices and self._ladder.is_probing:
@@ -341,7 +374,9 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
-        self._lights = regions.choose_lights()
+        if self._light_clusters is not None:
+            self._lights = regions.choose_lights()
+            self.report.lights_share = len(self._lights.cumulative) / regions.mixture.region_count
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
@@ -375,7 +410,7 @@ class Learner:
                 self._source.field if self._source is not None else None, challenger, lights=self._lights,
             )
 
-        return self._with_cache(by(choice.rung, by(choice.challenger) if choice.challenger else None))
+        return self._completed(by(choice.rung, by(choice.challenger) if choice.challenger else None), weights)
 
     def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
@@ -418,6 +453,8 @@ class Learner:
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs; no two threads at once."""
         if self._is_over:
+            if self._roulette_trial is not None and self._roulette_trial.is_running:
+                self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
         if unit.arm != PLAIN and self._regions is not None:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)

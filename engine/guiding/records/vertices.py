@@ -22,7 +22,7 @@ from engine.kernels.vector import dot
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
-from engine.state.lanes import POINT_NS, POINT_P, POINT_WO, RGB
+from engine.state.lanes import POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
 MAX_VERTICES = 24
@@ -54,6 +54,7 @@ VERTEX_ARRIVAL = 33  # the path's sum before the vertex sampled a light, 4 chann
 VERTEX_CLUSTER = 37  # of the light that was sampled, -1 = none
 VERTEX_CLUSTER_PMF = 38  # with which probability the cluster was chosen
 VERTEX_TREE_PMF = 39  # and would have been by the light tree alone
+VERTEX_PROGRAM = 40  # of the surface's shader
 VERTEX_WIDTH = 48  # three cache lines
 
 
@@ -88,6 +89,10 @@ class VertexRecords(Bundle):
     hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
     spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
         Without wavelengths (R, 0)
+    reflected : float32 (R,), radiance that the surface sent back along the path, its light sample included, mean over
+        channels (`log_arrival`)
+    cost : float32 (R,), scatterings from this one to the end of the path
+    program : int32 (R,), of the surface's shader
     """
 
     position: Float32Array
@@ -111,6 +116,9 @@ class VertexRecords(Bundle):
     reflectance: Float32Array
     hero: Float32Array
     spectrum: Float32Array
+    reflected: Float32Array
+    cost: Float32Array
+    program: Int32Array
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
@@ -196,6 +204,7 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
         real[row, VERTEX_WI + c] = scattering.wi[c]
         real[row, VERTEX_NS + c] = ns[c]
     real[row, VERTEX_PDF] = scattering.pdf
+    real[row, VERTEX_PROGRAM] = points.integer[lane, POINT_PROGRAM]
     real[row, VERTEX_ROUGHNESS] = scattering.roughness
     real[row, VERTEX_SURFACE_ROUGHNESS] = mean_roughness(closures, lane)
     real[row, VERTEX_SCALE] = distance_scale(ns, wo, scattering.wi, scattering.eta)
@@ -249,10 +258,12 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
         weight = pixel_weight[paths.pixel[lane]]
         distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
         vertex = log.count[lane] - 1
+        cost = 0.0
         log.count[lane] = 0
         while vertex >= 0:
             row = lane * MAX_VERTICES + vertex
             vertex -= 1
+            cost += 1.0
             roughness = real[row, VERTEX_ROUGHNESS]
             if roughness > MIN_ROUGHNESS and record_count >= capacity:
                 dropped_count += 1
@@ -263,6 +274,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                 contribution = 0.0
                 reflectance = 0.0
                 light = 0.0
+                arrived = 0.0
+                sent_back = 0.0
                 for c in range(records.spectrum.shape[1]):
                     records.spectrum[record_count, c] = NAN
                 for c in range(channel_count):
@@ -273,6 +286,8 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     contribution += gain * gain
                     sampled = real[row, VERTEX_RADIANCE + c] - real[row, VERTEX_ARRIVAL + c]
                     light += sampled * sampled
+                    arrived += before
+                    sent_back += max(paths.radiance[lane, c] - real[row, VERTEX_ARRIVAL + c], 0.0)
                     value = -1.0
                     if before > 0.0:
                         reflectance += throughput / before
@@ -314,6 +329,9 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.light_cluster[record_count] = int(real[row, VERTEX_CLUSTER])
                     records.light_pmf[record_count] = real[row, VERTEX_CLUSTER_PMF]
                     records.tree_pmf[record_count] = real[row, VERTEX_TREE_PMF]
+                    records.reflected[record_count] = sent_back / arrived
+                    records.cost[record_count] = cost
+                    records.program[record_count] = np.int32(real[row, VERTEX_PROGRAM])
                     record_count += 1
                 else:
                     reject_count += 1
@@ -338,7 +356,8 @@ def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRec
         vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
         scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), np.full(row_count, -1, np.int32),
         scalars(), scalars(), vectors(), scalars(), scalars(), scalars(),
-        np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32),
+        np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32), scalars(), scalars(),
+        np.zeros(row_count, np.int32),
     )
 
 

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`ReflectedField`: how much light surfaces send back for what it costs to find, by cell, in a hash table.
+
+A cell is a cube of a grid by one of six directions that its surface faces, and by the surface's shader. There are small
+cells, and large ones that answer where no small one is known. Directions play no part: a look-up finds one number, in a
+table that stays near the core, and costs next to nothing.
+"""
+
+import math
+
+import numpy as np
+
+from engine.array_types import Float32Array, Uint32Array
+from engine.kernels.constants import NAN
+from engine.runtime.bundle import Bundle
+from engine.runtime.jit import kernel
+from engine.state.lanes import aligned_bytes
+
+#: Sizes of cells, the smallest first, and how many times the side of the one before each has.
+LEVEL_COUNT = 2
+LEVEL_GROWTH = 4
+#: Places of the table, a power of two, and how many of them a cell may be in.
+SLOT_COUNT = 1 << 14
+_PROBE_COUNT = 4
+_PLACE_WIDTH = 2
+_DIRECTION_COUNT = 6
+
+# Elements of ReflectedField.numbers.
+NUMBER_INVERSE_SIZE = 0
+NUMBER_SCALE = 1
+NUMBER_LEAST = 2
+NUMBER_COUNT = 3
+
+
+class ReflectedField(Bundle):
+    """Cells of surface, S places.
+
+    tag : uint32 (S,), by which a cell knows its place again; 0: the place is free
+    importance : float32 (S,), square root of the second moment of the radiance that the cell's surfaces send back along
+        a path, over the cost of what follows there
+    mask : uint32 (1,), S - 1
+    numbers : float32 (NUMBER_COUNT,), the inverse of the side of the smallest cells [1 / m]; by what importance times
+        throughput times the root of the pixel's weight makes a survival probability; the least of these
+    """
+
+    _rows = True
+    tag: Uint32Array
+    importance: Float32Array
+    mask: Uint32Array
+    numbers: Float32Array
+
+
+def empty_reflected(size: float = 1.0, slot_count: int = SLOT_COUNT) -> ReflectedField:
+    """A field that knows nothing, with room for so many cells, the smallest of this size [m]."""
+    places = aligned_bytes(slot_count * _PLACE_WIDTH * 4).view(np.float32).reshape(slot_count, _PLACE_WIDTH)
+    return ReflectedField(
+        places.view(np.uint32)[:, 0], places[:, 1], np.full(1, slot_count - 1, np.uint32),
+        np.array([1.0 / size, 1.0, 1.0], np.float32),
+    )
+
+
+def no_reflected() -> ReflectedField:
+    """A field of which nothing is asked."""
+    return empty_reflected(slot_count=1)
+
+
+@kernel
+def _facing(n):
+    """Which of six directions a unit normal is nearest to: int in [0, 6)."""
+    x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
+    if x >= y and x >= z:
+        return 0 if n[0] >= 0.0 else 1
+    if y >= z:
+        return 2 if n[1] >= 0.0 else 3
+    return 4 if n[2] >= 0.0 else 5
+
+
+@kernel
+def reflected_key(field, p, n, program, level):
+    """Number of a cell, by which it finds its place, and its tag there (not 0): two uint32.
+
+    Parameters
+    ----------
+    p : tuple of 3 float32, world [m]; n : tuple of 3 float32, unit
+    program : int, of the surface's shader
+    level : int in [0, LEVEL_COUNT)
+    """
+    inverse = field.numbers[NUMBER_INVERSE_SIZE]
+    if level > 0:
+        inverse *= np.float32(1.0 / LEVEL_GROWTH)
+    x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
+    y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
+    z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
+    kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
+    mixed = np.uint32(
+        np.uint32(x * np.uint32(0x9E3779B1)) ^ np.uint32(y * np.uint32(0x85EBCA77))
+        ^ np.uint32(z * np.uint32(0xC2B2AE3D)) ^ np.uint32(kind * np.uint32(0x27D4EB2F))
+    )
+    mixed = np.uint32(np.uint32(mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D))
+    number = np.uint32(np.uint32(mixed ^ (mixed >> np.uint32(12))) * np.uint32(0x297A2D39))
+    return np.uint32(number ^ (number >> np.uint32(15))), max(mixed, np.uint32(1))
+
+
+@kernel
+def find_importance(field, p, n, program):
+    """Importance of the smallest cell at a point that is known: float32, NaN where none is.
+
+    Parameters
+    ----------
+    p, n, program
+        As for `reflected_key`.
+    """
+    for level in range(LEVEL_COUNT):
+        number, tag = reflected_key(field, p, n, program, level)
+        for probe in range(_PROBE_COUNT):
+            slot = np.int64(np.uint32(number + np.uint32(probe)) & field.mask[0])
+            found = field.tag[slot]
+            if found == tag:
+                return field.importance[slot]
+            if found == np.uint32(0):
+                break
+    return NAN
+
+
+@kernel
+def claim_reflected(field, number, tag):
+    """Where in the table a cell is, made if there is none; -1 where the table has no room near."""
+    for probe in range(_PROBE_COUNT):
+        slot = np.int64(np.uint32(number + np.uint32(probe)) & field.mask[0])
+        if field.tag[slot] == np.uint32(0):
+            field.tag[slot] = tag
+        if field.tag[slot] == tag:
+            return slot
+    return np.int64(-1)

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What cells learn of the radiance that surfaces send back, from the records of an iteration.
+
+Small cells have few records, and one that has met no bright path yet would end those to come. So a cell's moments are
+mixed with those of the large cell around it, which counts like `_PRIOR` records, and a large cell's with those of all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.guiding.fields.reflected.field import (
+    LEVEL_COUNT,
+    ReflectedField,
+    claim_reflected,
+    empty_reflected,
+    reflected_key,
+)
+from engine.guiding.records.vertices import VertexRecords
+from engine.kernels.vector import load
+from engine.runtime.jit import kernel
+
+#: The smallest cells are this share of the scene's extent: of where all but the outermost records lie.
+_SMALLEST_SHARE = 1.0 / 32.0
+_OUTERMOST_PERCENT = 2.0
+#: Records that the larger cell around a cell counts for.
+_PRIOR = 16.0
+#: About so many records of an iteration are looked at, for all threads wait meanwhile.
+_MOST_RECORDS = 1 << 16
+
+# Columns of the sums.
+_COUNT, _SQUARE, _COST = 0, 1, 2
+_WIDTH = 3
+
+
+@kernel
+def _add(field, sums, level_of, parent_of, records, row_count, step):
+    """Add every `step`-th record to its cells of all sizes; returns how often there was no room.
+
+    Parameters
+    ----------
+    sums : float64 (S, _WIDTH)
+    level_of, parent_of : int64 (S,), of each cell: its level, and the larger cell around it, -1 = none
+    """
+    lost_count = 0
+    for row in range(0, row_count, step):
+        p, n = load(records.position, row), load(records.normal, row)
+        parent = np.int64(-1)
+        for larger in range(LEVEL_COUNT):
+            level = LEVEL_COUNT - 1 - larger
+            number, tag = reflected_key(field, p, n, records.program[row], level)
+            slot = claim_reflected(field, number, tag)
+            if slot < 0:
+                lost_count += 1
+                continue
+            level_of[slot] = level
+            parent_of[slot] = parent
+            parent = slot
+            sums[slot, _COUNT] += 1.0
+            sums[slot, _SQUARE] += records.reflected[row] * records.reflected[row]
+            sums[slot, _COST] += records.cost[row]
+    return lost_count
+
+
+class ReflectedModel:
+    """Cells of a render.
+
+    Attributes
+    ----------
+    field : ReflectedField or None, while nothing is known
+    lost_count : int, records by size of cell for which the table had no room
+    """
+
+    def __init__(self) -> None:
+        self.field: ReflectedField | None = None
+        self.lost_count = 0
+        self._sums = np.zeros((0, _WIDTH))
+        self._level = self._parent = np.zeros(0, np.int64)
+
+    def learn(self, records: VertexRecords, row_count: int) -> None:
+        """Add the records of an iteration; no thread may look cells up meanwhile."""
+        if not row_count:
+            return
+        if self.field is None:
+            position = records.position[:row_count]
+            low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
+            extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
+            self.field = empty_reflected(_SMALLEST_SHARE * extent)
+            slot_count = len(self.field.tag)
+            self._sums = np.zeros((slot_count, _WIDTH))
+            self._level, self._parent = np.full(slot_count, -1, np.int64), np.full(slot_count, -1, np.int64)
+        step = max(row_count // _MOST_RECORDS, 1)
+        self.lost_count += int(_add(self.field, self._sums, self._level, self._parent, records, row_count, step))
+        self._estimate(self.field)
+
+    def _estimate(self, field: ReflectedField) -> None:
+        """Make importances of the sums, those of the largest cells first."""
+        largest = self._level == LEVEL_COUNT - 1
+        total = self._sums[largest].sum(axis=0)
+        moments = np.tile(total / max(total[_COUNT], 1.0), (len(self._sums), 1))
+        for level in reversed(range(LEVEL_COUNT)):
+            cells = np.flatnonzero(self._level == level)
+            # A cell without a larger one around it still has the moments of all.
+            around = moments[np.where(self._parent[cells] >= 0, self._parent[cells], cells)]
+            moments[cells] = (self._sums[cells] + _PRIOR * around) / (self._sums[cells, :1] + _PRIOR)
+        field.importance[:] = np.sqrt(moments[:, _SQUARE] / np.maximum(moments[:, _COST], 1.0))
