@@ -27,6 +27,7 @@ SHARED_SETTINGS: dict[str, tuple[str, str]] = {
     "diffuse_bounces": ("cycles", "diffuse_bounces"),
     "glossy_bounces": ("cycles", "glossy_bounces"),
     "transmission_bounces": ("cycles", "transmission_bounces"),
+    "volume_bounces": ("cycles", "volume_bounces"),
     "transparent_max_bounces": ("cycles", "transparent_max_bounces"),
     "min_light_bounces": ("cycles", "min_light_bounces"),
     "min_transparent_bounces": ("cycles", "min_transparent_bounces"),

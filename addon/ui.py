@@ -252,7 +252,7 @@ class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
         column = self._column()
         for names in (
             ("max_bounces",),
-            ("diffuse_bounces", "glossy_bounces", "transmission_bounces"),
+            ("diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces"),
             ("transparent_max_bounces",),
             ("clamp_direct", "clamp_indirect"),
             ("filter_glossy",),

@@ -60,6 +60,8 @@ RAY_HIT_FLOATS = 24
 #: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
 MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128
+#: what has a medium inside: its boundaries are looked for apart from all else
+MASK_MEDIUM = 256
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
 

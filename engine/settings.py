@@ -278,6 +278,9 @@ class RenderSettings:
     transmission_bounces: int = _declare(
         12, "Transmission", "Most bounces through refractive surfaces", "Light Paths", **_BOUNCES,
     )
+    volume_bounces: int = _declare(
+        0, "Volume", "Most times that light is scattered within volumes after the first", "Light Paths", **_BOUNCES,
+    )
     transparent_max_bounces: int = _declare(
         8, "Transparent", "Most transparent surfaces a ray passes straight through", "Light Paths", **_BOUNCES,
     )

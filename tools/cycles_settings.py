@@ -24,7 +24,9 @@ def _rows(verdict: str, names: str, note: str = "", is_newer: bool = False) -> I
 
 
 _GUIDING = "NeuralGuide guides by its own settings (panel Guiding)"
-_VOLUMES = "there are no volumes yet"
+#: Of volumes that are the same everywhere, which are rendered without steps.
+_VOLUMES = "volumes are the same everywhere, and need no steps"
+_SAMPLING = "distances are drawn by the transmittance"
 _GPU = "only the CPU renders"
 
 #: (title of the panel, what has the settings, rows)
@@ -66,14 +68,14 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("no need", "guiding_directional_sampling_type use_surface_guiding", _GUIDING),
             *_rows("no need", "surface_guiding_probability guiding_training_samples", _GUIDING),
             *_rows("no need", "use_guiding_direct_light use_guiding_mis_weights guiding_roughness_threshold", _GUIDING),
-            *_rows("no need", "use_volume_guiding volume_guiding_probability", _VOLUMES),
+            *_rows("no need", "use_volume_guiding volume_guiding_probability", "within volumes nothing is guided"),
         ),
     ),
     (
         "Light Paths", "scene.cycles",
         (
-            *_rows("works", "max_bounces diffuse_bounces glossy_bounces transmission_bounces transparent_max_bounces"),
-            *_rows("no need", "volume_bounces", _VOLUMES),
+            *_rows("works", "max_bounces diffuse_bounces glossy_bounces transmission_bounces volume_bounces"),
+            *_rows("works", "transparent_max_bounces"),
             *_rows("works", "sample_clamp_direct sample_clamp_indirect blur_glossy"),
             *_rows("works", "caustics_reflective caustics_refractive"),
             *_rows("said", "use_fast_gi"),
@@ -138,7 +140,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "use_denoising denoising_store_passes use_pass_shadow_catcher"),
             *_rows("no", "pass_debug_sample_count", "the pass Sample Count of NeuralGuide has counts, not shares"),
             *_rows("said", "pass_render_time"),
-            *_rows("works", "use_pass_volume_direct use_pass_volume_indirect", "black: " + _VOLUMES),
+            *_rows("works", "use_pass_volume_direct use_pass_volume_indirect"),
             *_rows("said", "use_pass_volume_scatter use_pass_volume_transmit use_pass_volume_majorant"),
             *_rows("no", "denoising_pass_follow_reflections denoising_pass_use_albedo_roughness_weighting", "", True),
         ),
@@ -165,7 +167,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "Material", "material.cycles",
         (
             *_rows("works", "emission_sampling use_bump_map_correction"),
-            *_rows("no need", "volume_sampling volume_interpolation volume_step_rate", _VOLUMES),
+            *_rows("no need", "volume_sampling", _SAMPLING),
+            *_rows("no need", "volume_interpolation volume_step_rate", _VOLUMES),
         ),
     ),
     (
@@ -174,7 +177,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "sampling_method sample_map_resolution max_bounces"),
             *_rows("said", "is_caustics_light"),
             *_rows("works", "use_shadows", is_newer=True),
-            *_rows("no need", "volume_sampling volume_interpolation volume_step_size", _VOLUMES),
+            *_rows("no need", "volume_sampling", _SAMPLING),
+            *_rows("no need", "volume_interpolation volume_step_size", _VOLUMES),
         ),
     ),
 )  # fmt: skip

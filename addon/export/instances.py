@@ -203,6 +203,9 @@ def _classify(
             visibility &= ~VISIBLE_CAMERA
         if visibility == 0:
             return -1
+    if is_mesh and _is_gas_domain(shown):
+        context.notice(shown.name, "smoke and fire are not supported", "it is left out")
+        return -1
     notice_object(context, shown)
     slots = _slots(context, materials, shown) if is_mesh else ()
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
@@ -235,6 +238,18 @@ def _classify(
     if context.wants_assets:
         kinds[-1].asset = _topmost(shown).name
     return len(kinds) - 1
+
+
+def _is_gas_domain(shown: bpy.types.Object) -> bool:
+    """Whether an object's mesh is but the bounds of a simulated gas."""
+    return any(
+        modifier.type == "FLUID"
+        and modifier.fluid_type == "DOMAIN"
+        and modifier.domain_settings is not None
+        and modifier.domain_settings.domain_type == "GAS"
+        and modifier.show_render
+        for modifier in shown.original.modifiers
+    )
 
 
 def _topmost(shown: bpy.types.Object) -> bpy.types.Object:

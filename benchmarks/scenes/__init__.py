@@ -12,6 +12,7 @@ from benchmarks.scenes import (
     geometry,
     lights,
     limits,
+    media,
     motion,
     principled,
     rooms,
@@ -22,5 +23,5 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "closures", "failures", "furnished", "geometry", "lights", "limits",
-    "motion", "principled", "rooms", "spectral", "textures",
+    "media", "motion", "principled", "rooms", "spectral", "textures",
 ]  # fmt: skip

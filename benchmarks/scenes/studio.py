@@ -68,13 +68,19 @@ class Nodes:
         raise KeyError(f"{node.bl_idname} has no input {key!r}")
 
 
-def material(name: str, surface: Surface) -> Any:
-    """A material whose surface is what `surface(nodes)` returns."""
+def _outputs(nodes: Nodes, surface: Surface | None, volume: Surface | None) -> dict[str, Any]:
+    """Inputs of an output node."""
+    made = {"Surface": surface, "Volume": volume}
+    return {socket: make(nodes) for socket, make in made.items() if make is not None}
+
+
+def material(name: str, surface: Surface | None, volume: Surface | None = None) -> Any:
+    """A material whose surface is what `surface(nodes)` returns, and whose inside is what `volume(nodes)` does."""
     created = bpy.data.materials.new(name)
     if created.node_tree is None:
         created.use_nodes = True
     nodes = Nodes(created.node_tree)
-    nodes.node("OutputMaterial", Surface=surface(nodes))
+    nodes.node("OutputMaterial", **_outputs(nodes, surface, volume))
     return created
 
 
@@ -202,13 +208,13 @@ def world(color: Sequence[float] = (0.5, 0.5, 0.5), strength: float = 1.0) -> An
     return world_nodes(lambda nodes: nodes("Background", Color=color, Strength=strength))
 
 
-def world_nodes(surface: Surface) -> Any:
-    """A world whose surface is what `surface(nodes)` returns."""
+def world_nodes(surface: Surface | None, volume: Surface | None = None) -> Any:
+    """A world whose surface is what `surface(nodes)` returns, and which is filled with what `volume(nodes)` does."""
     created = bpy.data.worlds.new("World")
     if created.node_tree is None:
         created.use_nodes = True
     nodes = Nodes(created.node_tree)
-    nodes.node("OutputWorld", Surface=surface(nodes))
+    nodes.node("OutputWorld", **_outputs(nodes, surface, volume))
     bpy.context.scene.world = created
     return created
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from engine.accel import (
+    MASK_MEDIUM,
     MASK_SHADOW_OPAQUE,
     MASK_SHADOW_TRANSPARENT,
     Accelerator,
@@ -21,6 +22,7 @@ from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import GeometryCache, build_geometry
 from engine.builder.lights import build_lights
+from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept
@@ -39,8 +41,8 @@ from engine.state.geometry import (
     INSTANCE_VISIBILITY,
     GeometryArrays,
 )
-from engine.state.lights import LightArrays
-from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
+from engine.state.lights import HEADER_SOURCES, LightArrays
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
 #: Of an instance, what hierarchies depend on.
 _ACCELERATOR_COLUMNS = [INSTANCE_MESH, INSTANCE_VISIBILITY, INSTANCE_FLAGS, INSTANCE_FIRST_KEY, INSTANCE_KEY_COUNT]
@@ -56,6 +58,7 @@ class Scene:
     shaders: ShaderArrays
     tables: BsdfTables
     lights: LightArrays
+    media: SceneMedia
     accelerator: Accelerator
     #: Row of ShaderArrays.programs of the world, -1 = black.
     world_program: int
@@ -87,13 +90,18 @@ class SceneCache:
 
 
 def _shadow_masks(
-    geometry: GeometryArrays, slot_counts: np.ndarray, shaders: ShaderArrays, description: SceneDescription
+    geometry: GeometryArrays, slot_counts: np.ndarray, shaders: ShaderArrays, description: SceneDescription,
+    media: SceneMedia,
 ) -> np.ndarray:
-    """MASK_SHADOW_* of every instance: opaque unless one of its materials may let light through."""
+    """MASK_SHADOW_* of every instance: opaque unless one of its materials may let light through.
+
+    What has a medium inside has MASK_MEDIUM besides, and stops no light if it is nothing but the medium's boundary.
+    """
     table = geometry.instance_table
-    may_pass = (shaders.programs[:, PROGRAM_FLAGS] & PROGRAM_MAY_BE_TRANSPARENT) != 0
+    flags = shaders.programs[:, PROGRAM_FLAGS]
+    may_pass = (flags & PROGRAM_MAY_BE_TRANSPARENT) != 0
     for index, material in enumerate(description.materials):
-        if not material.use_transparent_shadow:
+        if not material.use_transparent_shadow and not flags[index] & PROGRAM_IS_BOUNDARY:
             may_pass[index] = False
     materials = geometry.instance_materials
     material_passes = may_pass[materials] if len(materials) else np.zeros(0, bool)
@@ -106,6 +114,8 @@ def _shadow_masks(
         casts = (table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0
         masks[casts & ~has_passing] = MASK_SHADOW_OPAQUE
         masks[casts & has_passing] = MASK_SHADOW_TRANSPARENT
+        masks[media.is_boundary] = 0
+        masks[media.has_inside & (table[:, INSTANCE_VISIBILITY] != 0)] |= MASK_MEDIUM
     return masks
 
 
@@ -210,7 +220,9 @@ def build_scene(
     )
     check_cancel()
     shaders = programs.arrays
-    masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description)
+    slot_counts = cache.geometry.slot_counts
+    media = build_media(cache.programs.compiled, programs.world_program, geometry, slot_counts)
+    masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
     check_cancel()
     tables = load_tables()
@@ -218,6 +230,10 @@ def build_scene(
     check_cancel()
     lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)
     notices += light_notices
+    if media.emits:
+        # Paths find light where nothing else is.
+        lights = lights._replace(header=lights.header.copy())
+        lights.header[HEADER_SOURCES] = -1
     return Scene(
         description=description,
         camera=_build_camera(cache, description, settings),
@@ -225,9 +241,10 @@ def build_scene(
         shaders=shaders,
         tables=tables,
         lights=lights,
+        media=media,
         accelerator=accelerator,
         world_program=programs.world_program,
-        has_transparent_shadows=bool((masks == MASK_SHADOW_TRANSPARENT).any()),
+        has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),
         notices=notices,
     )
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
 from engine.kernels.lights import finds_all
-from engine.kernels.path_depths import count_scattering, count_transparent
+from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
@@ -28,6 +28,7 @@ from engine.state.lanes import (
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
     RAY_VISIBILITY,
+    RAY_VOLUME,
 )
 
 #: Everything a scattering clears before it sets its own.
@@ -106,5 +107,31 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     if finds_all(lights, closures, lane, real_3(points, lane, POINT_NG)):
         flags |= RAY_MIS_FINDS_ALL
     if ends:
+        flags |= RAY_TERMINATE_AFTER_TRANSPARENT
+    paths.flags[lane] = flags
+
+
+@kernel
+def leave_collision(options, paths, points, media, lane, wi, pdf):
+    """Go on from a point within a medium towards `wi`; the throughput is the caller's business.
+
+    Parameters
+    ----------
+    media : MediaLanes
+    wi : tuple of 3 float32, unit
+    pdf : float32 [sr^-1], of the phase functions
+    """
+    p = real_3(points, lane, POINT_P)
+    store(paths.origin, lane, p)
+    store(paths.direction, lane, wi)
+    paths.hit_distance[lane] = _INFINITE
+    paths.radius[lane] = points.real[lane, POINT_RADIUS]
+    paths.mis_pdf[lane] = pdf
+    store(paths.mis_origin, lane, p)
+    store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
+    paths.mis_distance[lane] = 0.0
+    paths.min_pdf[lane] = min(paths.min_pdf[lane], pdf)
+    flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
+    if count_collision(options, paths, media, lane):
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
     paths.flags[lane] = flags

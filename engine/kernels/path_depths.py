@@ -47,6 +47,19 @@ def count_scattering(options, paths, lane, label):
 
 
 @kernel
+def count_collision(options, paths, media, lane):
+    """Count a scattering within a medium; returns whether a limit has been reached.
+
+    Parameters
+    ----------
+    media : MediaLanes
+    """
+    paths.depth[lane] += 1
+    media.depth[lane] += 1
+    return paths.depth[lane] >= options.max_depth or media.depth[lane] >= options.max_volume_depth
+
+
+@kernel
 def count_transparent(options, paths, lane):
     """Count a transparent surface that the ray passes through; returns whether the limit has been reached."""
     paths.transparent_depth[lane] += 1

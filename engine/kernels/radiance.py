@@ -16,6 +16,7 @@ from engine.state.lanes import (
     PART_TRANSMISSION,
     RAY_TRANSPARENT_BACKGROUND,
     RGB,
+    VOLUME_PARTS,
 )
 
 #: Light that no lamp, object or world of a light group has sent, or that is not known whose it is.
@@ -45,8 +46,12 @@ def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
         return
     if depth >= 0:
         step = count if depth > 0 else 0
+        of_volume = passes.parts.shape[1] - VOLUME_PARTS * count
         for c in range(count):
             value = factor * contribution[row, c]
+            if passes.is_volume[lane] != 0:
+                passes.parts[lane, of_volume + step + c] += value
+                continue
             diffuse = passes.share[lane, c] * value
             glossy = passes.share[lane, count + c] * value
             passes.parts[lane, PART_DIFFUSE * count + step + c] += diffuse

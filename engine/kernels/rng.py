@@ -25,6 +25,8 @@ SETS_BEFORE_VERTICES = 2
 SET_LIGHT = 0
 SET_BSDF = 1
 SETS_PER_VERTEX = 2
+#: Where on its way to a vertex a path collides with a medium; far from the sets of vertices.
+SET_MEDIUM = 1 << 18
 
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.

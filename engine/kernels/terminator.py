@@ -68,7 +68,7 @@ def smooth_offset(geometry, instance, triangle, u, v, ng, time):
 
 @kernel
 def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offset, time):
-    """Ray from a point on a surface to a light.
+    """Ray from a point on a surface, or within a medium (`instance` -1), to a light.
 
     Parameters
     ----------
@@ -85,6 +85,8 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offs
     origin, direction : tuple of 3 float32
     distance : float32
     """
+    if instance < 0:
+        return p, wi, distance
     cutoff = 0.0 * offset
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     if geometry.mesh_table[mesh, MESH_FIRST_NORMAL] >= 0:

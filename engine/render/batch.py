@@ -37,6 +37,7 @@ from engine.state.lanes import (
     as_rgb,
     value_width,
 )
+from engine.state.media import allocate_media_lanes
 from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.unit import UnitCosts
 from engine.wavefront.columns import (
@@ -47,6 +48,7 @@ from engine.wavefront.columns import (
     CLOSEST_RAYS,
     COUNT_WIDTH,
     GUIDED_VERTICES,
+    MEDIA_DROPPED,
     NEXT_PATH,
     RECORD_REJECTS,
     RECORDS,
@@ -88,6 +90,8 @@ class Statistics:
     record_reject_count: int = 0
     #: Records that a unit had no room for.
     record_drop_count: int = 0
+    #: Entries into more media at once than a path has room for.
+    medium_drop_count: int = 0
     #: Vertices that were guided, those of them with several candidates, and all candidates, and theirs.
     guided_count: int = 0
     several_count: int = 0
@@ -104,6 +108,7 @@ class Statistics:
         self.reject_count += other.reject_count
         self.record_reject_count += other.record_reject_count
         self.record_drop_count += other.record_drop_count
+        self.medium_drop_count += other.medium_drop_count
         self.guided_count += other.guided_count
         self.several_count += other.several_count
         self.candidate_count += other.candidate_count
@@ -168,6 +173,7 @@ class Batch:
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
             passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
             catcher=allocate_catcher_lanes(lanes if layout.has_catchers else 1, channel_count),
+            media=allocate_media_lanes(lanes if layout.has_media else 0, channel_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
@@ -261,6 +267,7 @@ class Batch:
         statistics.reject_count += counts[REJECTS]
         statistics.record_reject_count += counts[RECORD_REJECTS]
         statistics.record_drop_count += counts[RECORDS_DROPPED]
+        statistics.medium_drop_count += counts[MEDIA_DROPPED]
         statistics.guided_count += counts[GUIDED_VERTICES]
         statistics.several_count += counts[RESAMPLED_VERTICES]
         statistics.candidate_count += counts[CANDIDATES]

@@ -77,13 +77,13 @@ FEATURE_PASSES = frozenset(PASS_NAMES) - {
 
 def film_layout(
     passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = (),
-    pass_settings: PassSettings | None = None, *, has_catchers: bool = False,
+    pass_settings: PassSettings | None = None, *, has_catchers: bool = False, has_media: bool = False,
 ) -> FilmLayout:
-    """What a film needs for these passes and settings, of a scene with these light groups, settings of passes and
-    shadow catchers.
+    """What a film needs for these passes and settings, of a scene with these light groups, settings of passes,
+    shadow catchers and media.
     """
     data = data_layout(passes, pass_settings or PassSettings())
-    part_count = light_part_count(passes, light_groups)
+    part_count = light_part_count(passes, light_groups, has_media=has_media)
     return FilmLayout(
         use_features=bool(passes & FEATURE_PASSES or data.options.is_used),
         use_residual=settings.radiance_cache == "CONVERGING",
@@ -94,6 +94,7 @@ def film_layout(
         use_occlusion=OCCLUSION_PASS in passes,
         shows_background="Environment" in passes,
         has_catchers=has_catchers,
+        has_media=has_media,
         is_transparent=has_catchers and settings.film_transparent,
         data=data,
     )

@@ -3,7 +3,8 @@
 
 As in Cycles, the passes of light are divided by the pass of colour of their lobes, so that
 
-    Combined = Emission + Environment + sum over lobes of Color x (Direct + Indirect).
+    Combined = Emission + Environment + sum over lobes of Color x (Direct + Indirect)
+        + Volume Direct + Volume Indirect.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from engine.state.film import LIGHT_DIFFUSE_COLOR, LIGHT_OCCLUSION, LIGHT_PARTS
-from engine.state.lanes import PART_DIFFUSE, PART_GLOSSY, PART_GROUPS, PART_TRANSMISSION, RGB
+from engine.state.lanes import PART_DIFFUSE, PART_GLOSSY, PART_GROUPS, PART_TRANSMISSION, RGB, VOLUME_PARTS
 
 #: First part of each kind of lobes, in the order of the columns of colours.
 _LOBES = {"Diffuse": PART_DIFFUSE, "Glossy": PART_GLOSSY, "Transmission": PART_TRANSMISSION}
-#: There are no volumes: black, for node trees that add up all passes.
+#: Not divided by a colour. Black in scenes without media, for node trees that add up all passes.
 _VOLUME_PASSES = ("Volume Direct", "Volume Indirect")
 OCCLUSION_PASS = "Ambient Occlusion"
 LIGHT_PASSES = (
@@ -33,10 +34,13 @@ def group_pass(group: str) -> str:
     return _GROUP_PREFIX + group
 
 
-def light_part_count(names: Iterable[str], groups: Sequence[str]) -> int:
-    """Parts that light must be taken apart into for these passes, in a scene of these groups; 0: no pass needs any."""
+def light_part_count(names: Iterable[str], groups: Sequence[str], *, has_media: bool = False) -> int:
+    """Parts that light must be taken apart into for these passes, in a scene of these groups, with or without media; 0:
+    no pass needs any.
+    """
     needed = {*LIGHT_PASSES, *map(group_pass, groups)}
-    return PART_GROUPS + len(groups) if needed.intersection(names) else 0
+    count = PART_GROUPS + len(groups) + (VOLUME_PARTS if has_media else 0)
+    return count if needed.intersection(names) else 0
 
 
 def divide_by_color(light: np.ndarray, color: np.ndarray) -> np.ndarray:
@@ -101,7 +105,10 @@ def light_images(
         for kind, values in (("Direct", part(first)), ("Indirect", indirect[lobes])):
             if f"{lobes} {kind}" in names:
                 images[f"{lobes} {kind}"] = divide_by_color(values * np.float32(exposure), color)
-    images |= {name: np.zeros_like(part(0)) for name in _VOLUME_PASSES}
+    first = PART_GROUPS + len(groups)
+    has_media = light.shape[1] > LIGHT_PARTS + RGB * first
+    for index, name in enumerate(_VOLUME_PASSES):
+        images[name] = part(first + index) * np.float32(exposure) if has_media else np.zeros_like(part(0))
     images |= {
         group_pass(group): part(PART_GROUPS + index) * np.float32(exposure) for index, group in enumerate(groups)
     }

@@ -34,6 +34,7 @@ from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
+from engine.state.media import MAX_MEDIA
 from engine.wavefront.columns import CACHED_DEPTHS
 
 #: Said while there is nothing to show yet.
@@ -49,6 +50,16 @@ class LoadCancelled(Exception):
 def _cache_notices() -> list[Notice]:
     problem = cache_problem()
     return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
+
+
+def _media_notices(scene: Scene, settings: RenderSettings, dropped_count: int) -> list[Notice]:
+    found = []
+    if dropped_count:
+        problem = f"paths were in more than {MAX_MEDIA} media at once"
+        found.append(Notice("Volumes", problem, "those beyond are not there for these paths"))
+    if scene.media.is_used and settings.roulette == "LEARNED":
+        found.append(Notice("Roulette", "knows no media", "it goes by the throughput"))
+    return found
 
 
 def _is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
@@ -274,16 +285,20 @@ class Session:
             settings = replace(settings, radiance_cache="OFF")
         names = frozenset(passes)
         groups = scene.description.light_groups
-        if names.intersection(map(group_pass, groups)) or scene.has_catchers:
-            # Nor light groups, nor what shadow catchers would have alone.
+        if names.intersection(map(group_pass, groups)) or scene.has_catchers or scene.media.is_used:
+            # Nor light groups, nor what shadow catchers would have alone, nor what is within media.
             settings = replace(settings, radiance_cache="OFF")
+        if scene.media.is_used:
+            # What it goes by is of surfaces: collisions with media are none.
+            settings = replace(settings, roulette="THROUGHPUT")
         start, dropped = self._fitting(start, settings)
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
         layout = film_layout(
-            names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers
+            names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
+            has_media=scene.media.is_used,
         )
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
@@ -356,7 +371,9 @@ class Session:
         """What is asked for and not done."""
         if self.settings.radiance_cache == settings.radiance_cache:
             return []
-        problem = "knows no wavelengths" if settings.channel_count > RGB else "knows no light groups or shadow catchers"
+        problem = "knows no light groups, shadow catchers or media"
+        if settings.channel_count > RGB:
+            problem = "knows no wavelengths"
         return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
     def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
@@ -380,6 +397,7 @@ class Session:
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
                 *(learner.notices if learner is not None else []),
+                *_media_notices(scene, self.settings, total.medium_drop_count),
             ],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,

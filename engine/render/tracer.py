@@ -48,8 +48,10 @@ from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
     ROWS,
     SCENE_HANDLE,
+    SCENE_HAS_BOUNDARIES,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
@@ -89,7 +91,7 @@ from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneVi
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
-    SCENE_IS_SPECTRAL,
+    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA,
 ]  # fmt: skip
 
 #: Entries of the unit's header that are for paths of the picture alone.
@@ -144,10 +146,12 @@ class Tracer:
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
+        numbers[SCENE_HAS_MEDIA] = scene.media.is_used
+        numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, scene.lights, build_data_view(scene, layout.data.options),
+            scene.shaders, scene.tables, scene.lights, scene.media.arrays, build_data_view(scene, layout.data.options),
             options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.

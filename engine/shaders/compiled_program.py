@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from engine.kernels.shader import ops_input
 from engine.scene.description import NodeGraph, Notice
+from engine.shaders.medium import Medium
 from engine.shaders.program import Instruction
 
 #: Instructions that read `ShaderArrays.camera`.
@@ -90,6 +91,9 @@ class CompiledProgram:
     temperature: float
     asked: list[Asked]
     notices: list[Notice]
+    #: Inside of what has this program; and whether its surface is nothing but the medium's boundary.
+    medium: Medium | None = None
+    is_boundary: bool = False
 
     @property
     def sees_camera(self) -> bool:

@@ -308,7 +308,7 @@ _LOBE = ("Color", "Roughness", "Normal")
 _FILM = ("Thin Film Thickness", "Thin Film IOR")
 _GLOSSY = ClosureNode(glossy, (*_LOBE, "Anisotropy", "Rotation", "Tangent"), ("distribution",))
 _EMISSION = ClosureNode(emission, ("Color", "Strength"))
-_VOLUME = ClosureNode(_nothing("volumes are not supported"))
+_VOLUME = ClosureNode(_nothing("is a volume linked to a surface"))
 _PRINCIPLED = ClosureNode(
     principled,
     (

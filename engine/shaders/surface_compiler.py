@@ -9,14 +9,22 @@ from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
 from engine.shaders.facts import with_facts
+from engine.shaders.media import fold_medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
-from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+from engine.state.shaders import (
+    MODE_CLOSURES,
+    MODE_EMISSION,
+    MODE_TRANSPARENCY,
+    PROGRAM_IS_BOUNDARY,
+    PROGRAM_MAY_BE_TRANSPARENT,
+)
 
 _GREY = Constant((0.8, 0.8, 0.8))
 _BLACK = Constant((0.0, 0.0, 0.0))
+_WHITE = Constant((1.0, 1.0, 1.0))
 
 
 class SurfaceCompiler:
@@ -41,7 +49,19 @@ class SurfaceCompiler:
             self._displacement()
             self._surface()
             self._aovs()
-        return with_facts(self.source, self._code.instructions, self._roots, asked, notices)
+        program = with_facts(self.source, self._code.instructions, self._roots, asked, notices)
+        if self._graph.volume is not None:
+            values = NodeValues(self.source.name, self._graph, self._pools)
+            program.medium = fold_medium(values, self._graph.volume)
+        if self._is_boundary:
+            program.is_boundary = True
+            program.flags |= PROGRAM_IS_BOUNDARY | PROGRAM_MAY_BE_TRANSPARENT
+        return program
+
+    @property
+    def _is_boundary(self) -> bool:
+        """Whether there is a volume inside and nothing on the surface, which then is not there for light."""
+        return self.source.kind == "MATERIAL" and self._graph.volume is not None and self._graph.surface is None
 
     def add_closure(self, instruction: Instruction, modes: tuple[int, ...]) -> None:
         """Append a closure instruction that the given modes run."""
@@ -60,8 +80,10 @@ class SurfaceCompiler:
 
     def _surface(self) -> None:
         surface = self._graph.surface
-        if self._graph.volume is not None:
-            self._pools.notice(self.source.name, "has a volume, which is not supported", "no volume")
+        if self._is_boundary:
+            builder = _ClosureBuilder(self, self._values, -1)
+            modes = (MODE_CLOSURES, MODE_TRANSPARENCY)
+            builder.closure(ops_closure.OP_TRANSPARENT, ONE, (_WHITE,), modes=modes)
         if surface is None or not self._values.exists(surface, "the output"):
             return
         weights: dict[int, Value] = {surface.node: ONE}

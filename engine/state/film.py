@@ -119,6 +119,7 @@ class FilmLayout:
     #: Whether there is an Environment pass.
     shows_background: bool = False
     has_catchers: bool = False
+    has_media: bool = False
     #: Of scenes with shadow catchers.
     is_transparent: bool = False
     data: DataLayout = NO_DATA

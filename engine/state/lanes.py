@@ -462,8 +462,9 @@ def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLane
 PART_DIFFUSE = 0  # direct, then indirect light, and so on
 PART_GLOSSY = 2
 PART_TRANSMISSION = 4
-#: The parts of light groups follow.
+#: The parts of light groups follow; in scenes with media direct and indirect light by these come last.
 PART_GROUPS = 6
+VOLUME_PARTS = 2
 
 
 class LightPassLanes(Bundle):
@@ -473,6 +474,7 @@ class LightPassLanes(Bundle):
         that has scattered it, or in that surface's light sample; transmission has the rest
     parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
     group : int32 (L,), light group of the lane's light sample, -1 = none
+    is_volume : uint8 (L,), whether a medium was the first that has scattered the path, and has all of its light
     is_open : uint8 (L,), not 1 while the path's light is not to be taken apart: it measures what the radiance cache
         lacks, has met a shadow catcher, or its ray of the Ambient Occlusion pass is under way
     kept : float32 (L, C), the path's radiance meanwhile
@@ -486,6 +488,7 @@ class LightPassLanes(Bundle):
     share: Float32Array
     parts: Float32Array
     group: Int32Array
+    is_volume: Uint8Array
     is_open: Uint8Array
     kept: Float32Array
     value: Float32Array
@@ -499,6 +502,7 @@ def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: i
         share=np.zeros((lanes, 2 * channel_count), np.float32),
         parts=np.zeros((lanes, channel_count * part_count), np.float32),
         group=np.full(lanes, -1, np.int32),
+        is_volume=np.zeros(lanes, np.uint8),
         is_open=np.zeros(lanes, np.uint8),
         kept=np.zeros((lanes, channel_count), np.float32),
         value=np.zeros((3, value_width(channel_count)), np.float32),

@@ -63,6 +63,8 @@ PROGRAM_NO_BUMP_CORRECTION = 64
 PROGRAM_IS_LAMBERTIAN = 128
 #: Gives values to AOVs.
 PROGRAM_HAS_AOVS = 256
+#: Its surface is nothing but the boundary of what is inside.
+PROGRAM_IS_BOUNDARY = 512
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean

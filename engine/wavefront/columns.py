@@ -17,7 +17,9 @@ SCENE_HAS_HITTABLE_LIGHTS = 6
 SCENE_HAS_TRANSPARENT_SHADOWS = 7
 SCENE_IS_SPECTRAL = 8  # paths have wavelengths
 SCENE_WORLD_GROUP = 9  # light group, -1 = none
-SCENE_HEADER_WIDTH = 10
+SCENE_HAS_MEDIA = 10  # paths can be in media
+SCENE_HAS_BOUNDARIES = 11  # and can enter and leave them
+SCENE_HEADER_WIDTH = 12
 
 # UnitView.header
 UNIT_SEED = 0
@@ -61,7 +63,8 @@ RESAMPLED_CANDIDATES = 15
 TAUGHT = 16  # records for the cache
 CACHED_PATHS = 17  # that ended, or could have ended, in the cache: after one scattering, after two, later
 CACHED_DEPTHS = 3
-COUNT_WIDTH = CACHED_PATHS + CACHED_DEPTHS
+MEDIA_DROPPED = CACHED_PATHS + CACHED_DEPTHS  # entries into more media at once than there is room for
+COUNT_WIDTH = MEDIA_DROPPED + 1
 
 
 class ClockEntries(NamedTuple):
@@ -71,6 +74,7 @@ class ClockEntries(NamedTuple):
     play_roulette: int
     intersect_closest: int
     shade_lights: int
+    sample_medium: int
     prepare_surface: int
     play_adjoint_roulette: int
     shade_background: int
@@ -87,6 +91,7 @@ class ClockEntries(NamedTuple):
     evaluate_light_shaders: int
     guide_lights: int
     connect_lights: int
+    attenuate_shadows: int
     intersect_shadow: int
     occlusion: int
     scatter: int

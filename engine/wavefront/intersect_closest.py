@@ -5,7 +5,7 @@ from engine.accel import CATCHER_MASK_SHIFT, read_hit, trace_closest
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT
+from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT, RAY_VOLUME
 from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
 
 
@@ -24,6 +24,9 @@ def intersect_closest(scene, unit, work, queue):
         if visibility & RAY_TRANSMIT:
             # Visibility to diffuse and glossy rays is about reflection only.
             visibility &= ~(RAY_DIFFUSE | RAY_GLOSSY)
+        if visibility & RAY_VOLUME:
+            # What media have scattered sees what diffuse surfaces see, as in Cycles.
+            visibility |= RAY_DIFFUSE
         if follows and paths.flags[lane] & RAY_CATCHER_HIT:
             visibility <<= CATCHER_MASK_SHIFT
         hit = trace_closest(

@@ -17,6 +17,7 @@ class IntegratorOptions(NamedTuple):
     max_diffuse_depth: int
     max_glossy_depth: int
     max_transmission_depth: int
+    max_volume_depth: int
     max_transparent_depth: int
     min_depth: int
     min_transparent_depth: int
@@ -40,6 +41,7 @@ def make_options(settings: RenderSettings, exposure: float, occlusion_distance: 
         max_diffuse_depth=settings.diffuse_bounces + 1,
         max_glossy_depth=settings.glossy_bounces + 1,
         max_transmission_depth=settings.transmission_bounces + 1,
+        max_volume_depth=settings.volume_bounces + 1,
         max_transparent_depth=settings.transparent_max_bounces,
         min_depth=settings.min_light_bounces + 1,
         min_transparent_depth=settings.min_transparent_bounces + 1,

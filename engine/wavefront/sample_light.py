@@ -45,6 +45,7 @@ from engine.state.lanes import (
     RAY_EMISSION,
     RAY_GLOSSY,
     RAY_TRANSMIT,
+    RAY_VOLUME,
     RGB,
 )
 from engine.state.lights import (
@@ -58,7 +59,7 @@ from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_FOLLOW
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
-_SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
+_SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 
 @kernel

@@ -5,13 +5,21 @@ Lamps do not stop rays: each one crossed adds its light. As in Cycles, camera ra
 camera, other rays only those with multiple importance sampling; suns without it are never seen.
 """
 
+from engine.kernels.constants import DISTANT
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
+from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_found, add_seen, power_heuristic
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.scene.description import VISIBLE_CAMERA, VISIBLE_DIFFUSE, VISIBLE_GLOSSY, VISIBLE_TRANSMISSION
+from engine.scene.description import (
+    VISIBLE_CAMERA,
+    VISIBLE_DIFFUSE,
+    VISIBLE_GLOSSY,
+    VISIBLE_TRANSMISSION,
+    VISIBLE_VOLUME,
+)
 from engine.state.film import FEATURE_EMISSION
 from engine.state.lanes import (
     RAY_CAMERA,
@@ -21,6 +29,7 @@ from engine.state.lanes import (
     RAY_MIS_SKIP,
     RAY_REFLECT,
     RAY_TRANSMIT,
+    RAY_VOLUME,
     RGB,
 )
 from engine.state.lights import (
@@ -35,7 +44,7 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
-from engine.wavefront.columns import UNIT_USE_DENOISING, UNIT_USE_FEATURES
+from engine.wavefront.columns import SCENE_HAS_MEDIA, UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
 
@@ -49,12 +58,17 @@ def _sees(flags, visibility):
         return False
     if flags & _GLOSSY_REFLECTION == _GLOSSY_REFLECTION and not visibility & VISIBLE_GLOSSY:
         return False
+    if flags & RAY_VOLUME and not visibility & VISIBLE_VOLUME:
+        return False
     return not (flags & RAY_TRANSMIT and not visibility & VISIBLE_TRANSMISSION)
 
 
 @kernel
-def _add_lamp(lights, row, factor, scene, unit, work, lane):
-    """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes."""
+def _add_lamp(lights, row, factor, distance, scene, unit, work, lane):
+    """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes.
+
+    `distance` is that from the ray's origin, which media may lie on.
+    """
     spectrum, paths, scratch = scene.spectrum, work.paths, work.f_cos
     for c in range(RGB):
         scratch[lane, c] = lights.lamps[row, LAMP_RADIANCE + c] * lights.lamps[row, LAMP_ESTIMATE + c]
@@ -65,6 +79,8 @@ def _add_lamp(lights, row, factor, scene, unit, work, lane):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        attenuate(scene, paths, work.media, lane, lane, distance, scratch, lane)
     share = add_found(
         scene.options, spectrum, paths, work.passes, lane, scratch, lights.lamp_table[row, LAMP_LIGHT_GROUP], unit.film,
         FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
@@ -117,7 +133,7 @@ def shade_lights(scene, unit, work, queue):
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
                 factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            _add_lamp(lights, row, factor, scene, unit, work, lane)
+            _add_lamp(lights, row, factor, distance - t_min, scene, unit, work, lane)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -130,4 +146,4 @@ def shade_lights(scene, unit, work, queue):
                 factor = power_heuristic(
                     paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
                 )
-            _add_lamp(lights, row, factor, scene, unit, work, lane)
+            _add_lamp(lights, row, factor, DISTANT, scene, unit, work, lane)

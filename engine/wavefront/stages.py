@@ -8,12 +8,14 @@ from typing import Any
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
+from engine.wavefront.attenuate_shadows import attenuate_shadows
 from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -31,6 +33,7 @@ from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.media_stacks import cross_boundaries, start_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
 from engine.wavefront.play_roulette import play_roulette
@@ -38,8 +41,10 @@ from engine.wavefront.predict_radiance import blend_with_mixture, predict_radian
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.sample_light import choose_lights, connect_lights
+from engine.wavefront.sample_medium import sample_medium
 from engine.wavefront.sample_source import sample_source
 from engine.wavefront.scatter import scatter
+from engine.wavefront.scatter_collisions import prepare_collisions, scatter_collisions
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
@@ -70,6 +75,8 @@ _FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
 _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
 _DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
 _CATCHERS = _by_name(meet_catchers, show_background)
+_MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
+_MEDIA_SHADOWS = _by_name(attenuate_shadows)
 _OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
 _EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
@@ -91,6 +98,7 @@ STAGES: _Stages = {
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
+    **_MEDIA, **_MEDIA_SHADOWS,
 }
 
 
@@ -126,6 +134,8 @@ def stage_arguments(
     add(_SAMPLED_PASSES, plain, header[SCENE_HAS_EMITTERS] and splits_light)
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
+    add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
+    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     add(_SHADOWS, plain, has_shadows)
     add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])

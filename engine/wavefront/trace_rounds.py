@@ -13,6 +13,7 @@ from engine.wavefront.columns import (
     NEXT_LANE,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
+    SCENE_HAS_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
@@ -106,6 +107,9 @@ def _sample_lights(stages, scene, unit, guidance, work):
     if unit.header[UNIT_SPLITS_LIGHT] != 0:
         stages.split_sampled(scene, unit, work, work.lit)
         mark(clock, CLOCK.split_light)
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        stages.attenuate_shadows(scene, unit, work, work.lit)
+        mark(clock, CLOCK.attenuate_shadows)
     _trace_shadows(stages, scene, unit, work)
 
 
@@ -176,9 +180,11 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
     int
         1 if all paths have ended.
     """
-    clock = work.clock
+    clock, has_media = work.clock, scene.header[SCENE_HAS_MEDIA] != 0
     while stop[0] == 0:
         stages.init_from_camera(scene, unit, work, work.free)
+        if has_media:
+            stages.start_media(scene, unit, work, work.active)
         mark(clock, CLOCK.init_from_camera)
         if work.active.count[0] == 0:
             return 1
@@ -189,6 +195,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
             stages.shade_lights(scene, unit, work, work.traced)
             mark(clock, CLOCK.shade_lights)
+        if has_media:
+            stages.sample_medium(scene, unit, work, work.traced)
+            mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_CATCHES] != 0:
             _catch_shadows(stages, scene, unit, work)
         stages.prepare_surface(scene, unit, work, work.traced)
@@ -202,8 +211,14 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if work.missed.count[0] > 0:
             _shade_background(stages, scene, unit, work)
         _shade_surfaces(stages, scene, unit, guidance, work)
+        if has_media:
+            stages.prepare_collisions(scene, unit, work, work.collided)
+            mark(clock, CLOCK.sample_medium)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, unit, guidance, work)
+        if has_media:
+            stages.scatter_collisions(scene, unit, work, work.collided)
+            mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_USE_OCCLUSION] != 0:
             stages.aim_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
@@ -217,6 +232,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_source)
         if work.several.count[0] > 0:
             _resample(stages, scene, unit, guidance, radiance, work)
+        if has_media:
+            stages.cross_boundaries(scene, unit, work, work.surface)
+            mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_SPLITS_LIGHT] != 0:
             stages.split_scattered(scene, unit, work, work.surface)
             mark(clock, CLOCK.split_light)

@@ -33,6 +33,7 @@ from engine.state.lanes import (
     ShadowRays,
 )
 from engine.state.lights import LightArrays
+from engine.state.media import MediaArrays, MediaLanes
 from engine.state.shaders import ShaderArrays
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
 
@@ -54,6 +55,7 @@ class SceneView(Bundle):
     shaders: ShaderArrays
     tables: BsdfTables
     lights: LightArrays
+    media: MediaArrays
     data: DataView
     options: IntegratorOptions
 
@@ -120,7 +122,9 @@ def allocate_queue(lane_count: int) -> LaneQueue:
 
 
 #: Queues in `Work`.
-QUEUES = ("active", "free", "traced", "surface", "missed", "lit", "programs", "pending", "single", "several")
+QUEUES = (
+    "active", "free", "traced", "collided", "surface", "missed", "lit", "programs", "pending", "single", "several",
+)  # fmt: skip
 
 
 class Work(Bundle):
@@ -130,11 +134,11 @@ class Work(Bundle):
     ray, ray_bits : one RTCRayHit, as float32 and as uint32; ray_address : int64 (1,)
     registers : float32, of the shader interpreter
     active, free : lanes with a path and without
-    traced, surface, missed, lit, programs, pending : lanes that a stage has left for another
+    traced, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
     single, several : guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
-    passes : light taken apart, for passes of it; catcher : of shadow catchers
+    passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
@@ -148,6 +152,7 @@ class Work(Bundle):
     active: LaneQueue
     free: LaneQueue
     traced: LaneQueue
+    collided: LaneQueue
     surface: LaneQueue
     missed: LaneQueue
     lit: LaneQueue
@@ -172,6 +177,7 @@ class Work(Bundle):
     features: FeatureLanes
     passes: LightPassLanes
     catcher: CatcherLanes
+    media: MediaLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

@@ -16,9 +16,11 @@ def lit_by(images: Mapping[str, np.ndarray], lobes: str, light: str) -> np.ndarr
 
 
 def sum_of_passes(images: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Emission + Environment + sum over lobes of Color x (Direct + Indirect), as users put it together."""
-    return (
-        images["Emission"][..., :3]
-        + images["Environment"][..., :3]
-        + sum(lit_by(images, lobes, light) for lobes in LOBES for light in ("Direct", "Indirect"))
+    """Emission + Environment + sum over lobes of Color x (Direct + Indirect), as users put it together.
+
+    With light that volumes have scattered, where `images` has its passes.
+    """
+    plain = ("Emission", "Environment", "Volume Direct", "Volume Indirect")
+    return sum(images[name][..., :3] for name in plain if name in images) + (
+        sum(lit_by(images, lobes, light) for lobes in LOBES for light in ("Direct", "Indirect"))
     )

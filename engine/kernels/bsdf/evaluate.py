@@ -24,6 +24,7 @@ from engine.kernels.bsdf.kinds import (
     GLASS,
     LAST_DIFFUSE,
     LAST_MICROFACET,
+    PHASE,
     REFRACTION,
     TRANSPARENT,
 )
@@ -44,11 +45,12 @@ from engine.state.lanes import (
     RAY_SINGULAR,
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
+    RAY_VOLUME,
     RGB,
 )
 
 #: Mask that hides no lobe.
-EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT
+EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 # Which lobes `sample_lobes` chooses among.
 EVERY_LOBE = 0
@@ -60,7 +62,7 @@ DELTA_LOBES = 2
 def is_visible(kind, visibility):
     """Whether lobes of `kind` may see a light of RAY_* mask `visibility`; glass needs either kind of ray (Cycles)."""
     if kind <= LAST_DIFFUSE:
-        return visibility & RAY_DIFFUSE != 0
+        return visibility & (RAY_VOLUME if kind == PHASE else RAY_DIFFUSE) != 0
     if kind < REFRACTION:
         return visibility & RAY_GLOSSY != 0
     if kind == GLASS:
@@ -245,7 +247,7 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     wo, wi, ng : tuple of 3 float32
         Unit, world space; the geometric normal is not looked at, as in Cycles (it would show facets of smooth meshes).
     visibility : int
-        RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT bits: lobes of another kind count into the pdf only.
+        RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT, RAY_VOLUME bits: lobes of another kind count into the pdf only.
     out : float32 (R, C)
         Row `row` receives f |cos| summed over non-delta lobes [sr^-1].
 

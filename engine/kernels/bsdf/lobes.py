@@ -17,7 +17,7 @@ Kinds that are neither diffuse nor transparent are microfacet lobes, one family 
 
 import numpy as np
 
-from engine.kernels.bsdf import diffuse, glossy, oren_nayar, principled, sheen, translucent
+from engine.kernels.bsdf import diffuse, glossy, oren_nayar, phase, principled, sheen, translucent
 from engine.kernels.bsdf.kinds import (
     F0,
     F82_B,
@@ -30,8 +30,8 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.runtime.jit import by_number
 
-#: Diffuse kinds of lobes; they are asked in this order.
-LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, diffuse.LOBE)
+#: Diffuse kinds of lobes, and that of media; they are asked in this order.
+LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
 
 #: Instructions that add lobes, by name; they are asked in this order.
 INSTRUCTIONS = {

@@ -196,7 +196,7 @@ def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
 
 
 @pytest.mark.parametrize("where", ["material", "world"])
-def test_volumes_are_named(scene: Any, where: str) -> None:
+def test_volumes_that_vary_are_named(scene: Any, where: str) -> None:
     import bpy
 
     if where == "world":
@@ -206,9 +206,12 @@ def test_volumes_are_named(scene: Any, where: str) -> None:
     output = next(item for item in tree.nodes if item.bl_idname.startswith("ShaderNodeOutput"))
     volume = tree.nodes.new("ShaderNodeVolumePrincipled")
     tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    assert notices(scene) == []
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(noise.outputs[0], volume.inputs["Density"])
     found = notices(scene)
-    assert len(found) == 1 and "volume" in found[0].problem
-    assert ("Fog" if where == "world" else "Plane / Paint") in found[0].subject
+    assert len(found) == 1 and "Density" in found[0].problem and found[0].fallback == "no volume"
+    assert found[0].subject == f"{'world Fog' if where == 'world' else 'Plane / Paint'} / {volume.name}"
 
 
 def test_an_ies_lamp_is_named(scene: Any) -> None:

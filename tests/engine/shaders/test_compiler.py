@@ -209,13 +209,6 @@ def test_unsupported_nodes_are_reported_once() -> None:
     assert [n.subject for n in notices] == ["M / Odd"]
 
 
-def test_volumes_are_reported() -> None:
-    graph = Graph()
-    volume = graph.link("ShaderNodeVolumeScatter", "Volume")
-    _shaders, _names, notices = compile_one(NodeGraph(graph.nodes, None, volume))
-    assert [(n.subject, n.fallback) for n in notices] == [("M", "no volume")]
-
-
 def test_cycles_are_cut_and_reported() -> None:
     graph = Graph()
     first = graph.add("ShaderNodeClamp", name="First")

@@ -26,7 +26,8 @@ from engine.state.lanes import (
     allocate_paths,
 )
 from engine.state.lights import LightArrays
-from engine.wavefront.columns import UNIT_HEADER_WIDTH
+from engine.state.media import LOBE_WIDTH, MEDIUM_WIDTH, MediaArrays, MediaLanes, allocate_media_lanes
+from engine.wavefront.columns import SCENE_HEADER_WIDTH, UNIT_HEADER_WIDTH
 from engine.wavefront.options import IntegratorOptions, make_options
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.work import allocate_queue
@@ -51,7 +52,9 @@ def _paths(directions: Any, flags: int, pdf: Any = 0.0, hit_distance: float = 1e
 class _Scene(Bundle):
     """What the stage reads of a scene."""
 
+    header: np.ndarray
     lights: LightArrays
+    media: MediaArrays
     spectrum: SpectralTables
     options: IntegratorOptions
 
@@ -63,6 +66,7 @@ class _Work(Bundle):
     f_cos: np.ndarray
     passes: LightPassLanes
     features: FeatureLanes
+    media: MediaLanes
 
 
 class _Unit(Bundle):
@@ -74,11 +78,17 @@ class _Unit(Bundle):
 
 def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     count = len(paths.flags)
-    scene = _Scene(lights, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
+    media = MediaArrays(
+        np.zeros((1, MEDIUM_WIDTH), np.float32), np.zeros((1, LOBE_WIDTH), np.float32), np.zeros(2, np.int32),
+        np.full(1, -1, np.int32), np.full(1, -1, np.int32),
+    )
+    header = np.zeros(SCENE_HEADER_WIDTH, np.int64)
+    scene = _Scene(header, lights, media, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
     work = _Work(
-        paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1)
+        paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1),
+        allocate_media_lanes(0, 3),
     )
     shade_lights(scene, _Unit(np.zeros(UNIT_HEADER_WIDTH, np.int64), allocate_tile(1, 3)), work, queue)
     return paths.radiance.copy()

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Homogeneous media: on meshes with and without a surface, on the world, nested, overlapping, around the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.scenes.registry import scene
+from benchmarks.scenes.studio import (
+    Nodes,
+    add_object,
+    box,
+    camera,
+    light,
+    lit_stage,
+    material,
+    sphere,
+    stage,
+    world,
+    world_nodes,
+)
+
+Shader = Callable[[Nodes], Any]
+
+
+def _scatter(density: float, color: tuple[float, float, float] = (0.9, 0.9, 0.9), anisotropy: float = 0.0) -> Shader:
+    return lambda nodes: nodes("VolumeScatter", Color=color, Density=density, Anisotropy=anisotropy)
+
+
+def _absorption(density: float, color: tuple[float, float, float]) -> Shader:
+    return lambda nodes: nodes("VolumeAbsorption", Color=color, Density=density)
+
+
+def _bounces(count: int = 4) -> None:
+    import bpy
+
+    bpy.context.scene.cycles.volume_bounces = count
+
+
+@scene("media-absorbing-glass", samples=128)
+def absorbing_glass() -> None:
+    """A glass box and a glass ball that swallow light inside."""
+    lit_stage()
+
+    def glass(nodes: Nodes) -> Any:
+        return nodes("BsdfGlass", Color=(1.0, 1.0, 1.0), Roughness=0.0, IOR=1.3)
+
+    red = material("Red glass", glass, _absorption(2.0, (0.9, 0.2, 0.1)))
+    green = material("Green glass", glass, _absorption(1.0, (0.2, 0.8, 0.3)))
+    add_object("Sphere", sphere("Sphere", red, 0.8), (-0.9, 0.0, 0.8))
+    add_object("Box", box("Box", green, (1.0, 1.0, 1.0)), (0.9, -0.2, 0.72), (20, 10, 35))
+
+
+@scene("media-fog-spot", samples=128)
+def fog_spot() -> None:
+    """A cone of light in a room's fog, which scatters forwards."""
+    stage()
+    _bounces()
+    fog = material("Fog", None, _scatter(0.15, anisotropy=0.5))
+    add_object("Fog", box("Fog", fog, (8.0, 8.0, 5.0)), (0.0, 0.0, 2.4))
+    light("SPOT", 800.0, (-2.0, -1.0, 4.0), (0.5, 0.0, 0.0), spot_size=0.8, spot_blend=0.3, shadow_soft_size=0.2)
+
+
+@scene("media-world-fog", samples=128)
+def world_fog() -> None:
+    """A lamp in fog without an end, which reddens what is far."""
+    stage()
+    _bounces()
+    world_nodes(None, _scatter(0.08, (0.9, 0.7, 0.5)))
+    light("POINT", 400.0, (-1.0, -1.0, 2.5), shadow_soft_size=0.3)
+
+
+@scene("media-camera-inside", samples=128)
+def camera_inside() -> None:
+    """A camera in a ball of coloured fog, under a sky."""
+    lit_stage()
+    _bounces()
+    cool = material("Cool fog", None, _scatter(0.12, (0.3, 0.5, 0.9), -0.3))
+    add_object("Fog", sphere("Fog", cool, 4.0), (0.0, -6.0, 2.6))
+
+
+@scene("media-nested", samples=128)
+def nested() -> None:
+    """Balls of media within each other, the innermost with a surface of its own."""
+    lit_stage()
+    _bounces()
+
+    def clear(nodes: Nodes) -> Any:
+        return nodes("BsdfRefraction", Color=(1.0, 1.0, 1.0), Roughness=0.0, IOR=1.2)
+
+    for radius, made in (
+        (1.1, material("Haze", None, _scatter(0.5))),
+        (0.7, material("Blue haze", None, _scatter(2.0, (0.3, 0.4, 0.9)))),
+        (0.35, material("Ink", clear, _absorption(8.0, (0.9, 0.5, 0.2)))),
+    ):
+        add_object(made.name, sphere(made.name, made, radius), (0.0, 0.0, 1.15))
+
+
+@scene("media-overlapping", samples=128)
+def overlapping() -> None:
+    """Two boxes of media that share a part of space: there their coefficients add up."""
+    lit_stage()
+    _bounces()
+    warm = material("Warm", None, _scatter(1.2, (0.9, 0.5, 0.2)))
+    cold = material("Cold", None, _absorption(1.5, (0.2, 0.5, 0.9)))
+    add_object("Warm", box("Warm", warm, (1.4, 1.0, 1.0)), (-0.4, 0.0, 0.8), (10, 0, 20))
+    add_object("Cold", box("Cold", cold, (1.4, 1.2, 1.2)), (0.45, 0.1, 0.9), (0, 15, -10))
+
+
+@scene("media-colored-shadow", samples=128)
+def colored_shadow() -> None:
+    """Coefficients that differ by channel, and the coloured shadow that they cast."""
+    stage()
+    world((0.1, 0.1, 0.1))
+    _bounces()
+    light("SUN", 4.0, (2.0, -2.0, 4.0), angle=0.02)
+
+    def coefficients(nodes: Nodes) -> Any:
+        return nodes(
+            "VolumeCoefficients", Absorption_Coefficients=(0.2, 1.5, 3.0), Scatter_Coefficients=(0.9, 0.5, 0.1),
+            Emission_Coefficients=(0.0, 0.02, 0.1),
+        )
+
+    jelly = material("Jelly", None, coefficients)
+    add_object("Jelly", box("Jelly", jelly, (1.2, 1.2, 1.2)), (0.0, 0.0, 0.9), (15, 10, 30))
+
+
+@scene("media-principled-fire", samples=128)
+def principled_fire() -> None:
+    """A Principled Volume that glows by itself, and one that glows as a black body."""
+    stage()
+    world((0.15, 0.15, 0.2))
+    _bounces()
+
+    def glow(nodes: Nodes) -> Any:
+        return nodes(
+            "VolumePrincipled", Color=(0.7, 0.6, 0.5), Density=1.0, Absorption_Color=(0.1, 0.0, 0.3),
+            Emission_Strength=0.4, Emission_Color=(0.3, 0.6, 1.0), Anisotropy=0.2,
+        )
+
+    def fire(nodes: Nodes) -> Any:
+        return nodes("VolumePrincipled", Color=(0.2, 0.2, 0.2), Density=2.0, Blackbody_Intensity=1.0, Temperature=900.0)
+
+    add_object("Glow", sphere("Glow", material("Glow", None, glow), 0.7), (-0.8, 0.0, 0.8))
+    add_object("Fire", box("Fire", material("Fire", None, fire), (0.9, 0.9, 0.9)), (0.9, 0.0, 0.7), (0, 20, 30))
+
+
+@scene("media-phases", samples=128)
+def phases() -> None:
+    """Phase functions side by side: Rayleigh's, Draine's, that of droplets, and a mixture of two.
+
+    The two are of one colour: of several Cycles takes the mean, and NeuralGuide each channel's own mixture.
+    """
+    stage()
+    world((0.05, 0.05, 0.05))
+    _bounces()
+    light("AREA", 300.0, (0.0, 3.0, 3.0), size=1.0)
+
+    def scatter(phase: str, **inputs: Any) -> Shader:
+        return lambda nodes: nodes(
+            "VolumeScatter", {"phase": phase}, Color=(0.9, 0.9, 0.9), Density=1.5, **inputs
+        )
+
+    def mixed(nodes: Nodes) -> Any:
+        ahead = nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=2.0, Anisotropy=0.8)
+        back = nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=1.0, Anisotropy=-0.6)
+        return nodes("MixShader", Fac=0.4, inputs={1: ahead, 2: back})
+
+    kinds: list[tuple[str, Shader]] = [
+        ("Rayleigh", scatter("RAYLEIGH")), ("Draine", scatter("DRAINE", Anisotropy=0.6, Alpha=0.9)),
+        ("Mie", scatter("MIE", Diameter=8.0)), ("Mixed", mixed),
+    ]  # fmt: skip
+    for index, (name, shader) in enumerate(kinds):
+        add_object(name, sphere(name, material(name, None, shader), 0.45), (-1.5 + index, 0.0, 0.6))
+
+
+@scene("media-open-room", samples=128)
+def open_room() -> None:
+    """Fog around the camera and the scene at once, with a lamp inside: `media-camera-inside` without a sky."""
+    stage(with_camera=False)
+    _bounces(2)
+    camera((0.0, -5.0, 2.2))
+    fog = material("Fog", None, _scatter(0.1, (0.8, 0.8, 0.9)))
+    add_object("Fog", box("Fog", fog, (16.0, 16.0, 8.0)), (0.0, 0.0, 3.5))
+    light("AREA", 150.0, (1.0, -0.5, 3.0), size=1.0)

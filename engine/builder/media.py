@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Media of compiled programs as arrays, and where in a scene there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.shaders.compiled_program import CompiledProgram
+from engine.state import media as layout
+from engine.state.geometry import INSTANCE_MATERIAL_OFFSET, INSTANCE_MESH, GeometryArrays
+from engine.state.media import MediaArrays
+
+
+@dataclass(frozen=True)
+class SceneMedia:
+    """A scene's media.
+
+    has_inside : bool (N,), whether there is a medium inside of an instance
+    is_boundary : bool (N,), whether all of an instance's surface is a boundary of media and nothing else
+    """
+
+    arrays: MediaArrays
+    has_inside: np.ndarray
+    is_boundary: np.ndarray
+
+    @property
+    def is_used(self) -> bool:
+        """Whether paths can be in a medium."""
+        return bool(self.arrays.world[0] >= 0 or self.has_inside.any())
+
+    @property
+    def emits(self) -> bool:
+        """Whether some medium emits light."""
+        emission = self.arrays.media[:, layout.MEDIUM_EMISSION : layout.MEDIUM_EMISSION + 3]
+        return self.is_used and bool(emission.any())
+
+
+def _of_slots(wanted: np.ndarray, geometry: GeometryArrays, slot_counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether any, and whether all, of the programs in an instance's slots are wanted: two bool (N,)."""
+    table = geometry.instance_table
+    if not len(table):
+        return np.zeros(0, bool), np.zeros(0, bool)
+    of_slot = wanted[geometry.instance_materials]
+    sums = np.concatenate([[0], np.cumsum(of_slot)])
+    starts = table[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64)
+    ends = np.minimum(starts + slot_counts[table[:, INSTANCE_MESH]], len(of_slot))
+    counts = sums[ends] - sums[starts]
+    return counts > 0, (counts > 0) & (counts == ends - starts)
+
+
+def build_media(
+    compiled: Sequence[CompiledProgram], world_program: int, geometry: GeometryArrays, slot_counts: np.ndarray
+) -> SceneMedia:
+    """Flatten the media of a scene's programs.
+
+    Parameters
+    ----------
+    compiled : sequence of CompiledProgram
+        In the order of their numbers.
+    world_program : int
+        -1 = none.
+    slot_counts : int (M,)
+        Material slots of every mesh.
+    """
+    of_program = np.full(max(len(compiled), 1), -1, np.int32)
+    rows: list[tuple[float, ...]] = []
+    lobes: list[tuple[float, ...]] = []
+    first_lobe = [0]
+    for number, program in enumerate(compiled):
+        medium = program.medium
+        if medium is None:
+            continue
+        of_program[number] = len(rows)
+        total = np.zeros(3)
+        for lobe in medium.lobes:
+            total += lobe.scattering
+            lobes.append((*lobe.scattering, lobe.g, lobe.alpha))
+        rows.append((*medium.absorption, *total.tolist(), *medium.emission))
+        first_lobe.append(len(lobes))
+    has_medium, is_boundary = of_program >= 0, np.zeros(len(of_program), bool)
+    is_boundary[: len(compiled)] = [program.is_boundary for program in compiled]
+    arrays = MediaArrays(
+        media=np.array(rows or [(0.0,) * layout.MEDIUM_WIDTH], np.float32),
+        lobes=np.array(lobes or [(0.0,) * layout.LOBE_WIDTH], np.float32),
+        first_lobe=np.array(first_lobe, np.int32),
+        of_program=of_program,
+        world=np.array([of_program[world_program] if world_program >= 0 else -1], np.int32),
+    )
+    inside, _ = _of_slots(has_medium, geometry, slot_counts)
+    _, boundary = _of_slots(has_medium & is_boundary, geometry, slot_counts)
+    return SceneMedia(arrays, inside, boundary)

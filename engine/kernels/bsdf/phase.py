@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Phase functions: how a medium scatters, all around and without a cosine.
+
+Draine's function has those of Henyey and Greenstein (alpha 0) and of Rayleigh (g 0, alpha 1) in it. Directions are
+drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density.
+
+References
+----------
+Henyey and Greenstein 1941, "Diffuse Radiation in the Galaxy", Eq. (2).
+Draine 2003, "Scattering by Interstellar Dust Grains. I", Eq. (5).
+"""
+
+import math
+
+import numpy as np
+
+from engine.kernels.bsdf.kinds import BUMP, PHASE
+from engine.kernels.bsdf.lobe import Lobe
+from engine.kernels.constants import INV_FOUR_PI, TWO_PI
+from engine.kernels.vector import add, dot, negate, orthonormal_basis, scale
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
+
+# Columns of Closures.param.
+PHASE_G = CLOSURE_KIND_PARAMS + 1
+PHASE_ALPHA = CLOSURE_KIND_PARAMS + 2
+#: Mean cosines below which the inverse would divide by next to nothing.
+_ISOTROPIC = np.float32(1e-3)
+
+
+@kernel
+def add_phase(closures, lane, weight, g, alpha):
+    """Append a phase function; `weight`, one number for all channels, is replaced by the caller where channels differ.
+
+    Returns its index, -1 if there is no room.
+    """
+    i = closures.count[lane]
+    if i >= MAX_CLOSURES:
+        return -1
+    closures.count[lane] = i + 1
+    closures.kind[lane, i] = PHASE
+    param = closures.param
+    for c in range(len(closures.channels)):
+        param[lane, i, CLOSURE_WEIGHT + c] = weight
+    for c in range(3):
+        param[lane, i, CLOSURE_N + c] = 0.0
+    param[lane, i, CLOSURE_SAMPLE_WEIGHT] = weight
+    param[lane, i, BUMP] = 0.0
+    param[lane, i, PHASE_G] = g
+    param[lane, i, PHASE_ALPHA] = alpha
+    return i
+
+
+@kernel
+def henyey_greenstein(cosine, g):
+    """Density [sr^-1] of scattering by an angle of this cosine, 1 = straight on."""
+    denominator = max(1.0 + g * g - 2.0 * g * cosine, 1e-12)
+    return INV_FOUR_PI * (1.0 - g * g) / (denominator * math.sqrt(denominator))
+
+
+@kernel
+def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`."""
+    cosine = -dot(wo, wi)
+    g = param[lane, i, PHASE_G]
+    alpha = param[lane, i, PHASE_ALPHA]
+    pdf = henyey_greenstein(cosine, g)
+    value = factor * pdf * (1.0 + alpha * cosine * cosine) / (1.0 + alpha * (1.0 + 2.0 * g * g) * (1.0 / 3.0))
+    for c in range(len(channels)):
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value
+    return pdf
+
+
+@kernel
+def sample_phase(param, lane, i, n, wo, u1, u2):
+    """See `Lobe.sample`."""
+    g = param[lane, i, PHASE_G]
+    cosine = 1.0 - 2.0 * u1
+    if abs(g) > _ISOTROPIC:
+        part = (1.0 - g * g) / (1.0 + g - 2.0 * g * u1)
+        cosine = min(max((1.0 + g * g - part * part) / (2.0 * g), -1.0), 1.0)
+    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    ahead = negate(wo)
+    x, y = orthonormal_basis(ahead)
+    across = add(scale(x, math.cos(TWO_PI * u2)), scale(y, math.sin(TWO_PI * u2)))
+    return add(scale(across, sine), scale(ahead, cosine))
+
+
+LOBE = Lobe(PHASE, eval_phase, sample_phase)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a ray is in: entering and leaving media, sums of their coefficients, and what they let through.
+
+Media that overlap add up. A row of `MediaLanes` lists those that a path, or a shadow ray, is in.
+"""
+
+import math
+
+import numpy as np
+
+from engine.kernels.constants import FAR
+from engine.kernels.spectrum import upsample_light
+from engine.runtime.jit import kernel
+from engine.state.lanes import RGB
+from engine.state.media import (
+    EMISSION,
+    EXTINCTION,
+    MAX_MEDIA,
+    MEDIUM_ABSORPTION,
+    MEDIUM_EMISSION,
+    MEDIUM_SCATTERING,
+    SCATTERING,
+    WORLD,
+)
+
+
+@kernel
+def enter_medium(lanes, row, instance, medium):
+    """Add a medium to a row that does not have it; returns False if there is no room."""
+    count = lanes.count[row]
+    for k in range(count):
+        if lanes.instance[row, k] == instance and lanes.medium[row, k] == medium:
+            return True
+    if count >= MAX_MEDIA:
+        return False
+    lanes.instance[row, count] = instance
+    lanes.medium[row, count] = medium
+    lanes.count[row] = count + 1
+    return True
+
+
+@kernel
+def leave_medium(lanes, row, instance, medium):
+    """Take a medium from a row, if it is there."""
+    kept = 0
+    for k in range(lanes.count[row]):
+        if lanes.instance[row, k] == instance and lanes.medium[row, k] == medium:
+            continue
+        lanes.instance[row, kept] = lanes.instance[row, k]
+        lanes.medium[row, kept] = lanes.medium[row, k]
+        kept += 1
+    lanes.count[row] = kept
+
+
+@kernel
+def cross_boundary(lanes, row, instance, medium, is_back):
+    """Go through a surface: into the medium behind its front, or out of it. Returns False if there is no room."""
+    if is_back:
+        leave_medium(lanes, row, instance, medium)
+        return True
+    return enter_medium(lanes, row, instance, medium)
+
+
+@kernel
+def leave_objects(lanes, row):
+    """Keep the world's medium only: nothing else reaches to infinity."""
+    kept = 0
+    for k in range(lanes.count[row]):
+        if lanes.instance[row, k] == WORLD:
+            lanes.instance[row, kept] = WORLD
+            lanes.medium[row, kept] = lanes.medium[row, k]
+            kept += 1
+    lanes.count[row] = kept
+
+
+@kernel
+def copy_media(lanes, source, target):
+    """Make row `target` what row `source` is."""
+    for k in range(lanes.count[source]):
+        lanes.instance[target, k] = lanes.instance[source, k]
+        lanes.medium[target, k] = lanes.medium[source, k]
+    lanes.count[target] = lanes.count[source]
+
+
+@kernel
+def sum_coefficients(scene, paths, lanes, lane, row, is_endless):
+    """Write the sums of all media of a row, at the path's channels, into `lanes.coefficients`.
+
+    Parameters
+    ----------
+    scene : SceneView; paths : PathState; lanes : MediaLanes
+    lane, row : int
+        Of the path, whose wavelengths count, and of `lanes`.
+    is_endless : bool
+        Of a ray that leaves the scene, which only the world's medium is on.
+    """
+    media, sums = scene.media.media, lanes.coefficients
+    for c in range(len(paths.channels)):
+        sums[EXTINCTION, c] = 0.0
+        sums[SCATTERING, c] = 0.0
+        sums[EMISSION, c] = 0.0
+    for k in range(lanes.count[row]):
+        if is_endless and lanes.instance[row, k] != WORLD:
+            continue
+        medium = lanes.medium[row, k]
+        for c in range(RGB):
+            sums[EXTINCTION, c] += media[medium, MEDIUM_ABSORPTION + c]
+            sums[SCATTERING, c] += media[medium, MEDIUM_SCATTERING + c]
+            sums[EMISSION, c] += media[medium, MEDIUM_EMISSION + c]
+    if len(paths.channels) > RGB:
+        for kind in range(EMISSION + 1):
+            upsample_light(
+                scene.spectrum, paths, lane, sums[kind, 0], sums[kind, 1], sums[kind, 2], 0.0, sums, kind
+            )
+    for c in range(len(paths.channels)):
+        sums[EXTINCTION, c] += sums[SCATTERING, c]
+
+
+@kernel
+def transmittance(extinction, distance):
+    """Share of light that is left after a distance (Beer's law)."""
+    if not extinction > 0.0:
+        return np.float32(1.0)
+    return np.float32(math.exp(-extinction * distance))
+
+
+@kernel
+def emitted_length(extinction, distance):
+    """Integral of the transmittance over a distance: metres of emission that are seen."""
+    depth = extinction * distance
+    if depth < 1e-3:
+        return distance * (1.0 - 0.5 * depth)
+    return (1.0 - math.exp(-depth)) / extinction
+
+
+@kernel
+def attenuate(scene, paths, lanes, lane, row, distance, values, value_row):
+    """Multiply row `value_row` of `values` by what the media of a row let through over a distance.
+
+    Returns
+    -------
+    bool
+        Whether anything is left.
+    """
+    if lanes.count[row] == 0:
+        return True
+    is_endless = distance >= FAR
+    sum_coefficients(scene, paths, lanes, lane, row, is_endless)
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        value = values[value_row, c] * transmittance(lanes.coefficients[EXTINCTION, c], distance)
+        values[value_row, c] = value
+        largest = max(largest, abs(value))
+    return largest > 0.0

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Media that paths are in: their coefficients, and by lane which of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array
+from engine.runtime.bundle import Bundle
+
+# Columns of MediaArrays.media.
+MEDIUM_ABSORPTION = 0  # RGB [m^-1]
+MEDIUM_SCATTERING = 3  # of all lobes [m^-1]
+MEDIUM_EMISSION = 6  # radiance a metre
+MEDIUM_WIDTH = 9
+
+# Columns of MediaArrays.lobes.
+LOBE_SCATTERING = 0  # RGB [m^-1]
+LOBE_G = 3
+LOBE_ALPHA = 4
+LOBE_WIDTH = 5
+
+# Rows of MediaLanes.coefficients.
+EXTINCTION = 0
+SCATTERING = 1
+EMISSION = 2
+CHANNEL_WEIGHT = 3
+COEFFICIENT_ROWS = 4
+
+#: Media that a path can be in at once, Cycles' limit; further ones are as if they were not there, and counted.
+MAX_MEDIA = 32
+#: Instance of the world's medium.
+WORLD = -1
+
+
+class MediaArrays(Bundle):
+    """All media of a scene.
+
+    media : float32 (M, MEDIUM_WIDTH)
+    lobes : float32 (K, LOBE_WIDTH), those of a medium one after the other
+    first_lobe : int32 (M + 1,)
+    of_program : int32 (P,), medium inside of what has this program, -1 = none
+    world : int32 (1,), the world's medium, -1 = none
+    """
+
+    media: Float32Array
+    lobes: Float32Array
+    first_lobe: Int32Array
+    of_program: Int32Array
+    world: Int32Array
+
+
+class MediaLanes(Bundle):
+    """Media that each path is in, L lanes and a row for the ray in work; one row in scenes without any.
+
+    instance, medium : int32 (L + 1, MAX_MEDIA), the first `count` are in use; the world's has instance WORLD
+    count : int32 (L + 1,)
+    depth : int32 (L + 1,), scatterings by media
+    crossings : int32 (L + 1,), surfaces without a shader that the path has crossed
+    coefficients : float32 (COEFFICIENT_ROWS, channels), scratch: sums over what a path is in, at its channels
+    """
+
+    instance: Int32Array
+    medium: Int32Array
+    count: Int32Array
+    depth: Int32Array
+    crossings: Int32Array
+    coefficients: Float32Array
+
+
+def allocate_media_lanes(lane_count: int, channel_count: int) -> MediaLanes:
+    """`MediaLanes` of paths that are in no medium.
+
+    Parameters
+    ----------
+    lane_count : int
+        0 for scenes without media.
+    """
+    rows = lane_count + 1
+    return MediaLanes(
+        instance=np.zeros((rows, MAX_MEDIA), np.int32),
+        medium=np.zeros((rows, MAX_MEDIA), np.int32),
+        count=np.zeros(rows, np.int32),
+        depth=np.zeros(rows, np.int32),
+        crossings=np.zeros(rows, np.int32),
+        coefficients=np.zeros((COEFFICIENT_ROWS, channel_count), np.float32),
+    )

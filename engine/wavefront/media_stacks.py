@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages that keep account of which media paths are in. They run only in scenes that have some."""
+
+import numpy as np
+
+from engine.accel import MASK_MEDIUM, read_hit, trace_closest
+from engine.kernels.constants import INFINITY
+from engine.kernels.media import cross_boundary, enter_medium
+from engine.kernels.path import real_3
+from engine.kernels.rng import SETS_BEFORE_VERTICES
+from engine.kernels.surface import offset_origin, program_of, surface_point
+from engine.kernels.vector import dot, load
+from engine.runtime.jit import kernel
+from engine.scene.description import VISIBLE_CAMERA
+from engine.state.geometry import INSTANCE_VISIBILITY
+from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_INSTANCE, POINT_NG, POINT_PROGRAM
+from engine.state.media import MAX_MEDIA, WORLD
+from engine.wavefront.columns import MEDIA_DROPPED, SCENE_HANDLE, SCENE_HAS_BOUNDARIES, UNIT_SPLITS_LIGHT
+
+#: Where the ray that looks for media around the camera goes; any direction would do, this is Cycles'.
+_UP = (np.float32(0.0), np.float32(0.0), np.float32(1.0))
+
+
+@kernel
+def _find_media(scene, work, lane):
+    """Add the media of the objects that a path starts in: those that a ray leaves which it has not entered.
+
+    The row behind the lanes' holds what has been entered on the way.
+    """
+    geometry, of_program, media, paths = scene.geometry, scene.media.of_program, work.media, work.paths
+    entered = media.count.shape[0] - 1
+    media.count[entered] = 0
+    origin = load(paths.origin, lane)
+    time = paths.time[lane]
+    for _ in range(2 * MAX_MEDIA):
+        hit = trace_closest(
+            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, _UP, 0.0, INFINITY, time,
+            MASK_MEDIUM,
+        )
+        if not hit:
+            return
+        instance, triangle, _distance, u, v = read_hit(work.ray, work.ray_bits, geometry)
+        p, ng, _ns, error = surface_point(geometry, instance, triangle, u, v, time)
+        origin = offset_origin(p, ng, _UP, error)
+        medium = of_program[program_of(geometry, instance, triangle)]
+        if medium < 0 or not geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_CAMERA:
+            continue
+        if dot(ng, _UP) < 0.0:
+            enter_medium(media, entered, instance, medium)
+            continue
+        is_new = True
+        for k in range(media.count[entered]):
+            is_new = is_new and media.instance[entered, k] != instance
+        for k in range(media.count[lane]):
+            is_new = is_new and media.instance[lane, k] != instance
+        if is_new and not enter_medium(media, lane, instance, medium):
+            work.counts[MEDIA_DROPPED] += 1
+
+
+@kernel
+def start_media(scene, unit, work, queue):
+    """Find what new paths start in: the world's medium, and those of objects around the camera.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.active`, of which new paths are those that have used no random numbers but the camera's.
+    """
+    paths, media, world = work.paths, work.media, scene.media.world[0]
+    has_boundaries, splits_light = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.dimension[lane] != SETS_BEFORE_VERTICES:
+            continue
+        media.count[lane] = 0
+        media.depth[lane] = 0
+        media.crossings[lane] = 0
+        if splits_light:
+            work.passes.is_volume[lane] = 0
+        if world >= 0:
+            enter_medium(media, lane, WORLD, world)
+        if has_boundaries:
+            _find_media(scene, work, lane)
+
+
+@kernel
+def cross_boundaries(scene, unit, work, queue):
+    """Let paths that go on behind a surface enter or leave the medium inside.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.surface`, once all lanes have their next direction.
+    """
+    paths, points, of_program = work.paths, work.points, scene.media.of_program
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] == 0:
+            continue
+        medium = of_program[points.integer[lane, POINT_PROGRAM]]
+        # Normals of points face where the path came from.
+        if medium < 0 or dot(load(paths.direction, lane), real_3(points, lane, POINT_NG)) >= 0.0:
+            continue
+        is_back = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0
+        if not cross_boundary(work.media, lane, points.integer[lane, POINT_INSTANCE], medium, is_back):
+            work.counts[MEDIA_DROPPED] += 1

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stage: what media on a path's way do to it: emission, absorption, and whether it collides before it meets a surface.
+
+Runs only in scenes that have media, and behind `shade_lights`, which sees lamps through them.
+"""
+
+import math
+
+from engine.kernels.constants import DISTANT, INFINITY
+from engine.kernels.media import cross_boundary, emitted_length, leave_objects, sum_coefficients, transmittance
+from engine.kernels.path import real_3
+from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.radiance import add_emission
+from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
+from engine.kernels.surface import offset_origin, prepare_point, program_of
+from engine.kernels.vector import load, store
+from engine.runtime.jit import kernel
+from engine.state.film import FEATURE_EMISSION
+from engine.state.geometry import INSTANCE_LIGHT_GROUP
+from engine.state.lanes import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_NG,
+    POINT_P,
+    RAY_CATCHER_HIT,
+    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_TERMINATE_ON_NEXT_SURFACE,
+)
+from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, SCATTERING
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
+from engine.wavefront.columns import MEDIA_DROPPED, SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_USE_FEATURES
+
+_ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
+#: Boundaries that a path may cross, Cycles' limit: one that has more is caught between two.
+_MOST_CROSSINGS = 1024
+
+
+@kernel
+def _add_medium_emission(scene, unit, work, lane, distance):
+    """Add what the media on the ray emit before `distance`, seen through what lies before it."""
+    paths, media, emission = work.paths, work.media, work.f_cos
+    sums = media.coefficients
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        emission[lane, c] = 0.0
+        if sums[EMISSION, c] > 0.0:
+            emission[lane, c] = sums[EMISSION, c] * emitted_length(sums[EXTINCTION, c], min(distance, DISTANT))
+        largest = max(largest, emission[lane, c])
+    if not largest > 0.0:
+        return
+    # As in Cycles, all of it is light of the medium that the path has been in for longest.
+    group = scene.header[SCENE_WORLD_GROUP]
+    if media.instance[lane, 0] >= 0:
+        group = scene.geometry.instance_table[media.instance[lane, 0], INSTANCE_LIGHT_GROUP]
+    add_emission(
+        scene.options, scene.spectrum, paths, work.passes, lane, emission, 1.0, group, unit.film, FEATURE_EMISSION,
+        unit.header[UNIT_USE_FEATURES] != 0,
+    )
+
+
+@kernel
+def _collide(paths, media, lane, distance):
+    """Draw where the path collides, before `distance` or not at all, and update its throughput.
+
+    One channel draws: the density is the mean over all, by what each has to expect of scattering and of passing, which
+    is the balance heuristic. Every channel's throughput is divided by it.
+
+    Returns
+    -------
+    float32 [m]
+        -1: it passes.
+
+    References
+    ----------
+    Fong et al. 2017, "Production Volume Rendering" (SIGGRAPH course), section 4.3, spectral multiple importance
+    sampling.
+    """
+    sums = media.coefficients
+    u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
+    total = 0.0
+    for c in range(len(paths.channels)):
+        passed = transmittance(sums[EXTINCTION, c], distance)
+        albedo = sums[SCATTERING, c] / sums[EXTINCTION, c] if sums[EXTINCTION, c] > 0.0 else 0.0
+        weight = abs(paths.throughput[lane, c]) * (albedo * (1.0 - passed) + passed)
+        sums[CHANNEL_WEIGHT, c] = weight
+        total += weight
+    if not total > 0.0:
+        for c in range(len(paths.channels)):
+            paths.throughput[lane, c] = 0.0
+        return -1.0
+    rest = u_channel * total
+    extinction = sums[EXTINCTION, 0]
+    for c in range(len(paths.channels)):
+        # Rounding may leave a little behind the last one: it stays.
+        if sums[CHANNEL_WEIGHT, c] > 0.0:
+            extinction = sums[EXTINCTION, c]
+            if rest < sums[CHANNEL_WEIGHT, c]:
+                break
+            rest -= sums[CHANNEL_WEIGHT, c]
+    t = INFINITY
+    if extinction > 0.0:
+        t = -math.log(1.0 - u) / extinction
+    collides = t < distance
+    pdf = 0.0
+    for c in range(len(paths.channels)):
+        density = transmittance(sums[EXTINCTION, c], t if collides else distance)
+        if collides:
+            density *= sums[EXTINCTION, c]
+        pdf += sums[CHANNEL_WEIGHT, c] / total * density
+    for c in range(len(paths.channels)):
+        value = transmittance(sums[EXTINCTION, c], t if collides else distance)
+        if collides:
+            value *= sums[SCATTERING, c]
+        paths.throughput[lane, c] *= value / pdf if pdf > 0.0 else 0.0
+    return t if collides else -1.0
+
+
+@kernel
+def _cross(scene, work, lane, instance, triangle, program):
+    """Take a path through a surface that is nothing but a boundary, along the same line; False: it ends there.
+
+    Roulette is settled here as behind any surface.
+    """
+    geometry, paths, points, media = scene.geometry, work.paths, work.points, work.media
+    media.crossings[lane] += 1
+    if paths.flags[lane] & RAY_TERMINATE_ON_NEXT_SURFACE or media.crossings[lane] > _MOST_CROSSINGS:
+        return False
+    direction = load(paths.direction, lane)
+    error = prepare_point(
+        geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction, paths.time[lane]
+    )
+    medium = scene.media.of_program[program]
+    is_back = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0
+    if medium >= 0 and not cross_boundary(media, lane, instance, medium, is_back):
+        work.counts[MEDIA_DROPPED] += 1
+    distance = paths.hit_distance[lane]
+    origin = offset_origin(real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), direction, error)
+    store(paths.origin, lane, origin)
+    paths.mis_distance[lane] += distance
+    paths.radius[lane] += distance * paths.spread[lane]
+    paths.hit_distance[lane] = INFINITY
+    paths.dimension[lane] += SETS_PER_VERTEX
+    for c in range(len(paths.channels)):
+        paths.throughput[lane, c] /= paths.survival[lane]
+    paths.survival[lane] = -1.0
+    return True
+
+
+@kernel
+def sample_medium(scene, unit, work, queue):
+    """Sort traced lanes: those that collide go to `work.collided`, with the distance in `hit_distance`; those that meet
+    nothing but a boundary cross it, and wait for the next round; the others stay.
+
+    Paths that end at the next surface, or have reached a limit, are not scattered: they only fade.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.traced`.
+    """
+    geometry, programs, paths, media = scene.geometry, scene.shaders.programs, work.paths, work.media
+    follows = unit.header[UNIT_FOLLOWS] != 0
+    lanes, lane_count, collided = queue.lanes, queue.count[0], work.collided.lanes
+    kept = 0
+    collided_count = 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        flags = paths.flags[lane]
+        instance = paths.hit_instance[lane]
+        distance = paths.hit_distance[lane]
+        if instance < 0:
+            distance = INFINITY
+            leave_objects(media, lane)
+        if follows and flags & RAY_CATCHER_HIT:
+            # Catchers alone, in the open.
+            media.count[lane] = 0
+        if media.count[lane] > 0:
+            sum_coefficients(scene, paths, media, lane, lane, instance < 0)
+            _add_medium_emission(scene, unit, work, lane, distance)
+            scattering = 0.0
+            for c in range(len(paths.channels)):
+                scattering = max(scattering, media.coefficients[SCATTERING, c])
+            collision = -1.0
+            if scattering > 0.0 and not flags & _ENDS:
+                collision = _collide(paths, media, lane, distance)
+            else:
+                for c in range(len(paths.channels)):
+                    paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
+            largest = 0.0
+            for c in range(len(paths.channels)):
+                largest = max(largest, abs(paths.throughput[lane, c]))
+            if not largest > 0.0:
+                paths.alive[lane] = 0
+                continue
+            if collision >= 0.0:
+                paths.hit_distance[lane] = collision
+                paths.hit_instance[lane] = -1
+                collided[collided_count] = lane
+                collided_count += 1
+                continue
+        if instance >= 0:
+            triangle = paths.hit_triangle[lane]
+            program = program_of(geometry, instance, triangle)
+            if programs[program, PROGRAM_FLAGS] & PROGRAM_IS_BOUNDARY:
+                if not _cross(scene, work, lane, instance, triangle, program):
+                    paths.alive[lane] = 0
+                continue
+        lanes[kept] = lane
+        kept += 1
+    queue.count[0] = kept
+    work.collided.count[0] = collided_count

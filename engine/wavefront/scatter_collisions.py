@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages around light sampling at collisions with media: set up the points, and send paths on by the phase functions.
+
+Between the two, collisions lie behind the surfaces in `work.surface`, so that one pass over all of them samples lights.
+"""
+
+import math
+
+import numpy as np
+
+from engine.guiding.records.vertices import MAX_VERTICES, VERTEX_SCALE, Scattering, log_vertex
+from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_lobes
+from engine.kernels.bsdf.phase import add_phase, sample_phase
+from engine.kernels.constants import NAN
+from engine.kernels.path import leave_collision, real_3
+from engine.kernels.rng import SETS_PER_VERTEX
+from engine.kernels.spectrum import to_rgb
+from engine.kernels.vector import add, load, normalize, scale
+from engine.runtime.jit import kernel
+from engine.state.film import DENOISING_ALBEDO, DENOISING_NORMAL
+from engine.state.lanes import (
+    CLOSURE_SAMPLE_WEIGHT,
+    CLOSURE_WEIGHT,
+    FEATURES_DONE,
+    POINT_INSTANCE,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_PROGRAM,
+    POINT_RADIUS,
+    POINT_WO,
+    RGB,
+)
+from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING, MEDIUM_SCATTERING
+from engine.wavefront.columns import UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
+
+#: Length of the normal that the light tree is given: so long that no direction is at a slant to it, for a medium
+#: receives light from all around.
+_NORMAL_LENGTH = np.float32(1e6)
+
+
+@kernel
+def _add_lobes(scene, closures, media, lane):
+    """Append the phase functions of all that a path is in, each by its share in what the collision scatters."""
+    arrays = scene.media
+    closures.count[lane] = 0
+    closures.flags[lane] = 0
+    for k in range(media.count[lane]):
+        medium = media.medium[lane, k]
+        for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
+            mine = 0.0
+            for c in range(RGB):
+                mine += arrays.lobes[row, LOBE_SCATTERING + c]
+            all_media = 0.0
+            for other in range(media.count[lane]):
+                for c in range(RGB):
+                    all_media += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
+            share = mine / all_media if all_media > 0.0 else 0.0
+            if not share > 0.0:
+                continue
+            i = add_phase(closures, lane, share, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
+            # At wavelengths the shares of the whole have to do.
+            if len(closures.channels) > RGB or i < 0:
+                continue
+            for c in range(RGB):
+                total = 0.0
+                for other in range(media.count[lane]):
+                    total += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
+                of_channel = arrays.lobes[row, LOBE_SCATTERING + c] / total if total > 0.0 else 0.0
+                closures.param[lane, i, CLOSURE_WEIGHT + c] = of_channel
+
+
+@kernel
+def _write_denoising(scene, unit, work, lane):
+    """Let denoisers see the medium that the camera sees: what it scatters as albedo, a normal that faces the camera."""
+    through, film, paths = work.features.throughput, unit.film.denoising, work.paths
+    if through[lane, 0] == FEATURES_DONE:
+        return
+    pixel = paths.pixel[lane]
+    color = to_rgb(scene.spectrum, paths, lane, paths.throughput, lane)
+    seen = (through[lane, 0] * color[0], through[lane, 1] * color[1], through[lane, 2] * color[2])
+    through[lane, 0] = FEATURES_DONE
+    if not math.isfinite(seen[0] + seen[1] + seen[2]):
+        return
+    for c in range(RGB):
+        film[pixel, DENOISING_ALBEDO + c] += seen[c]
+    film[pixel, DENOISING_NORMAL + 2] -= 1.0
+
+
+@kernel
+def prepare_collisions(scene, unit, work, queue):
+    """Set up points and closures of collisions, and append them to `work.surface`.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.collided`.
+    """
+    paths, points, closures, media = work.paths, work.points, work.closures, work.media
+    samples, guided = work.samples, work.guided
+    use_denoising, splits_light = unit.header[UNIT_USE_DENOISING] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
+    lanes, lane_count = queue.lanes, queue.count[0]
+    surface, surface_count = work.surface.lanes, work.surface.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        survival = paths.survival[lane]
+        if survival < 1.0:
+            for c in range(len(paths.channels)):
+                paths.throughput[lane, c] /= survival
+        direction = load(paths.direction, lane)
+        distance = paths.hit_distance[lane]
+        p = add(load(paths.origin, lane), scale(direction, distance))
+        normal = scale(direction, _NORMAL_LENGTH)
+        real, integer = points.real, points.integer
+        for c in range(3):
+            real[lane, POINT_P + c] = p[c]
+            real[lane, POINT_WO + c] = -direction[c]
+            # No side is the wrong one.
+            real[lane, POINT_NG + c] = 0.0
+            real[lane, POINT_NS + c] = normal[c]
+        real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
+        integer[lane, POINT_INSTANCE] = -1
+        integer[lane, POINT_PROGRAM] = -1
+        paths.offset[lane] = 0.0
+        _add_lobes(scene, closures, media, lane)
+        guided.rough_share[lane] = 0.0
+        samples.weight[lane] = 1.0
+        samples.guide_pdf[lane] = 0.0
+        samples.bsdf_share[lane] = 1.0
+        if use_denoising:
+            _write_denoising(scene, unit, work, lane)
+        if splits_light and paths.depth[lane] == 0:
+            work.passes.is_volume[lane] = 1
+        surface[surface_count] = lane
+        surface_count += 1
+    work.surface.count[0] = surface_count
+
+
+@kernel
+def scatter_collisions(scene, unit, work, queue):
+    """Send paths on from collisions by the phase functions, and take them from `work.surface` again.
+
+    Nothing of them is learned yet: vertices of recorded paths note only how far the light behind them is.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.collided`.
+    """
+    options, paths, points, closures, f_cos = scene.options, work.paths, work.points, work.closures, work.f_cos
+    log, media = work.log, work.media
+    lanes, lane_count = queue.lanes, queue.count[0]
+    work.surface.count[0] -= lane_count
+    for k in range(lane_count):
+        lane = lanes[k]
+        total = 0.0
+        for i in range(closures.count[lane]):
+            total += closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        rest = paths.random[lane, 0] * total
+        chosen = 0
+        for i in range(closures.count[lane]):
+            chosen = i
+            weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+            if rest < weight:
+                break
+            rest -= weight
+        wo = real_3(points, lane, POINT_WO)
+        ng = real_3(points, lane, POINT_NG)
+        wi = normalize(
+            sample_phase(closures.param, lane, chosen, ng, wo, paths.random[lane, 1], paths.random[lane, 2])
+        )
+        pdf, _ = eval_lobes(
+            closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, wi, EVERY_KIND, -1, -1.0,
+            f_cos, lane,
+        )
+        largest = 0.0
+        for c in range(len(paths.channels)):
+            before = paths.throughput[lane, c]
+            value = before * f_cos[lane, c] / pdf if pdf > 0.0 else 0.0
+            f_cos[lane, c] = before
+            paths.throughput[lane, c] = value
+            largest = max(largest, abs(value))
+        if not largest > 0.0:
+            paths.alive[lane] = 0
+            continue
+        paths.survival[lane] = -1.0
+        paths.dimension[lane] += SETS_PER_VERTEX
+        vertex = log.count[lane]
+        if log.is_recording[lane] != 0 and vertex < MAX_VERTICES:
+            # Regions learn which lights surfaces see.
+            work.samples.cluster[lane] = -1
+            # A roughness of 0 makes no record; with a scale of 0 what is seen here is as far away as here.
+            log_vertex(
+                log, paths, points, closures, work.samples, lane, Scattering(wi, pdf, 0.0, 1.0, NAN, NAN, NAN), f_cos
+            )
+            log.real[lane * MAX_VERTICES + vertex, VERTEX_SCALE] = 0.0
+        leave_collision(options, paths, points, media, lane, wi, pdf)

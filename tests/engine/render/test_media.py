@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Homogeneous media against what can be worked out: Beer's law, a furnace, a lamp in fog; and their passes.
+
+Statistical tests have fixed seeds and reject at 4 standard errors, which a correct renderer fails once in 15,000.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from engine.render.light_passes import LIGHT_PASSES
+from engine.render.session import Session
+from engine.scene.description import Light
+from engine.settings import RenderSettings
+from tests.helpers.light_sums import sum_of_passes
+from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
+
+SIGMAS = 4.0
+GLASS = "ShaderNodeBsdfRefraction"
+
+
+def render(description, passes=("Combined",), **settings):
+    defaults = {"samples": 4, "threads": 1, "guiding_method": "OFF", "filter_glossy": 0.0}
+    session = Session(RenderSettings(**{**defaults, **settings}))
+    session.load(description)
+    result = session.render(passes=passes)
+    session.close()
+    assert result.report.reject_count == 0
+    return result
+
+
+def picture(description, **settings):
+    return render(description, **settings).passes["Combined"][..., :3]
+
+
+def means_by_seed(description, seeds=8, **settings):
+    """Mean of each render, float64 (seeds, 3)."""
+    images = [picture(description, seed=seed, **settings) for seed in range(seeds)]
+    return np.array([image.mean(axis=(0, 1), dtype=np.float64) for image in images])
+
+
+def is_mean(means, expected):
+    """Whether means by seed agree with an expected value, float (3,)."""
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    return bool((np.abs(means.mean(axis=0) - expected) <= SIGMAS * error + 1e-5).all())
+
+
+@pytest.mark.parametrize("surface", [None, GLASS])
+def test_absorption_follows_beers_law_with_and_without_a_surface(surface):
+    color = np.array([0.5, 0.2, 0.8])
+    ink = medium("Absorption", surface, Color=(*color, 1.0), Density=0.7)
+    image = picture(media_scene([ink], [placed()]))
+    assert np.allclose(image, np.exp(-2.0 * 0.7 * (1.0 - color)), rtol=2e-4)
+
+
+def test_media_that_overlap_add_up_and_a_nested_one_is_left_again():
+    red = medium("Absorption", name="Red", Color=(1.0, 0.0, 0.5, 1.0), Density=0.3)
+    blue = medium("Absorption", name="Blue", Color=(0.0, 0.5, 1.0, 1.0), Density=0.4)
+    small = placed((0.5, 0.5, 0.25))
+    expected = np.exp(-2.0 * 0.3 * np.array([0.0, 1.0, 0.5]) - 0.5 * 0.4 * np.array([1.0, 0.5, 0.0]))
+    assert np.allclose(picture(media_scene([red, blue], [placed(), small])), expected, rtol=2e-4)
+    # Half of it sticks out, which makes no difference to what is on the ray.
+    shifted = placed((0.5, 0.5, 0.25), (0.0, 0.0, 1.0))
+    assert np.allclose(picture(media_scene([red, blue], [placed(), shifted])), expected, rtol=2e-4)
+
+
+def test_a_camera_inside_of_media_starts_in_them():
+    ink = medium("Absorption", Color=(0.5, 0.2, 0.8, 1.0), Density=0.7)
+    around = [placed((4.0, 4.0, 4.0)), placed((2.0, 2.0, 1.0), (0.0, 0.0, -2.0))]
+    image = picture(media_scene([ink, ink], around, height=1.0))
+    # 5 m of the one from the camera down, 2 m of the other; the clip distance of 0.1 m is empty.
+    assert np.allclose(image, np.exp(-0.7 * (4.9 + 2.0) * (1.0 - np.array([0.5, 0.2, 0.8]))), rtol=5e-4)
+
+
+def test_emission_is_collected_along_the_ray():
+    glow = medium("Coefficients", **{
+        "Absorption Coefficients": (0.5, 0.0, 2.0), "Scatter Coefficients": (0.0, 0.0, 0.0),
+        "Emission Coefficients": (1.0, 2.0, 3.0),
+    })  # fmt: skip
+    image = picture(media_scene([glow], [placed()], world=(0.0, 0.0, 0.0)))
+    expected = [1.0 * (1.0 - np.exp(-1.0)) / 0.5, 2.0 * 2.0, 3.0 * (1.0 - np.exp(-4.0)) / 2.0]
+    assert np.allclose(image, expected, rtol=5e-4)
+
+
+@pytest.mark.parametrize("density", [0.05, 2.0, 8.0])
+def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
+    fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=density, Anisotropy=0.4)
+    image = picture(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=16)
+    assert np.allclose(image, 1.0, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_with_wavelengths_the_furnace_is_as_if_nothing_were_there():
+    """Every path has its wavelengths, of which one alone is no white: the same paths are compared."""
+    fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=2.0, Anisotropy=0.4)
+    settings = {"volume_bounces": 1024, "max_bounces": 1024, "samples": 16, "spectral": "ON"}
+    empty = picture(media_scene([], np.zeros((0, 4, 4))), **settings)
+    assert np.allclose(picture(media_scene([fog], [placed()]), **settings).mean(), empty.mean(), atol=2e-3)
+
+
+def test_channels_of_different_density_are_unbiased_in_a_furnace():
+    """Each channel of the throughput is divided by one density for all: a wrong one shows at once."""
+    fog = medium("Coefficients", **{
+        "Absorption Coefficients": (0.0, 0.0, 0.0), "Scatter Coefficients": (0.2, 1.0, 5.0), "Anisotropy": -0.5,
+    })  # fmt: skip
+    means = means_by_seed(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=64)
+    assert is_mean(means, np.ones(3))
+    # And the test sees a bias of 2%.
+    assert not is_mean(1.02 * means, np.ones(3))
+
+
+def _single_scattering(extinction, scattering, lamp_height, energy):
+    """Radiance that fog without an end sends straight up to a camera at 10 m, by a point lamp beside its ray.
+
+    The lamp is 1 m away from the ray; isotropic, one scattering, from the clip distance on.
+    """
+    intensity = energy / (4.0 * np.pi)
+
+    def arriving(t):
+        distance = np.hypot(10.0 - t - lamp_height, 1.0)
+        return np.exp(-extinction * (t - 0.1 + distance)) / distance**2
+
+    return scattering * intensity / (4.0 * np.pi) * integrate.quad(arriving, 0.1, 200.0, limit=500)[0]
+
+
+def test_a_lamp_in_endless_fog_is_as_bright_as_the_integral_says():
+    fog = volume_graph("Scatter", Color=(0.5, 1.0, 0.2, 1.0), Density=0.2)
+    lamp = Light("lamp", "Lamp", "POINT", placed(offset=(1.0, 0.0, 4.0)), (1.0, 1.0, 1.0), 100.0)
+    scene = media_scene([], np.zeros((0, 4, 4)), lights=[lamp], world=(0.0, 0.0, 0.0), fog=fog)
+    means = means_by_seed(scene, volume_bounces=0, samples=256)
+    expected = np.array([_single_scattering(0.2 * c, 0.2 * c, 4.0, 100.0) for c in (0.5, 1.0, 0.2)])
+    assert is_mean(means, expected)
+    assert not is_mean(1.02 * means, expected)
+
+
+def test_light_sampling_and_scattering_alone_agree():
+    """A large lamp in a coloured medium: found by shadow rays, through the boundary, and by rays that are scattered."""
+    fog = medium("Coefficients", **{
+        "Absorption Coefficients": (0.1, 0.5, 0.0), "Scatter Coefficients": (1.0, 0.5, 0.2), "Anisotropy": 0.3,
+    })  # fmt: skip
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(0.0, 0.0, 3.0)), (1.0, 1.0, 1.0), 100.0, size_x=4.0)
+    scene = media_scene([fog], [placed()], lights=[lamp], world=(0.0, 0.0, 0.0), height=2.5)
+    both, alone = (means_by_seed(scene, samples=1024, volume_bounces=4, use_nee=use_nee) for use_nee in (True, False))
+    error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
+    assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
+    assert (error < 0.01 * both.mean(axis=0)).all()
+
+
+def test_volume_bounces_count_scatterings_after_the_first():
+    fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=3.0)
+    scene = media_scene([fog], [placed()])
+    means = [picture(scene, volume_bounces=count, samples=16).mean() for count in (0, 2, 8)]
+    assert means[0] < means[1] - 0.05 < means[2] - 0.1 < 0.9
+
+
+def test_passes_of_volumes_and_surfaces_add_up_to_the_picture():
+    fog = medium("Scatter", Color=(0.9, 0.6, 0.3, 1.0), Density=1.0)
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(3.0, 0.0, 4.0)), (1.0, 1.0, 1.0), 500.0, size_x=1.0)
+    scene = media_scene([fog], [placed()], lights=[lamp], world=(0.2, 0.2, 0.2))
+    images = render(
+        scene, ("Combined", "Emission", "Environment", *LIGHT_PASSES), volume_bounces=3, samples=16
+    ).passes
+    assert images["Volume Direct"].mean() > 0.01 and images["Volume Indirect"].mean() > 0.01
+    assert np.allclose(sum_of_passes(images), images["Combined"][..., :3], rtol=1e-4, atol=1e-5)
+
+
+def test_guided_renders_of_media_have_the_same_mean():
+    fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5)
+    white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Floor", Density=0.0)
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(1.0, 0.0, 4.0)), (1.0, 1.0, 1.0), 200.0, size_x=1.0)
+    around = [placed((3.0, 3.0, 2.0), (0.0, 0.0, 2.0)), placed((4.0, 4.0, 0.5), (0.0, 0.0, -0.6))]
+    scene = media_scene([fog, white], around, lights=[lamp], world=(0.0, 0.0, 0.0))
+    plain = means_by_seed(scene, samples=63, volume_bounces=4)
+    guided = means_by_seed(scene, samples=63, volume_bounces=4, guiding_method="VMM")
+    error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
+    assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
+
+
+@pytest.mark.parametrize("density", [1e-6, 1e6])
+@pytest.mark.parametrize("anisotropy", [-0.999, 0.999])
+def test_extreme_media_leave_no_pixel_that_is_not_finite(density, anisotropy):
+    fog = medium("Scatter", Color=(0.9999, 0.5, 0.0, 1.0), Density=density, Anisotropy=anisotropy)
+    image = picture(media_scene([fog], [placed()]), volume_bounces=64, max_bounces=64, samples=64)
+    assert np.isfinite(image).all() and 0.0 <= image.mean() < 1.1
+
+
+def test_the_radiance_cache_is_off_in_media_and_says_so():
+    fog = medium("Scatter", Density=0.5)
+    report = render(media_scene([fog], [placed()]), radiance_cache="CONVERGING").report
+    assert [notice.subject for notice in report.notices] == ["Radiance cache"]
+    assert "media" in report.notices[0].problem

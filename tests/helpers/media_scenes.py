@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes of media, seen from straight above: what they do to light can be worked out on paper."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.builder.geometry import plain_instances
+from engine.scene.description import Frame, Link, Material, Mesh, Node, NodeGraph, SceneDescription, World
+from tests.helpers.small_scenes import looking_down
+
+_CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
+_TRIANGLES = np.array(
+    [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2),
+     (1, 3, 7), (1, 7, 5)], np.uint32,
+)  # fmt: skip
+
+
+def volume_graph(kind, surface=None, **inputs):
+    """A graph of one volume node, and of one surface node of kind `surface`."""
+    properties = {"phase": inputs.pop("phase")} if "phase" in inputs else {}
+    nodes = [Node(f"ShaderNodeVolume{kind}", kind, inputs, properties)]
+    link = None
+    if surface is not None:
+        nodes.append(Node(surface, "Surface", {"IOR": 1.0, "Roughness": 0.0}))
+        link = Link(1, "BSDF")
+    return NodeGraph(nodes, link, Link(0, "Volume"))
+
+
+def medium(kind, surface=None, name="Medium", **inputs):
+    """A material that is a medium inside."""
+    return Material(name, name, volume_graph(kind, surface, **inputs))
+
+
+def placed(scale=(1.0, 1.0, 1.0), offset=(0.0, 0.0, 0.0)):
+    """Object to world of a box of edges `2 * scale` [m]."""
+    matrix = np.diag([*scale, 1.0]).astype(np.float32)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def media_scene(materials, transforms, *, lights=(), world=(1.0, 1.0, 1.0), fog=None, height=10.0, size=(8, 8)):
+    """Boxes of these materials under a uniform sky, by a camera of a narrow view `height` metres above the origin.
+
+    `fog` is the graph of what fills the world.
+    """
+    camera = looking_down(height)
+    camera.lens = 2000.0
+    sky = World("sky", "Sky", None, world)
+    if fog is not None:
+        fog.nodes.append(Node("ShaderNodeBackground", "Background", {"Color": (*world, 1.0), "Strength": 1.0}))
+        fog.surface = Link(len(fog.nodes) - 1, "Background")
+        sky = World("sky", "Sky", fog)
+    instances = plain_instances(np.reshape(transforms, (-1, 4, 4)), materials=list(range(len(materials))), name="Box")
+    mesh = Mesh("box", "Box", _CORNERS, _TRIANGLES, None, np.zeros(12, np.int32))
+    return SceneDescription(
+        camera=camera, frame=Frame(*size, (0, 0, *size)), meshes=[mesh], instances=instances, materials=materials,
+        images=[], lights=list(lights), world=sky,
+    )
