@@ -84,6 +84,7 @@ class SceneCache:
     def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
+        self.media: Kept[SceneMedia] = Kept()
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
@@ -170,6 +171,15 @@ def _build_lights(
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
 
 
+def _build_media(cache: SceneCache, world_program: int, geometry: GeometryArrays) -> SceneMedia:
+    compiled = cache.programs.compiled
+    inside = tuple((program.medium, program.is_boundary) for program in compiled)
+    return cache.media.get(
+        (content_digest(inside), world_program, cache.geometry.geometry.version),
+        lambda: build_media(compiled, world_program, geometry, cache.geometry.slot_counts),
+    )
+
+
 def _build_camera(cache: SceneCache, description: SceneDescription, settings: RenderSettings) -> CameraArrays:
     seen_by = (
         description.camera, description.frame, settings.pixel_filter, settings.filter_width, description.shutter_curve,
@@ -221,7 +231,7 @@ def build_scene(
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
-    media = build_media(cache.programs.compiled, programs.world_program, geometry, slot_counts)
+    media = _build_media(cache, programs.world_program, geometry)
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
     check_cancel()
