@@ -35,8 +35,9 @@ def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **set
     return render_passes(scene, path, NAMES)
 
 
-#: Few scenes that touch much: all lobes, transparency, lamps that are seen, the world, emission, holes in the picture.
-FAST = ["principled-everything", "visibility", "world-image-sun"]
+#: Few scenes that touch much: all lobes, volumes, transparency, lamps that are seen, the world, emission, holes in the
+#: picture.
+FAST = ["media-overlapping", "principled-everything", "visibility", "world-image-sun"]
 
 
 def check_sum(name: str, path: Path, rival: str = "OFF", samples: int = 8, **settings: Any) -> None:

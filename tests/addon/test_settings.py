@@ -32,6 +32,7 @@ CYCLES_VALUES: dict[str, tuple[str, str, Any]] = {
     "diffuse_bounces": ("cycles", "diffuse_bounces", 0),
     "glossy_bounces": ("cycles", "glossy_bounces", 0),
     "transmission_bounces": ("cycles", "transmission_bounces", 1),
+    "volume_bounces": ("cycles", "volume_bounces", 2),
     "transparent_max_bounces": ("cycles", "transparent_max_bounces", 0),
     "min_light_bounces": ("cycles", "min_light_bounces", 12),
     "min_transparent_bounces": ("cycles", "min_transparent_bounces", 12),
@@ -159,6 +160,7 @@ SAVED_CHOICES = {
     "denoising_input_passes": "RGB RGB_ALBEDO RGB_ALBEDO_NORMAL",
     "denoising_prefilter": "NONE FAST ACCURATE",
     "denoising_quality": "HIGH BALANCED FAST",
+    "roulette": "AUTO THROUGHPUT LEARNED",
 }
 
 
@@ -216,10 +218,10 @@ def test_cycles_settings_count_until_ours_is_set(name: str, blender: Any) -> Non
 
 
 def make_telling_scene(scene: Any) -> None:
-    """A picture that every setting changes: glass, a mirror and a card under a bright world and two lamps."""
+    """A picture that every setting changes: glass, a mirror, a card and a cloud under a bright world and two lamps."""
     import bpy
 
-    def material(name: str, kind: str, **inputs: Any) -> Any:
+    def material(name: str, kind: str, where: str = "Surface", **inputs: Any) -> Any:
         made = bpy.data.materials.new(name)
         made.use_nodes = True
         nodes, links = made.node_tree.nodes, made.node_tree.links
@@ -227,7 +229,7 @@ def make_telling_scene(scene: Any) -> None:
         shader, output = nodes.new(kind), nodes.new("ShaderNodeOutputMaterial")
         for key, value in inputs.items():
             shader.inputs[key].default_value = value
-        links.new(shader.outputs[0], output.inputs["Surface"])
+        links.new(shader.outputs[0], output.inputs[where])
         return made
 
     def add(operator: Any, surface: Any, **arguments: Any) -> None:
@@ -243,6 +245,8 @@ def make_telling_scene(scene: Any) -> None:
     add(primitive.primitive_cube_add, mirror, size=1.2, location=(1.0, 0.4, 0.6))
     card = material("Card", "ShaderNodeBsdfTransparent", Color=(0.7, 0.8, 0.9, 1.0))
     add(primitive.primitive_plane_add, card, size=2.0, location=(0.6, -1.5, 0.8), rotation=(1.57, 0.0, 0.0))
+    cloud = material("Cloud", "ShaderNodeVolumeScatter", "Volume", Density=5.0)
+    add(primitive.primitive_cube_add, cloud, size=0.6, location=(-0.2, -1.2, 0.4))
     world = scene.world = bpy.data.worlds.new("World")
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.6, 0.7, 0.9, 1.0)

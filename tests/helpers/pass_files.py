@@ -19,6 +19,7 @@ SWITCHES = [
 NAMES = [
     "Combined", "Emission", "Environment", "Ambient Occlusion",
     *(f"{lobes} {light}" for lobes in LOBES for light in ("Direct", "Indirect", "Color")),
+    "Volume Direct", "Volume Indirect",
 ]  # fmt: skip
 
 
@@ -26,6 +27,8 @@ def ask_for_passes(scene: Any) -> None:
     """All passes that the picture is the sum of, into a file of layers."""
     for switch in SWITCHES:
         setattr(scene.view_layers[0], switch, True)
+    for light in ("direct", "indirect"):
+        setattr(scene.view_layers[0].cycles, f"use_pass_volume_{light}", True)
     settings = scene.render.image_settings
     if hasattr(settings, "media_type"):
         settings.media_type = "MULTI_LAYER_IMAGE"

@@ -178,7 +178,7 @@ def test_meshes_that_glow_have_groups():
 def test_cells_of_the_cache_know_no_groups_and_the_report_says_so():
     description = grouped_scene()
     result = render(description, passes=["Combined", "Combined_Key"], radiance_cache="FAST", samples=8)
-    assert any(notice.problem == "knows no light groups or shadow catchers" for notice in result.report.notices)
+    assert any(notice.problem == "knows no light groups, shadow catchers or media" for notice in result.report.notices)
     assert sum(result.report.cached_shares) == 0.0
 
 

@@ -15,11 +15,16 @@ from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
-from engine.scene.description import Aov, PassSettings
+from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 
 _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
+_OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
+_OF_CATCHERS = {"meet_catchers", "show_background"}
+_OF_MEDIA = {
+    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "attenuate_shadows"
+}  # fmt: skip
 
 
 @kernel
@@ -85,9 +90,18 @@ def test_python_sees_the_stages_and_no_others() -> None:
         table.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize(("method", "spectral"), [("VMM_RIS", "OFF"), ("TABLE_RIS", "OFF"), ("TABLE_RIS", "ON")])
+def _fill_with_fog(graph: NodeGraph) -> None:
+    graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}, {"phase": "HENYEY_GREENSTEIN"}))
+    graph.volume = Link(len(graph.nodes) - 1, "Volume")
+
+
+@pytest.mark.parametrize(
+    ("method", "spectral", "roulette"),
+    # Wavelengths come last: a call is noted when it is compiled, and that happens once for equal types.
+    [("VMM", "OFF", "AUTO"), ("VMM_RIS", "OFF", "LEARNED"), ("TABLE_RIS", "OFF", "AUTO"), ("TABLE_RIS", "ON", "AUTO")],
+)
 def test_the_main_loop_passes_what_its_stages_take(
-    method: str, spectral: str, monkeypatch: pytest.MonkeyPatch
+    method: str, spectral: str, roulette: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing else would notice: calls through pointers are not checked."""
     arguments: list[tuple] = []
@@ -101,9 +115,14 @@ def test_the_main_loop_passes_what_its_stages_take(
     # Wavelengths have no cache.
     cache = "CONVERGING" if method == "TABLE_RIS" else "OFF"
     session = Session(
-        RenderSettings(samples=8, threads=1, guiding_method=method, spectral=spectral, radiance_cache=cache)
+        RenderSettings(
+            samples=8, threads=1, guiding_method=method, spectral=spectral, radiance_cache=cache, roulette=roulette
+        )
     )
     description = small_scene()
+    has_media = method == "VMM"
+    if has_media:
+        _fill_with_fog(next(item.graph for item in description.materials if item.graph is not None))
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
@@ -120,12 +139,18 @@ def test_the_main_loop_passes_what_its_stages_take(
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene, and three stages are for wavelengths.
-    unused = {"fill_background"} | (set() if spectral == "ON" else _OF_WAVELENGTHS)
+    # The world is not constant in this scene.
+    unused = {"fill_background"}
+    if spectral == "OFF":
+        unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":
-        unused |= {"end_in_cache", "follow_footprints", "collect_taught"}
+        unused |= _OF_CACHE
     if not has_catchers:
-        unused |= {"meet_catchers", "show_background"}
+        unused |= _OF_CATCHERS
+    if not has_media:
+        unused |= _OF_MEDIA
+    if roulette != "LEARNED":
+        unused |= {"play_adjoint_roulette"}
     assert set(stages) - set(bound) == unused
     for name, stage in bound.items():
         assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]
