@@ -3,8 +3,8 @@
 
 Ours is the process that windows have, and what it shows by then: it has looked at the scene from elsewhere before, as
 in a window that was turned. Cycles' viewport does not run without a window, so its part is played by its final render
-of so many seconds, without a noise threshold. That spares Cycles the coarse pictures, the drawing, and the time in which
-it takes note of the move; the seconds that it took, denoising left out, stand beside its error.
+of so many seconds, without a noise threshold. That spares Cycles the coarse pictures, the drawing, and the time in
+which it takes note of the move; the seconds that it took, denoising left out, stand beside its error.
 """
 
 from __future__ import annotations
