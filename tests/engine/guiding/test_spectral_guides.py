@@ -224,6 +224,7 @@ def reference(roughness: float) -> list[np.ndarray]:
     return rendered(behind_glass(roughness), range(10, 14), samples=1024)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("roughness", "settings"),
     [

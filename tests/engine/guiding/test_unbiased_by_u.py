@@ -190,6 +190,7 @@ def strata_reference() -> tuple[np.ndarray, ...]:
         return tuple(strata_means(REFERENCE_SEEDS, patch, 12288))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "kind", "settings"),
     [
@@ -272,6 +273,7 @@ def band_reference() -> tuple[np.ndarray, ...]:
         return tuple(band_means(REFERENCE_SEEDS, patch, 1024))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "kind"),
     [

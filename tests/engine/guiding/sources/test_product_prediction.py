@@ -73,6 +73,7 @@ def guide_by(settings: RenderSettings):
     return with_field(allocate_guide_of(settings, 1), Untrained(settings, 8.0).field)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choices", PRODUCTS, ids=lambda choices: "-".join(choices.values()))
 def test_of_products_the_mixture_field_predicts(choices: dict[str, str]) -> None:
     directions = sphere_grid(40, 80)
