@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`CellField`: mean radiance that surfaces send back, by cell, in a hash table of several cell sizes.
 
-A cell is a cube of a grid by one of six directions that its surface faces, and by the surface's shader: so the two
-sides of a thin wall, the walls of a corner, and things of different colours are apart. Each size is twice the next
-smaller one.
-
-References
-----------
-Binder et al. 2019, "Massively Parallel Path Space Filtering" (cells in a hash table).
+Direction and shader make a cell (`hash_grid`): so the two sides of a thin wall, the walls of a corner, and things of
+different colours are apart. Each size is twice the next smaller one.
 """
-
-import math
 
 import numpy as np
 
 from engine.array_types import Float32Array, Uint32Array
+from engine.guiding.fields.hash_grid import claim_place, find_place, grid_cell
 from engine.kernels.rng import hash_combine
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
@@ -25,7 +19,6 @@ LEVEL_COUNT = 6
 #: Places of the table, a power of two, and how many of them a cell may be in.
 SLOT_COUNT = 1 << 20
 _PROBE_COUNT = 8
-_DIRECTION_COUNT = 6
 
 # Columns of the sums, after those of radiance.
 SUM_WEIGHT = 3
@@ -73,17 +66,6 @@ def cell_size(cells, level):
 
 
 @kernel
-def _facing(n):
-    """Which of six directions a unit normal is nearest to: int in [0, 6)."""
-    x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
-    if x >= y and x >= z:
-        return 0 if n[0] >= 0.0 else 1
-    if y >= z:
-        return 2 if n[1] >= 0.0 else 3
-    return 4 if n[2] >= 0.0 else 5
-
-
-@kernel
 def cell_key(cells, p, n, program, level):
     """First place, and tag (not 0), of the cell of a level at p on the side that n faces: int, uint32.
 
@@ -93,10 +75,7 @@ def cell_key(cells, p, n, program, level):
     program : int, of the surface's shader
     """
     inverse = np.float32(1.0) / cell_size(cells, level)
-    x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
-    y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
-    z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
-    kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
+    x, y, z, kind = grid_cell(p, n, program * LEVEL_COUNT + level, inverse)
     first, second = hash_combine(x, y), hash_combine(z, kind)
     key, tag = hash_combine(first, second), hash_combine(second, first)
     return np.int64(key & cells.mask[0]), max(tag, np.uint32(1))
@@ -105,23 +84,10 @@ def cell_key(cells, p, n, program, level):
 @kernel
 def find_cell(cells, place, tag):
     """Where in the table a cell is (`cell_key`), -1 where there is none."""
-    for probe in range(_PROBE_COUNT):
-        slot = (place + probe) & np.int64(cells.mask[0])
-        found = cells.tag[slot]
-        if found == tag:
-            return slot
-        if found == np.uint32(0):
-            return np.int64(-1)
-    return np.int64(-1)
+    return find_place(cells, place, tag, _PROBE_COUNT)
 
 
 @kernel
 def claim_cell(cells, place, tag):
     """Where in the table a cell is, made if there is none; -1 where the table has no room near."""
-    for probe in range(_PROBE_COUNT):
-        slot = (place + probe) & np.int64(cells.mask[0])
-        if cells.tag[slot] == np.uint32(0):
-            cells.tag[slot] = tag
-        if cells.tag[slot] == tag:
-            return slot
-    return np.int64(-1)
+    return claim_place(cells, place, tag, _PROBE_COUNT)

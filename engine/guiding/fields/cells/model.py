@@ -23,15 +23,15 @@ from engine.guiding.fields.cells.field import (
     empty_cells,
 )
 from engine.guiding.fields.cells.query import first_level, is_small
+from engine.guiding.fields.hash_grid import extent_of
 from engine.guiding.records.taught import TaughtRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.lanes import RGB
 
-#: The smallest cells are this share of the scene's extent: of where all but the outermost records lie.
+#: The smallest cells are this share of the scene's extent (`extent_of`).
 _SMALLEST_SHARE = 1.0 / 256.0
-_OUTERMOST_PERCENT = 2.0
 _ROWS_AHEAD = 8
 #: Weight of paths that would not ask cells of this size.
 _OTHERS_SHARE = np.float32(0.1)
@@ -87,9 +87,7 @@ class CellModel:
         if not row_count:
             return
         if self.field is None:
-            position = records.position
-            low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
-            extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
+            extent = extent_of(records.position)
             self.field = empty_cells(_SMALLEST_SHARE * extent)
         scratch = [np.zeros(row_count, kind) for kind in (np.float32, np.int64, np.uint32)]
         for level in range(LEVEL_COUNT):

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`ReflectedField`: how much light surfaces send back for what it costs to find, by cell, in a hash table.
 
-A cell is a cube of a grid by one of six directions that its surface faces, and by the surface's shader. There are small
-cells, and large ones that answer where no small one is known. Directions play no part: a look-up finds one number, in a
-table that stays near the core, and costs next to nothing.
+Cells are those of `hash_grid`. There are small ones, and large ones that answer where no small one is known. The
+direction of the light plays no part: a look-up finds one number, in a table that stays near the core, and costs next to
+nothing.
 """
-
-import math
 
 import numpy as np
 
 from engine.array_types import Float32Array, Uint32Array
+from engine.guiding.fields.hash_grid import claim_place, find_place, grid_cell
 from engine.kernels.constants import NAN
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
@@ -23,7 +22,6 @@ LEVEL_GROWTH = 4
 SLOT_COUNT = 1 << 14
 _PROBE_COUNT = 4
 _PLACE_WIDTH = 2
-_DIRECTION_COUNT = 6
 
 # Elements of ReflectedField.numbers.
 NUMBER_INVERSE_SIZE = 0
@@ -65,19 +63,8 @@ def no_reflected() -> ReflectedField:
 
 
 @kernel
-def _facing(n):
-    """Which of six directions a unit normal is nearest to: int in [0, 6)."""
-    x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
-    if x >= y and x >= z:
-        return 0 if n[0] >= 0.0 else 1
-    if y >= z:
-        return 2 if n[1] >= 0.0 else 3
-    return 4 if n[2] >= 0.0 else 5
-
-
-@kernel
 def reflected_key(field, p, n, program, level):
-    """Number of a cell, by which it finds its place, and its tag there (not 0): two uint32.
+    """First place, and tag (not 0), of the cell of a level at p on the side that n faces: int, uint32.
 
     Parameters
     ----------
@@ -88,17 +75,15 @@ def reflected_key(field, p, n, program, level):
     inverse = field.numbers[NUMBER_INVERSE_SIZE]
     if level > 0:
         inverse *= np.float32(1.0 / LEVEL_GROWTH)
-    x = np.uint32(np.int64(math.floor(p[0] * inverse)) & 0xFFFFFFFF)
-    y = np.uint32(np.int64(math.floor(p[1] * inverse)) & 0xFFFFFFFF)
-    z = np.uint32(np.int64(math.floor(p[2] * inverse)) & 0xFFFFFFFF)
-    kind = np.uint32((program * LEVEL_COUNT + level) * _DIRECTION_COUNT + _facing(n))
+    x, y, z, kind = grid_cell(p, n, program * LEVEL_COUNT + level, inverse)
     mixed = np.uint32(
         np.uint32(x * np.uint32(0x9E3779B1)) ^ np.uint32(y * np.uint32(0x85EBCA77))
         ^ np.uint32(z * np.uint32(0xC2B2AE3D)) ^ np.uint32(kind * np.uint32(0x27D4EB2F))
     )
     mixed = np.uint32(np.uint32(mixed ^ (mixed >> np.uint32(15))) * np.uint32(0x2C1B3C6D))
     number = np.uint32(np.uint32(mixed ^ (mixed >> np.uint32(12))) * np.uint32(0x297A2D39))
-    return np.uint32(number ^ (number >> np.uint32(15))), max(mixed, np.uint32(1))
+    place = np.uint32(number ^ (number >> np.uint32(15))) & field.mask[0]
+    return np.int64(place), max(mixed, np.uint32(1))
 
 
 @kernel
@@ -111,24 +96,14 @@ def find_importance(field, p, n, program):
         As for `reflected_key`.
     """
     for level in range(LEVEL_COUNT):
-        number, tag = reflected_key(field, p, n, program, level)
-        for probe in range(_PROBE_COUNT):
-            slot = np.int64(np.uint32(number + np.uint32(probe)) & field.mask[0])
-            found = field.tag[slot]
-            if found == tag:
-                return field.importance[slot]
-            if found == np.uint32(0):
-                break
+        place, tag = reflected_key(field, p, n, program, level)
+        slot = find_place(field, place, tag, _PROBE_COUNT)
+        if slot >= 0:
+            return field.importance[slot]
     return NAN
 
 
 @kernel
-def claim_reflected(field, number, tag):
+def claim_reflected(field, place, tag):
     """Where in the table a cell is, made if there is none; -1 where the table has no room near."""
-    for probe in range(_PROBE_COUNT):
-        slot = np.int64(np.uint32(number + np.uint32(probe)) & field.mask[0])
-        if field.tag[slot] == np.uint32(0):
-            field.tag[slot] = tag
-        if field.tag[slot] == tag:
-            return slot
-    return np.int64(-1)
+    return claim_place(field, place, tag, _PROBE_COUNT)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.guiding.fields.hash_grid import extent_of
 from engine.guiding.fields.reflected.field import (
     LEVEL_COUNT,
     ReflectedField,
@@ -20,9 +21,8 @@ from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 
-#: The smallest cells are this share of the scene's extent: of where all but the outermost records lie.
+#: The smallest cells are this share of the scene's extent (`extent_of`).
 _SMALLEST_SHARE = 1.0 / 32.0
-_OUTERMOST_PERCENT = 2.0
 #: Records that the larger cell around a cell counts for.
 _PRIOR = 16.0
 #: About so many records of an iteration are looked at, for all threads wait meanwhile.
@@ -48,8 +48,8 @@ def _add(field, sums, level_of, parent_of, records, row_count, step):
         parent = np.int64(-1)
         for larger in range(LEVEL_COUNT):
             level = LEVEL_COUNT - 1 - larger
-            number, tag = reflected_key(field, p, n, records.program[row], level)
-            slot = claim_reflected(field, number, tag)
+            place, tag = reflected_key(field, p, n, records.program[row], level)
+            slot = claim_reflected(field, place, tag)
             if slot < 0:
                 lost_count += 1
                 continue
@@ -82,9 +82,7 @@ class ReflectedModel:
         if not row_count:
             return
         if self.field is None:
-            position = records.position[:row_count]
-            low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
-            extent = max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
+            extent = extent_of(records.position[:row_count])
             self.field = empty_reflected(_SMALLEST_SHARE * extent)
             slot_count = len(self.field.tag)
             self._sums = np.zeros((slot_count, _WIDTH))
