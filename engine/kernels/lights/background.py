@@ -62,27 +62,31 @@ def _cell_pdf(marginal, conditional, row, column, column_count):
 
 
 @kernel
+def _share_of(low, high, u):
+    """How far between two cumulative probabilities u is: in [0, 1]."""
+    return min(1.0, (u - low) / (high - low)) if high > low else 0.0 * u
+
+
+@kernel
+def _direction(marginal, row, column, column_count, dv, du):
+    """Direction towards a point of a cell, which is so far across its row and column."""
+    z = marginal[row, 1] + dv * (marginal[row + 1, 1] - marginal[row, 1])
+    phi = PI - TWO_PI * ((np.float32(column) + du) / np.float32(column_count))
+    r = math.sqrt(max(0.0, 1.0 - z * z))
+    return r * math.cos(phi), r * math.sin(phi), z
+
+
+@kernel
 def sample_map(marginal, conditional, guide, u0, u1):
     """Direction towards the background and its density [sr^-1] (0 = none)."""
     row_count = conditional.shape[0]
     column_count = conditional.shape[1] - 1
     row = _find_row(marginal, guide, row_count, u1)
-    low = marginal[row, 0]
-    high = marginal[row + 1, 0]
-    dv = 0.0 * u0
-    if high > low:
-        dv = min(1.0, (u1 - low) / (high - low))
+    dv = _share_of(marginal[row, 0], marginal[row + 1, 0], u1)
     column = _find_column(conditional, guide, row, u0)
-    low = conditional[row, column]
-    high = conditional[row, column + 1]
-    du = 0.0 * u0
-    if high > low:
-        du = min(1.0, (u0 - low) / (high - low))
-    z = marginal[row, 1] + dv * (marginal[row + 1, 1] - marginal[row, 1])
-    phi = PI - TWO_PI * ((np.float32(column) + du) / np.float32(column_count))
-    r = math.sqrt(max(0.0, 1.0 - z * z))
+    du = _share_of(conditional[row, column], conditional[row, column + 1], u0)
     pdf = _cell_pdf(marginal, conditional, row, column, column_count)
-    return pdf, (r * math.cos(phi), r * math.sin(phi), z)
+    return pdf, _direction(marginal, row, column, column_count, dv, du)
 
 
 @kernel
@@ -143,24 +147,13 @@ def sample_patch(marginal, conditional, patches, bands, sectors, patch, u0, u1):
     east = first_of_part(sector + 1, sectors, column_count)
     offset = _search(patches, patch, np.int64(0), np.int64(last_row - first_row), u1)
     row = first_row + offset
-    low = patches[patch, offset]
-    high = patches[patch, offset + 1]
-    dv = 0.0 * u0
-    if high > low:
-        dv = min(1.0, (u1 - low) / (high - low))
+    dv = _share_of(patches[patch, offset], patches[patch, offset + 1], u1)
     begin = conditional[row, west]
     u0 = begin + u0 * (conditional[row, east] - begin)
     column = _search(conditional, row, np.int64(west), np.int64(east), u0)
-    low = conditional[row, column]
-    high = conditional[row, column + 1]
-    du = 0.0 * u0
-    if high > low:
-        du = min(1.0, (u0 - low) / (high - low))
-    z = marginal[row, 1] + dv * (marginal[row + 1, 1] - marginal[row, 1])
-    phi = PI - TWO_PI * ((np.float32(column) + du) / np.float32(column_count))
-    r = math.sqrt(max(0.0, 1.0 - z * z))
+    du = _share_of(conditional[row, column], conditional[row, column + 1], u0)
     pdf = _patch_cell_pdf(marginal, conditional, patches, patch, first_row, row, column, west, east)
-    return pdf, (r * math.cos(phi), r * math.sin(phi), z)
+    return pdf, _direction(marginal, row, column, column_count, dv, du)
 
 
 @kernel
