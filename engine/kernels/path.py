@@ -69,6 +69,25 @@ def pass_through(options, paths, points, lane):
 
 
 @kernel
+def _set_ray(paths, points, lane, origin, wi, pdf):
+    """The ray of a scattering, and what weighs the emitter that it meets.
+
+    Parameters
+    ----------
+    origin : tuple of 3 float32, world [m]; wi : tuple of 3 float32, unit
+    pdf : float32 [sr^-1]
+    """
+    store(paths.origin, lane, origin)
+    store(paths.direction, lane, wi)
+    paths.hit_distance[lane] = _INFINITE
+    paths.radius[lane] = points.real[lane, POINT_RADIUS]
+    paths.mis_pdf[lane] = pdf
+    store(paths.mis_origin, lane, real_3(points, lane, POINT_P))
+    store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
+    paths.mis_distance[lane] = 0.0
+
+
+@kernel
 def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf, bsdf_pdf):
     """Leave the surface towards `wi`; the throughput is the caller's business.
 
@@ -79,16 +98,8 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows
     """
-    p = real_3(points, lane, POINT_P)
-    origin = offset_origin(p, real_3(points, lane, POINT_NG), wi, paths.offset[lane])
-    store(paths.origin, lane, origin)
-    store(paths.direction, lane, wi)
-    paths.hit_distance[lane] = _INFINITE
-    paths.radius[lane] = points.real[lane, POINT_RADIUS]
-    paths.mis_pdf[lane] = pdf
-    store(paths.mis_origin, lane, p)
-    store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
-    paths.mis_distance[lane] = 0.0
+    p, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
+    _set_ray(paths, points, lane, offset_origin(p, ng, wi, paths.offset[lane]), wi, pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
@@ -121,15 +132,7 @@ def leave_collision(options, paths, points, media, lane, wi, pdf):
     wi : tuple of 3 float32, unit
     pdf : float32 [sr^-1], of the phase functions
     """
-    p = real_3(points, lane, POINT_P)
-    store(paths.origin, lane, p)
-    store(paths.direction, lane, wi)
-    paths.hit_distance[lane] = _INFINITE
-    paths.radius[lane] = points.real[lane, POINT_RADIUS]
-    paths.mis_pdf[lane] = pdf
-    store(paths.mis_origin, lane, p)
-    store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
-    paths.mis_distance[lane] = 0.0
+    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     if count_collision(options, paths, media, lane):
