@@ -176,8 +176,8 @@ class Tracer:
 
     def let_go(self) -> None:
         """Hold on to no scene and to nothing learned, for their memory; `take` comes before the next unit."""
-        self.guidance = None
         if hasattr(self, "view"):
+            self.guidance = None
             del self.view
 
     def make_batches(self, count: int, pixel_count: int, *, is_guided: bool, records: bool) -> list[Batch]:
@@ -237,9 +237,8 @@ class Tracer:
     @guidance.setter
     def guidance(self, guidance: Guidance | None) -> None:
         self._guidance = guidance
-        if hasattr(self, "view"):
-            selection = no_selection() if guidance is None or guidance.lights is None else guidance.lights
-            self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
+        selection = no_selection() if guidance is None or guidance.lights is None else guidance.lights
+        self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
         challenger = guidance.challenger if guidance is not None else None
         # The cache and roulette end paths whatever guides them.
         ends_paths = guidance is not None and (guidance.uses_cache or guidance.reflected is not None)
