@@ -64,6 +64,27 @@ def until(name, wanted, place):
         if max(abs(a - b) for a, b in zip(found[name], wanted)) <= 6:
             return
 
+def fill_with_a_plane(size, color):
+    scene = bpy.context.scene
+    for item in list(bpy.data.objects):
+        bpy.data.objects.remove(item)
+    bpy.ops.mesh.primitive_plane_add(size=size)
+    material = bpy.data.materials.new("Paint")
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(emission.outputs[0], output.inputs[0])
+    bpy.context.object.data.materials.append(material)
+    paint(color)
+    scene.render.engine = "NEURALGUIDE"
+    scene.view_settings.view_transform = "Standard"
+    return scene
+
+def paint(color):
+    tree = bpy.data.materials["Paint"].node_tree
+    tree.nodes["Emission"].inputs["Color"].default_value = color
+
 def end():
     with open(os.path.join(folder, "found.json"), "w") as file:
         json.dump(found, file)

@@ -25,20 +25,7 @@ def rendered(*_):
     renders.append("complete")
 
 def begin():
-    scene = bpy.context.scene
-    for item in list(bpy.data.objects):
-        bpy.data.objects.remove(item)
-    bpy.ops.mesh.primitive_plane_add(size=1000.0)
-    material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(emission.outputs[0], output.inputs[0])
-    emission.inputs["Color"].default_value = (0.2, 0.2, 0.2, 1.0)
-    bpy.context.object.data.materials.append(material)
-    scene.render.engine = "NEURALGUIDE"
-    scene.view_settings.view_transform = "Standard"
+    scene = fill_with_a_plane(1000.0, (0.2, 0.2, 0.2, 1.0))
     scene.cycles.preview_samples = 0
     scene.cycles.use_preview_adaptive_sampling = False
     scene.cycles.samples, scene.render.resolution_x, scene.render.resolution_y = 4, 64, 48

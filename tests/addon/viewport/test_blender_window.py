@@ -14,29 +14,12 @@ pytestmark = NEEDS_WINDOW
 
 #: A white plane without shading fills the camera's view, then turns red.
 DRIVE = """
-def paint(color):
-    tree = bpy.data.materials["Paint"].node_tree
-    tree.nodes["Emission"].inputs["Color"].default_value = color
-
 def steps():
-    scene = bpy.context.scene
-    for item in list(bpy.data.objects):
-        bpy.data.objects.remove(item)
-    bpy.ops.mesh.primitive_plane_add(size=100.0)
-    material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    emission, output = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(emission.outputs[0], output.inputs[0])
-    bpy.context.object.data.materials.append(material)
-    paint((0.2, 0.2, 0.2, 1.0))
+    scene = fill_with_a_plane(100.0, (0.2, 0.2, 0.2, 1.0))
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (0.0, 0.0, 5.0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    scene.render.engine = "NEURALGUIDE"
-    scene.view_settings.view_transform = "Standard"
     scene.cycles.preview_samples = 2
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
