@@ -102,11 +102,13 @@ def choose_lights(scene, unit, work, queue):
         has_transmission = (bits & HAS_TRANSMISSION) != 0
         leaves_dim = finds_all(lights, closures, lane, ng)
         (
-            pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
+            pdf, pmf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
             cast_shadow, max_bounces, use_mis, back,
         ) = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
         if is_recorded and pdf > 0.0:
-            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi)
+            cluster, cluster_pmf, tree_pmf = cluster_choice(
+                lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
+            )
             samples.cluster[lane] = cluster
             samples.cluster_pmf[lane] = cluster_pmf
             samples.tree_pmf[lane] = tree_pmf
