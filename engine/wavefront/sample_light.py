@@ -55,7 +55,13 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LIGHT_BACKGROUND,
 )
-from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SHADOW_ROWS,
+    UNIT_FOLLOWS,
+    UNIT_LEARNS_LIGHTS,
+    UNIT_SPLITS_LIGHT,
+)
 
 #: Bound on the relative rounding error of a point on a light.
 _ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
@@ -75,6 +81,7 @@ def choose_lights(scene, unit, work, queue):
     light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
     tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
+    learns_lights = unit.header[UNIT_LEARNS_LIGHTS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
@@ -86,7 +93,7 @@ def choose_lights(scene, unit, work, queue):
         ask_for_closures(closures, ahead)
         prefetch(points.real, ahead)
         prefetch(samples.direction, ahead)
-        is_recorded = log.is_recording[lane] != 0
+        is_recorded = learns_lights and log.is_recording[lane] != 0
         if is_recorded:
             samples.cluster[lane] = -1
         if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
@@ -103,10 +110,12 @@ def choose_lights(scene, unit, work, queue):
         leaves_dim = finds_all(lights, closures, lane, ng)
         (
             pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
-            cast_shadow, max_bounces, use_mis, back,
+            cast_shadow, max_bounces, use_mis, back, pmf,
         ) = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
         if is_recorded and pdf > 0.0:
-            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi)
+            cluster, cluster_pmf, tree_pmf = cluster_choice(
+                lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
+            )
             samples.cluster[lane] = cluster
             samples.cluster_pmf[lane] = cluster_pmf
             samples.tree_pmf[lane] = tree_pmf
