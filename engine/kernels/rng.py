@@ -27,6 +27,9 @@ SET_BSDF = 1
 SETS_PER_VERTEX = 2
 #: Where on its way to a vertex a path collides with a medium; far from the sets of vertices.
 SET_MEDIUM = 1 << 18
+#: Light samples on that way: light, distance, candidate, light roulette; then the point on the light.
+SET_SEGMENT = (1 << 18) + 1
+SET_SEGMENT_LIGHT = 1 << 19
 
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array
+from engine.array_types import Float32Array, Int32Array, Uint8Array
 from engine.runtime.bundle import Bundle
 
 # Columns of MediaArrays.media.
@@ -25,7 +25,10 @@ EXTINCTION = 0
 SCATTERING = 1
 EMISSION = 2
 CHANNEL_WEIGHT = 3
-COEFFICIENT_ROWS = 4
+#: What a stretch scatters, and with which density it is proposed (`engine.kernels.distances`).
+LIT_WEIGHT = 4
+PROPOSAL_WEIGHT = 5
+COEFFICIENT_ROWS = 6
 
 #: Media that a path can be in at once, Cycles' limit; further ones are as if they were not there, and counted.
 MAX_MEDIA = 32
@@ -57,6 +60,10 @@ class MediaLanes(Bundle):
     count : int32 (L + 1,)
     depth : int32 (L + 1,), scatterings by media
     crossings : int32 (L + 1,), surfaces without a shader that the path has crossed
+    is_lit : uint8 (L + 1,), whether lights have been sampled for all of the segment, so that a collision samples none
+    collision_share : float32 (L + 1,), probability with which the path collides on the segment, for MIS weights
+    next_instance : int32 (L + 1,), what the ray meets behind the segment, while the lane stands within it
+    kept_throughput : float32 (L + 1, channels), likewise
     coefficients : float32 (COEFFICIENT_ROWS, channels), scratch: sums over what a path is in, at its channels
     """
 
@@ -65,6 +72,10 @@ class MediaLanes(Bundle):
     count: Int32Array
     depth: Int32Array
     crossings: Int32Array
+    is_lit: Uint8Array
+    collision_share: Float32Array
+    next_instance: Int32Array
+    kept_throughput: Float32Array
     coefficients: Float32Array
 
 
@@ -83,5 +94,9 @@ def allocate_media_lanes(lane_count: int, channel_count: int) -> MediaLanes:
         count=np.zeros(rows, np.int32),
         depth=np.zeros(rows, np.int32),
         crossings=np.zeros(rows, np.int32),
+        is_lit=np.zeros(rows, np.uint8),
+        collision_share=np.ones(rows, np.float32),
+        next_instance=np.zeros(rows, np.int32),
+        kept_throughput=np.zeros((rows, channel_count), np.float32),
         coefficients=np.zeros((COEFFICIENT_ROWS, channel_count), np.float32),
     )

@@ -74,6 +74,7 @@ class ClockEntries(NamedTuple):
     play_roulette: int
     intersect_closest: int
     shade_lights: int
+    light_segments: int
     sample_medium: int
     prepare_surface: int
     play_adjoint_roulette: int

@@ -7,7 +7,14 @@ Runs only in scenes that have media, and behind `shade_lights`, which sees lamps
 import math
 
 from engine.kernels.constants import DISTANT, INFINITY
-from engine.kernels.media import cross_boundary, emitted_length, leave_objects, sum_coefficients, transmittance
+from engine.kernels.media import (
+    cross_boundary,
+    emitted_length,
+    leave_objects,
+    sum_coefficients,
+    transmittance,
+    weigh_channels,
+)
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission
@@ -77,13 +84,7 @@ def _collide(paths, media, lane, distance):
     """
     sums = media.coefficients
     u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
-    total = 0.0
-    for c in range(len(paths.channels)):
-        passed = transmittance(sums[EXTINCTION, c], distance)
-        albedo = sums[SCATTERING, c] / sums[EXTINCTION, c] if sums[EXTINCTION, c] > 0.0 else 0.0
-        weight = abs(paths.throughput[lane, c]) * (albedo * (1.0 - passed) + passed)
-        sums[CHANNEL_WEIGHT, c] = weight
-        total += weight
+    total, _ = weigh_channels(paths, media, lane, distance)
     if not total > 0.0:
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 0.0

@@ -33,6 +33,7 @@ from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.light_segments import leave_segments, light_segments
 from engine.wavefront.media_stacks import cross_boundaries, start_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
@@ -76,7 +77,7 @@ _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_na
 _DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
 _CATCHERS = _by_name(meet_catchers, show_background)
 _MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
-_MEDIA_SHADOWS = _by_name(attenuate_shadows)
+_MEDIA_LIGHTS = _by_name(light_segments, leave_segments, attenuate_shadows)
 _OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
 _EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
@@ -98,7 +99,7 @@ STAGES: _Stages = {
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
-    **_MEDIA, **_MEDIA_SHADOWS,
+    **_MEDIA, **_MEDIA_LIGHTS,
 }
 
 
@@ -135,7 +136,7 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
-    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
+    add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     add(_SHADOWS, plain, has_shadows)
     add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])

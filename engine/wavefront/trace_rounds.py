@@ -87,11 +87,9 @@ def _trace_shadows(stages, scene, unit, work):
 
 
 @kernel
-def _sample_lights(stages, scene, unit, guidance, work):
-    """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
+def _connect_lights(stages, scene, unit, guidance, work, is_guided):
+    """What follows once lights are chosen: evaluate, connect, trace."""
     clock = work.clock
-    stages.choose_lights(scene, unit, work, work.surface)
-    mark(clock, CLOCK.choose_lights)
     if work.programs.count[0] > 0:
         _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
         mark(clock, CLOCK.evaluate_light_shaders)
@@ -99,7 +97,7 @@ def _sample_lights(stages, scene, unit, guidance, work):
         stages.upsample_lights(scene, unit, work, work.lit)
         stages.upsample_emission(scene, work, work.light_points, work.light_closures, work.programs)
         mark(clock, CLOCK.upsample)
-    if unit.header[UNIT_IS_GUIDED] != 0:
+    if is_guided:
         stages.guide_lights(scene, unit, guidance, work, work.lit)
         mark(clock, CLOCK.guide_lights)
     stages.connect_lights(scene, unit, work, work.lit)
@@ -111,6 +109,25 @@ def _sample_lights(stages, scene, unit, guidance, work):
         stages.attenuate_shadows(scene, unit, work, work.lit)
         mark(clock, CLOCK.attenuate_shadows)
     _trace_shadows(stages, scene, unit, work)
+
+
+@kernel
+def _sample_lights(stages, scene, unit, guidance, work):
+    """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
+    stages.choose_lights(scene, unit, work, work.surface)
+    mark(work.clock, CLOCK.choose_lights)
+    _connect_lights(stages, scene, unit, guidance, work, unit.header[UNIT_IS_GUIDED] != 0)
+
+
+@kernel
+def _light_segments(stages, scene, unit, guidance, work):
+    """Next-event estimation on the segments that lie within media."""
+    stages.light_segments(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.light_segments)
+    if work.lit.count[0] > 0:
+        _connect_lights(stages, scene, unit, guidance, work, False)
+    stages.leave_segments(scene, unit, work, work.lit)
+    mark(work.clock, CLOCK.light_segments)
 
 
 @kernel
@@ -196,6 +213,8 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             stages.shade_lights(scene, unit, work, work.traced)
             mark(clock, CLOCK.shade_lights)
         if has_media:
+            if scene.header[SCENE_HAS_EMITTERS] != 0:
+                _light_segments(stages, scene, unit, guidance, work)
             stages.sample_medium(scene, unit, work, work.traced)
             mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_CATCHES] != 0:
