@@ -62,8 +62,8 @@ def add_lobes(scene, closures, media, lane):
 
 
 @kernel
-def place_collision(scene, paths, points, closures, media, lane, distance):
-    """Set up a point on a path's ray, within the media that the path is in."""
+def place_collision(paths, points, lane, distance):
+    """Set up a point on a path's ray, within media; its phase functions are `add_lobes`' business."""
     direction = load(paths.direction, lane)
     p = add(load(paths.origin, lane), scale(direction, distance))
     normal = all_around(direction)
@@ -78,4 +78,3 @@ def place_collision(scene, paths, points, closures, media, lane, distance):
     integer[lane, POINT_INSTANCE] = -1
     integer[lane, POINT_PROGRAM] = -1
     paths.offset[lane] = 0.0
-    add_lobes(scene, closures, media, lane)

@@ -17,18 +17,24 @@ import numpy as np
 
 from engine.kernels.bsdf.phase import PHASE_G, henyey_greenstein
 from engine.kernels.constants import INV_FOUR_PI, ONE_MINUS_EPSILON
-from engine.kernels.lights.segments import from_node, lit_interval, subtended_angle
-from engine.kernels.lights.tree import node_importance
+from engine.kernels.lights.segments import (
+    emission_cone,
+    emission_towards,
+    from_node,
+    lit_interval,
+    subtended_angle,
+)
 from engine.kernels.local import local_floats
 from engine.kernels.media import emitted_length
 from engine.kernels.vector import add, dot, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT
 from engine.state.lights import NODE_SPREAD
-from engine.state.media import EXTINCTION, LIT_WEIGHT, PROPOSAL_WEIGHT, SCATTERING
+from engine.state.media import EXTINCTION, PROPOSAL_WEIGHT, SCATTERING, SEEN_LENGTH
 
-#: Candidates by angle; as many by collisions. Emitters at infinity have the latter only.
-CANDIDATES = 4
+#: Candidates by angle; as many by collisions. Emitters at infinity have the latter only. More of them make the noise no
+#: less: what hides the emitter is not known to them.
+CANDIDATES = 2
 #: Mean cosines beyond which a phase function is smoothed, and the share that is the same everywhere: what resamples
 #: sees the emitter's centre only.
 _LARGEST_G = np.float32(0.8)
@@ -36,27 +42,25 @@ _EVEN_SHARE = np.float32(0.1)
 
 
 @kernel
-def equiangular_distance(across, along, length, u):
-    """Distance [m] in equal steps of the angle, from u in [0, 1); see `subtended_angle`."""
-    angle = u * subtended_angle(across, along, length)
-    sine, cosine = math.sin(angle), math.cos(angle)
+def equiangular_distance(across, along, length, sine, cosine):
+    """Distance [m] from where a segment begins, behind an angle of this sine and cosine; see `subtended_angle`."""
     distance = (along * along + across * across) * sine / max(across * cosine + along * sine, 1e-30)
     return min(max(distance, 0.0), length)
 
 
 @kernel
-def equiangular_pdf(across, along, length, distance):
-    """Density [m^-1] of `equiangular_distance`."""
+def equiangular_pdf(across, along, angle, distance):
+    """Density [m^-1] of distances in equal steps of the angle; `angle` [rad] is that of the whole segment."""
     beside = distance - along
-    return across / (subtended_angle(across, along, length) * (across * across + beside * beside))
+    return across / (angle * (across * across + beside * beside))
 
 
 @kernel
 def weigh_distances(channels, coefficients, throughput, lane, start, length):
     """Set up the densities of a stretch of media: what each channel scatters of it, and how often it proposes.
 
-    Fills rows LIT_WEIGHT and PROPOSAL_WEIGHT of `coefficients`; the density of a distance from `start` is the sum of
-    the latter over the channels, each times its transmittance.
+    Fills rows PROPOSAL_WEIGHT and SEEN_LENGTH of `coefficients`; the density of a distance from `start` is the first's
+    sum over the channels, each times its transmittance.
 
     Returns
     -------
@@ -67,10 +71,11 @@ def weigh_distances(channels, coefficients, throughput, lane, start, length):
     for c in range(len(channels)):
         extinction = coefficients[EXTINCTION, c]
         weight = abs(throughput[lane, c]) * coefficients[SCATTERING, c] * math.exp(-extinction * start)
-        coefficients[LIT_WEIGHT, c] = weight
-        total += weight * emitted_length(extinction, length)
+        coefficients[PROPOSAL_WEIGHT, c] = weight
+        coefficients[SEEN_LENGTH, c] = emitted_length(extinction, length)
+        total += weight * coefficients[SEEN_LENGTH, c]
     for c in range(len(channels)):
-        coefficients[PROPOSAL_WEIGHT, c] = coefficients[LIT_WEIGHT, c] / total if total > 0.0 else 0.0
+        coefficients[PROPOSAL_WEIGHT, c] *= 1.0 / total if total > 0.0 else 0.0
     return total
 
 
@@ -80,7 +85,7 @@ def collision_distance(channels, coefficients, length, u):
     last = len(channels) - 1
     chosen = last
     for c in range(last):
-        share = coefficients[PROPOSAL_WEIGHT, c] * emitted_length(coefficients[EXTINCTION, c], length)
+        share = coefficients[PROPOSAL_WEIGHT, c] * coefficients[SEEN_LENGTH, c]
         if chosen == last and u < share:
             chosen = c
             u = u / share
@@ -88,22 +93,40 @@ def collision_distance(channels, coefficients, length, u):
             u = u - share
     extinction = coefficients[EXTINCTION, chosen]
     if chosen == last:
-        share = coefficients[PROPOSAL_WEIGHT, last] * emitted_length(extinction, length)
+        share = coefficients[PROPOSAL_WEIGHT, last] * coefficients[SEEN_LENGTH, last]
         u = u / share if share > 0.0 else 0.0
     u = min(max(u, 0.0), ONE_MINUS_EPSILON)
     if not extinction > 0.0:
         return u * length
-    lost = extinction * emitted_length(extinction, length)
-    return min(-math.log1p(-u * lost) / extinction, length)
+    return min(-math.log1p(-u * extinction * coefficients[SEEN_LENGTH, chosen]) / extinction, length)
 
 
 @kernel
 def collision_pdf(channels, coefficients, distance):
     """Density [m^-1] of `collision_distance`."""
-    pdf = 0.0
+    return _dimmed(channels, coefficients, PROPOSAL_WEIGHT, distance, _is_grey(channels, coefficients))
+
+
+@kernel
+def _is_grey(channels, coefficients):
+    """Whether all channels have the same extinction: one exponential does for them."""
+    is_grey = True
+    for c in range(1, len(channels)):
+        is_grey = is_grey and coefficients[EXTINCTION, c] == coefficients[EXTINCTION, 0]
+    return is_grey
+
+
+@kernel
+def _dimmed(channels, coefficients, row, distance, is_grey):
+    """Sum over the channels of a row of weights, each times its transmittance."""
+    total = 0.0
+    if is_grey:
+        for c in range(len(channels)):
+            total += coefficients[row, c]
+        return total * math.exp(-coefficients[EXTINCTION, 0] * distance)
     for c in range(len(channels)):
-        pdf += coefficients[PROPOSAL_WEIGHT, c] * math.exp(-coefficients[EXTINCTION, c] * distance)
-    return pdf
+        total += coefficients[row, c] * math.exp(-coefficients[EXTINCTION, c] * distance)
+    return total
 
 
 @kernel
@@ -119,8 +142,7 @@ def _phase_towards(closures, lane, cosine):
 
 @kernel
 def choose_distance(
-    lights, closures, coefficients, throughput, lane, node, origin, direction, normal, length, dims,
-    u_candidates, u_pick,
+    lights, closures, coefficients, throughput, lane, node, origin, direction, length, fills_all, u_candidates, u_pick,
 ):
     """Draw where light of an emitter is scattered towards the start of a segment.
 
@@ -134,9 +156,7 @@ def choose_distance(
     throughput : float32 (L, C)
     node : int
         Of the emitter in the light tree, < 0: it is at infinity.
-    normal : 3-tuple
-        Towards which the light tree sees all around.
-    dims : bool
+    fills_all : bool
         The media reach to the emitter.
     u_candidates, u_pick : float32 in [0, 1)
 
@@ -151,7 +171,9 @@ def choose_distance(
     across = 1.0 + start
     along = start
     by_angle = 0
+    outer, inverse_span = start, start
     if node >= 0:
+        outer, inverse_span = emission_cone(nodes, node)
         start, end = lit_interval(nodes, node, origin, direction, length)
         if not end > start:
             return start, 0.0 * start
@@ -167,31 +189,35 @@ def choose_distance(
     count = by_angle + CANDIDATES
     places, targets, weights = local_floats(), local_floats(), local_floats()
     step = 1.0 / np.float32(CANDIDATES)
+    is_grey = _is_grey(channels, coefficients)
+    angle = subtended_angle(across, along, reach)
+    # The angle of a candidate, turned on from one to the next.
+    sine, cosine = math.sin(u_candidates * step * angle), math.cos(u_candidates * step * angle)
+    turn_sine, turn_cosine = math.sin(step * angle), math.cos(step * angle)
     total = 0.0
     for k in range(count):
         if k < by_angle:
-            place = equiangular_distance(across, along, reach, (np.float32(k) + u_candidates) * step)
+            place = equiangular_distance(across, along, reach, sine, cosine)
+            sine, cosine = sine * turn_cosine + cosine * turn_sine, cosine * turn_cosine - sine * turn_sine
         else:
             u = (np.float32(k - by_angle) + u_candidates) * step
             place = collision_distance(channels, coefficients, reach, min(u, ONE_MINUS_EPSILON))
-        pdf = np.float32(CANDIDATES) * collision_pdf(channels, coefficients, place)
-        target = 0.0 * start + 1.0
-        way = place
+        # What collides is both what is proposed and, times a constant, what the segment scatters.
+        pdf = _dimmed(channels, coefficients, PROPOSAL_WEIGHT, place, is_grey)
+        target = pdf
         if by_angle > 0:
-            pdf += np.float32(CANDIDATES) * equiangular_pdf(across, along, reach, place)
+            pdf += equiangular_pdf(across, along, angle, place)
             p = add(origin, scale(direction, start + place))
             away = from_node(nodes, node, p)
             apart = math.sqrt(max(dot(away, away), 1e-20))
-            target = node_importance(nodes, node, p, normal, True)
+            if fills_all:
+                target = _dimmed(channels, coefficients, PROPOSAL_WEIGHT, place + apart, is_grey)
+            target *= emission_towards(nodes, node, away, apart, outer, inverse_span)
             target *= _phase_towards(closures, lane, -dot(direction, away) / apart)
-            if dims:
-                way += apart
-        scattered = 0.0
-        for c in range(len(channels)):
-            scattered += coefficients[LIT_WEIGHT, c] * math.exp(-coefficients[EXTINCTION, c] * way)
+        pdf *= np.float32(CANDIDATES)
         places[k] = place
-        targets[k] = target * scattered
-        weight = targets[k] / pdf if pdf > 0.0 else 0.0
+        targets[k] = target
+        weight = target / pdf if pdf > 0.0 else 0.0
         weights[k] = weight
         total += weight
     if not total > 0.0:

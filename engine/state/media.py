@@ -25,9 +25,9 @@ EXTINCTION = 0
 SCATTERING = 1
 EMISSION = 2
 CHANNEL_WEIGHT = 3
-#: What a stretch scatters, and with which density it is proposed (`engine.kernels.distances`).
-LIT_WEIGHT = 4
-PROPOSAL_WEIGHT = 5
+#: Of the density with which distances are proposed (`engine.kernels.distances`), and the integral of the transmittance.
+PROPOSAL_WEIGHT = 4
+SEEN_LENGTH = 5
 COEFFICIENT_ROWS = 6
 
 #: Media that a path can be in at once, Cycles' limit; further ones are as if they were not there, and counted.

@@ -11,8 +11,10 @@ probability of a collision on the segment, that of light sampling has the light 
 the segment's: whoever meets a light later knows no more.
 """
 
+import numpy as np
+
 from engine.kernels.bsdf.phase import eval_phases
-from engine.kernels.collision import all_around, place_collision
+from engine.kernels.collision import add_lobes, place_collision
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
 from engine.kernels.light_sample import keep_light_sample
@@ -41,7 +43,7 @@ from engine.wavefront.columns import SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_SPLIT
 
 _ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 #: Mean free paths behind which a segment is too dim for its lights to be chosen by it.
-_DEPTHS = 4.0
+_DEPTHS = np.float32(4.0)
 
 
 @kernel
@@ -141,16 +143,15 @@ def light_segments(scene, unit, work, queue):
         emitter, pmf = pick_for_segment(lights, origin, direction, length, reach, u_light)
         if emitter < 0 or not pmf > 0.0:
             continue
-        # The closures do not depend on where; the point does, and is set up again.
-        place_collision(scene, paths, points, closures, media, lane, 0.0)
+        add_lobes(scene, closures, media, lane)
         fills_all = media.count[lane] == 1 and media.instance[lane, 0] == WORLD
         at, weight = choose_distance(
             lights, closures, media.coefficients, paths.throughput, lane, lights.emitters[emitter, EMITTER_NODE],
-            origin, direction, all_around(direction), length, fills_all, u_distance, u_candidate,
+            origin, direction, length, fills_all, u_distance, u_candidate,
         )
         if not weight > 0.0:
             continue
-        place_collision(scene, paths, points, closures, media, lane, at)
+        place_collision(paths, points, lane, at)
         p, normal, wo = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO)
         u0, u1, _, _ = sample_4d(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT_LIGHT

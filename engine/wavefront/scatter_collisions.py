@@ -8,7 +8,7 @@ import math
 
 from engine.guiding.records.vertices import MAX_VERTICES, VERTEX_SCALE, Scattering, log_vertex
 from engine.kernels.bsdf.phase import eval_phases, sample_phase
-from engine.kernels.collision import place_collision
+from engine.kernels.collision import add_lobes, place_collision
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX
@@ -57,7 +57,8 @@ def prepare_collisions(scene, unit, work, queue):
         if survival < 1.0:
             for c in range(len(paths.channels)):
                 paths.throughput[lane, c] /= survival
-        place_collision(scene, paths, points, closures, media, lane, paths.hit_distance[lane])
+        place_collision(paths, points, lane, paths.hit_distance[lane])
+        add_lobes(scene, closures, media, lane)
         guided.rough_share[lane] = 0.0
         # Where the whole segment has been lit, its light is not looked for again.
         samples.weight[lane] = 0.0 if media.is_lit[lane] != 0 else 1.0

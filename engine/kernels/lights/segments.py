@@ -36,6 +36,8 @@ LONGEST = np.float32(1e15)
 #: Cosine of a cone's half angle from which on it counts as a half-space, and sine of its normals' that this allows.
 _NEARLY_FLAT = np.float32(0.02)
 _ONE_NORMAL = np.float32(1e-3)
+#: Of an emitter's strongest light: what it may send where its cone ends.
+_LEAST_SHARE = np.float32(0.05)
 #: What an interval is widened by, as a share of its length: roots are rounded.
 _SLACK = np.float32(0.01)
 
@@ -197,6 +199,44 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
 
 
 @kernel
+def _outer_cone(nodes, k):
+    """Cosine and sine of the angle from the axis up to which node k emits; below 0 both are beyond a half turn."""
+    cos_normals, sin_normals = nodes[k, NODE_COS_NORMALS], nodes[k, NODE_SIN_NORMALS]
+    cos_emission = nodes[k, NODE_COS_EMISSION]
+    sin_emission = math.sqrt(max(0.0, 1.0 - cos_emission * cos_emission))
+    return (
+        cos_normals * cos_emission - sin_normals * sin_emission,
+        sin_normals * cos_emission + cos_normals * sin_emission,
+    )
+
+
+@kernel
+def emission_cone(nodes, k):
+    """What `emission_towards` needs to know of node k: the cosine where emission ends, and 1 over the cosines' span."""
+    cosine, sine = _outer_cone(nodes, k)
+    if sine <= 0.0:
+        return cosine, 0.0 * cosine
+    return cosine, 1.0 / max(nodes[k, NODE_COS_NORMALS] - cosine, 1e-3)
+
+
+@kernel
+def emission_towards(nodes, k, away, apart, outer, inverse_span):
+    """About what node k's emitter sends to a point, up to a constant; above 0 wherever it could send anything.
+
+    Parameters
+    ----------
+    away : 3-tuple [m], from the node's centre to the point; apart : float [m], its length, > 0
+    outer, inverse_span : float, see `emission_cone`
+    """
+    share = 1.0 + 0.0 * apart
+    if inverse_span > 0.0:
+        cosine = dot(_node_axis(nodes, k), away) / apart
+        cosine = abs(cosine) if nodes[k, NODE_TWO_SIDED] > 0.0 else cosine
+        share = min(max((cosine - outer) * inverse_span, _LEAST_SHARE), 1.0)
+    return share / (apart * apart + nodes[k, NODE_SPREAD])
+
+
+@kernel
 def _widened(start, end, length):
     """An interval that rounding has not made too narrow, within [0, length]."""
     slack = _SLACK * (min(end, length) - max(start, 0.0)) + 1e-5 * (abs(start) + min(abs(end), length))
@@ -211,11 +251,8 @@ def lit_interval(nodes, k, origin, direction, length):
     -------
     start, end : float [m], within [0, length]; start >= end: it lights nothing
     """
-    cos_normals, sin_normals = nodes[k, NODE_COS_NORMALS], nodes[k, NODE_SIN_NORMALS]
-    cos_emission = nodes[k, NODE_COS_EMISSION]
-    sin_emission = math.sqrt(max(0.0, 1.0 - cos_emission * cos_emission))
-    cosine = cos_normals * cos_emission - sin_normals * sin_emission
-    sine = sin_normals * cos_emission + cos_normals * sin_emission
+    cosine, sine = _outer_cone(nodes, k)
+    sin_normals = nodes[k, NODE_SIN_NORMALS]
     whole = 0.0 * length
     if nodes[k, NODE_TWO_SIDED] > 0.0 or sine <= 0.0 or cosine <= -_NEARLY_FLAT:
         return whole, length

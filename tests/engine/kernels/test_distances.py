@@ -7,12 +7,14 @@ Chi-square tests share a significance of 0.1%; means are compared at 4 standard 
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
 
 from engine.kernels.bsdf.phase import add_phase
-from engine.kernels.collision import all_around
 from engine.kernels.distances import (
     choose_distance,
     collision_distance,
@@ -36,7 +38,8 @@ DOWN = np.array([0.0, 0.0, -1.0])
 @kernel
 def _draw_by_angle(across, along, length, u, out):
     for i in range(u.shape[0]):
-        out[i] = equiangular_distance(across, along, length, u[i])
+        angle = u[i] * subtended_angle(across, along, length)
+        out[i] = equiangular_distance(across, along, length, math.sin(angle), math.cos(angle))
 
 
 @kernel
@@ -47,7 +50,7 @@ def _draw_collisions(channels, coefficients, length, u, out):
 
 def _p_value(samples, edges, pdf):
     """Of distances against a density [m^-1], by cells between `edges`."""
-    fine = [np.linspace(a, b, 65) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    fine = [np.linspace(a, b, 65) for a, b in itertools.pairwise(edges)]
     mass = np.array([integrate.simpson([pdf(x) for x in cell], x=cell) for cell in fine])
     assert mass.sum() == pytest.approx(1.0, rel=2e-3)
     expected = len(samples) * mass / mass.sum()
@@ -63,15 +66,19 @@ def _edges(samples, length):
 
 
 # The lamp's distance from the line, its foot on it, and the segment's length.
-@pytest.mark.parametrize("across, along, length", [(1.0, 2.0, 5.0), (0.05, 4.0, 6.0), (3.0, -8.0, 1.0), (2.0, 0.0, 4.0)])
+@pytest.mark.parametrize(
+    "across, along, length", [(1.0, 2.0, 5.0), (0.05, 4.0, 6.0), (3.0, -8.0, 1.0), (2.0, 0.0, 4.0)]
+)
 def test_distances_by_angle_follow_their_density(across, along, length):
     u = np.random.default_rng(3).random(50000).astype(np.float32)
     out = np.zeros_like(u)
     _draw_by_angle(np.float32(across), np.float32(along), np.float32(length), u, out)
     assert out.min() >= 0.0 and out.max() <= length
 
+    angle = subtended_angle(np.float32(across), np.float32(along), np.float32(length))
+
     def pdf(distance):
-        return equiangular_pdf(np.float32(across), np.float32(along), np.float32(length), np.float32(distance))
+        return equiangular_pdf(np.float32(across), np.float32(along), np.float32(angle), np.float32(distance))
 
     edges = _edges(out[:10000], length)
     assert _p_value(out[10000:], edges, pdf) > sidak(SIGNIFICANCE, 4)
@@ -152,8 +159,8 @@ def test_lights_are_chosen_for_a_segment_with_the_probability_that_is_said():
     u = (np.arange(200000, dtype=np.float64) + 0.5) / 200000
     emitters, pmfs = np.zeros(len(u), np.int64), np.zeros(len(u), np.float32)
     _pick_many(
-        lights, (np.float32(-2.0), np.float32(0.0), np.float32(0.0)), (np.float32(1.0), np.float32(0.0), np.float32(0.0)),
-        np.float32(3.0), u.astype(np.float32), emitters, pmfs,
+        lights, (np.float32(-2.0), np.float32(0.0), np.float32(0.0)),
+        (np.float32(1.0), np.float32(0.0), np.float32(0.0)), np.float32(3.0), u.astype(np.float32), emitters, pmfs,
     )  # fmt: skip
     shares = np.bincount(emitters, minlength=31) / len(u)
     said = np.zeros(31)
@@ -166,8 +173,7 @@ def test_lights_are_chosen_for_a_segment_with_the_probability_that_is_said():
 def _estimate(lights, closures, coefficients, throughput, node, origin, direction, length, fills_all, u, out):
     for i in range(u.shape[0]):
         distance, weight = choose_distance(
-            lights, closures, coefficients, throughput, 0, node, origin, direction, all_around(direction), length,
-            fills_all, u[i, 0], u[i, 1],
+            lights, closures, coefficients, throughput, 0, node, origin, direction, length, fills_all, u[i, 0], u[i, 1],
         )
         out[i, 0] = distance
         out[i, 1] = weight
