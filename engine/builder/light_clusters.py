@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
 from engine.builder.environment import EnvironmentMap
-from engine.state.lights import LINK_CHILD, LINK_COUNT, NODE_ENERGY
+from engine.state.lights import GROUP_SIZE, NODE_ENERGY
 
 #: Nodes of the cut through the light tree, about: the last one that is divided may add a few.
 CUT_SIZE = 32
@@ -21,32 +21,32 @@ CUT_SIZE = 32
 BANDS, SECTORS = 8, 16
 
 
-def choose_cut(nodes: Float32Array, links: Int32Array) -> tuple[Int32Array, Int32Array]:
+def choose_cut(nodes: Float32Array, child: Int32Array) -> tuple[Int32Array, Int32Array]:
     """Nodes of the light tree that have all emitters below them, none below two, and much the same energy.
 
     Parameters
     ----------
-    nodes : float32 (M, NODE_WIDTH); links : int32 (M, LINK_WIDTH)
+    nodes : float32 (G, NODE_WIDTH, GROUP_SIZE); child : int32 (G, GROUP_SIZE)
 
     Returns
     -------
     cut : int32 (C,), nodes
-    cluster : int32 (M,), of each node its place in `cut`, -1 for those above and below
+    cluster : int32 (GROUP_SIZE G,), of each node its place in `cut`, -1 for those above and below
     """
-    cluster = np.full(len(nodes), -1, np.int32)
+    cluster = np.full(child.size, -1, np.int32)
     if not len(nodes):
         return np.zeros(0, np.int32), cluster
     # The strongest is divided next.
-    waiting = [(-float(nodes[0, NODE_ENERGY]), 0)]
+    waiting = [(-float(nodes[0, NODE_ENERGY, 0]), 0)]
     whole: list[int] = []
     while waiting and len(waiting) + len(whole) < CUT_SIZE:
         _, node = heapq.heappop(waiting)
-        child = int(links[node, LINK_CHILD])
-        if child < 0:
+        below = int(child[divmod(node, GROUP_SIZE)])
+        if below < 0:
             whole.append(node)
             continue
-        for k in range(child, child + int(links[node, LINK_COUNT])):
-            heapq.heappush(waiting, (-float(nodes[k, NODE_ENERGY]), k))
+        for k in np.flatnonzero(child[below]).tolist():
+            heapq.heappush(waiting, (-float(nodes[below, NODE_ENERGY, k]), GROUP_SIZE * below + k))
     cut = np.array(sorted(whole + [node for _, node in waiting]), np.int32)
     cluster[cut] = np.arange(len(cut))
     return cut, cluster

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Building the light tree: a binary tree over local emitters with bounds on where and how strongly they shine.
+"""Building the light tree over local emitters: groups of eight nodes with bounds on where and how strongly they shine.
 
-Splits are chosen by the surface area orientation heuristic over binned centroids until few emitters are left, which
-then become the children of one node: choosing among eight costs about as much as three more levels, and is done by what
-each emitter can do rather than by bounds. Bounds are merged bottom-up. Nodes know their parent, so the probability of
-an emitter is found by walking up from its leaf.
+A group's emitters are divided in two until there are eight parts, the strongest and widest part first, each by the
+surface area orientation heuristic over binned centroids. Parts of several emitters get a group of their own. Bounds are
+merged bottom-up. Groups know the node above them, so the probability of an emitter is found by walking up from its
+leaf.
 
 References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting", section 4;
 two-sided cones as in PBRT-4, section 12.6.3.
@@ -17,13 +17,9 @@ import math
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.kernels.local import LOCAL_COUNT
 from engine.runtime.jit import kernel
 from engine.state.lights import (
-    LINK_CHILD,
-    LINK_COUNT,
-    LINK_PARENT,
-    LINK_WIDTH,
+    GROUP_SIZE,
     NODE_AXIS,
     NODE_CENTER,
     NODE_COS_EMISSION,
@@ -51,8 +47,6 @@ BOUNDS_RADIUS_SQUARED = 14
 BOUNDS_WIDTH = 16
 
 _BIN_COUNT = 12
-#: Most emitters below a node that is not split further.
-_GROUP_SIZE = LOCAL_COUNT
 
 
 @kernel
@@ -188,56 +182,93 @@ def _partition(centers, order, start, end, axis, position):
 
 
 @kernel
-def _build_topology(bounds, centers, links, leaf_of_emitter, order, stack, bins):
-    """Top-down splitting; returns the number of nodes. Children have higher numbers than their parent."""
-    emitter_count = bounds.shape[0]
-    links[0, LINK_PARENT] = -1
-    if emitter_count == 1:
-        links[0, LINK_CHILD] = ~0
+def _weight_of(bounds, order, start, end):
+    """Energy times the diagonal of the box of `order[start:end]`; 0 for a single emitter."""
+    if end - start < 2:
+        return 0.0 * bounds[order[start], BOUNDS_ENERGY]
+    energy = 0.0
+    squared = 0.0
+    for c in range(3):
+        lower = 3.0e38
+        upper = -3.0e38
+        for i in range(start, end):
+            lower = min(lower, bounds[order[i], BOUNDS_LOWER + c])
+            upper = max(upper, bounds[order[i], BOUNDS_UPPER + c])
+        squared += (upper - lower) * (upper - lower)
+    for i in range(start, end):
+        energy += bounds[order[i], BOUNDS_ENERGY]
+    return energy * math.sqrt(squared)
+
+
+@kernel
+def _next_part(part, weight, count):
+    """The part to be divided next, -1 = none: the strongest and widest of those too large for a group, then of all."""
+    chosen = -1
+    for k in range(count):
+        size = part[k, 1] - part[k, 0]
+        if size < 2:
+            continue
+        if chosen >= 0:
+            is_large = size > GROUP_SIZE
+            best_is_large = part[chosen, 1] - part[chosen, 0] > GROUP_SIZE
+            if is_large < best_is_large or (is_large == best_is_large and weight[k] <= weight[chosen]):
+                continue
+        chosen = k
+    return chosen
+
+
+@kernel
+def _build_topology(bounds, centers, child, parent, leaf_of_emitter, order, span, part, weight, bins):
+    """Divide emitters into groups, from the top; returns the number of groups. Lower groups have higher numbers."""
+    span[1, 0] = 0
+    span[1, 1] = bounds.shape[0]
+    child[0, 0] = 1
+    parent[0] = -1
+    parent[1] = 0
+    group_count = 2
+    if bounds.shape[0] == 1:
+        child[0, 0] = ~0
         leaf_of_emitter[0] = 0
         return 1
-    node_count = 1
-    stack[0, 0] = 0
-    stack[0, 1] = 0
-    stack[0, 2] = emitter_count
-    depth = 1
-    while depth > 0:
-        depth -= 1
-        node = stack[depth, 0]
-        start = stack[depth, 1]
-        end = stack[depth, 2]
-        links[node, LINK_CHILD] = node_count
-        if end - start <= _GROUP_SIZE:
-            links[node, LINK_COUNT] = end - start
-            for i in range(start, end):
-                links[node_count, LINK_PARENT] = node
-                links[node_count, LINK_CHILD] = ~order[i]
-                leaf_of_emitter[order[i]] = node_count
-                node_count += 1
-            continue
-        axis, position = _choose_split(bounds, centers, order, start, end, bins)
-        middle = start
-        if axis >= 0:
-            middle = _partition(centers, order, start, end, axis, position)
-        # Emitters in one place, or a stack that fills up (splits far off balance): halve by number.
-        if middle == start or middle == end or depth > stack.shape[0] - 64:
-            middle = (start + end) // 2
-        links[node, LINK_COUNT] = 2
-        links[node_count, LINK_PARENT] = node
-        links[node_count + 1, LINK_PARENT] = node
-        for side in range(2):
-            first = start if side == 0 else middle
-            last = middle if side == 0 else end
-            if last - first == 1:
-                links[node_count + side, LINK_CHILD] = ~order[first]
-                leaf_of_emitter[order[first]] = node_count + side
-            else:
-                stack[depth, 0] = node_count + side
-                stack[depth, 1] = first
-                stack[depth, 2] = last
-                depth += 1
-        node_count += 2
-    return node_count
+    group = 1
+    while group < group_count:
+        part[0, 0] = span[group, 0]
+        part[0, 1] = span[group, 1]
+        weight[0] = 0.0
+        count = 1
+        while count < GROUP_SIZE:
+            k = _next_part(part, weight, count)
+            if k < 0:
+                break
+            start = part[k, 0]
+            end = part[k, 1]
+            axis, position = _choose_split(bounds, centers, order, start, end, bins)
+            middle = start
+            if axis >= 0:
+                middle = _partition(centers, order, start, end, axis, position)
+            if middle == start or middle == end:
+                # Emitters in one place: halve by number.
+                middle = (start + end) // 2
+            part[k, 1] = middle
+            part[count, 0] = middle
+            part[count, 1] = end
+            weight[k] = _weight_of(bounds, order, start, middle)
+            weight[count] = _weight_of(bounds, order, middle, end)
+            count += 1
+        for k in range(count):
+            node = GROUP_SIZE * group + k
+            if part[k, 1] - part[k, 0] == 1:
+                emitter = order[part[k, 0]]
+                child[group, k] = ~emitter
+                leaf_of_emitter[emitter] = node
+                continue
+            child[group, k] = group_count
+            parent[group_count] = node
+            span[group_count, 0] = part[k, 0]
+            span[group_count, 1] = part[k, 1]
+            group_count += 1
+        group += 1
+    return group_count
 
 
 @kernel(float64_literals=True)
@@ -288,13 +319,17 @@ def _merge_cones(cones, a, b):
 
 
 @kernel(float64_literals=True)
-def _fill_nodes(bounds, links, nodes, boxes, cones, node_count):
-    """Bounds of all nodes, children (which have higher numbers) before parents."""
-    for node in range(node_count - 1, -1, -1):
-        child = links[node, LINK_CHILD]
+def _fill_nodes(bounds, child, nodes, boxes, cones, group_count):
+    """Bounds of all nodes, lower groups (which have higher numbers) before those above."""
+    for node in range(GROUP_SIZE * group_count - 1, -1, -1):
+        group = node // GROUP_SIZE
+        k = node % GROUP_SIZE
+        below = child[group, k]
+        if below == 0:
+            continue
         radius_squared = 0.0
-        if child < 0:
-            e = ~child
+        if below < 0:
+            e = ~below
             for c in range(6):
                 boxes[node, c] = bounds[e, BOUNDS_LOWER + c]
             for c in range(3):
@@ -306,44 +341,45 @@ def _fill_nodes(bounds, links, nodes, boxes, cones, node_count):
             spread = np.float64(bounds[e, BOUNDS_SPREAD])
             radius_squared = np.float64(bounds[e, BOUNDS_RADIUS_SQUARED])
         else:
-            last = child + links[node, LINK_COUNT]
-            energy = 0.0
-            for k in range(child, last):
-                energy += nodes[k, NODE_ENERGY]
+            first = GROUP_SIZE * below
+            energy = np.float64(nodes[below, NODE_ENERGY, 0])
             for c in range(6):
-                boxes[node, c] = boxes[child, c]
-                cones[node, c] = cones[child, c]
-            for k in range(child + 1, last):
+                boxes[node, c] = boxes[first, c]
+                cones[node, c] = cones[first, c]
+            for i in range(1, GROUP_SIZE):
+                if child[below, i] == 0:
+                    break
+                energy += nodes[below, NODE_ENERGY, i]
                 for c in range(3):
-                    boxes[node, c] = min(boxes[node, c], boxes[k, c])
-                    boxes[node, c + 3] = max(boxes[node, c + 3], boxes[k, c + 3])
-                _merge_cones(cones, node, k)
+                    boxes[node, c] = min(boxes[node, c], boxes[first + i, c])
+                    boxes[node, c + 3] = max(boxes[node, c + 3], boxes[first + i, c + 3])
+                _merge_cones(cones, node, first + i)
             spread = 0.0
-            for k in range(child, last):
+            for i in range(GROUP_SIZE):
                 squared = 0.0
                 for c in range(3):
-                    offset = nodes[k, NODE_CENTER + c] - 0.5 * (boxes[node, c] + boxes[node, c + 3])
+                    offset = nodes[below, NODE_CENTER + c, i] - 0.5 * (boxes[node, c] + boxes[node, c + 3])
                     squared += offset * offset
-                spread += nodes[k, NODE_ENERGY] * (squared + nodes[k, NODE_SPREAD])
+                spread += nodes[below, NODE_ENERGY, i] * (squared + nodes[below, NODE_SPREAD, i])
             if energy > 0.0:
                 spread /= energy
         diagonal = 0.0
         for c in range(3):
             half = 0.5 * (boxes[node, c + 3] - boxes[node, c])
-            nodes[node, NODE_CENTER + c] = 0.5 * (boxes[node, c + 3] + boxes[node, c])
-            nodes[node, NODE_HALF_SIZE + c] = half
+            nodes[group, NODE_CENTER + c, k] = 0.5 * (boxes[node, c + 3] + boxes[node, c])
+            nodes[group, NODE_HALF_SIZE + c, k] = half
             diagonal += half * half
-            nodes[node, NODE_AXIS + c] = cones[node, c]
-        nodes[node, NODE_RADIUS] = math.sqrt(radius_squared if radius_squared > 0.0 else diagonal)
-        nodes[node, NODE_ENERGY] = energy
-        nodes[node, NODE_COS_NORMALS] = math.cos(cones[node, 3])
-        nodes[node, NODE_SIN_NORMALS] = math.sin(cones[node, 3])
-        nodes[node, NODE_COS_EMISSION] = math.cos(min(math.pi, cones[node, 4]))
-        nodes[node, NODE_TWO_SIDED] = cones[node, 5]
-        nodes[node, NODE_SPREAD] = spread
+            nodes[group, NODE_AXIS + c, k] = cones[node, c]
+        nodes[group, NODE_RADIUS, k] = math.sqrt(radius_squared if radius_squared > 0.0 else diagonal)
+        nodes[group, NODE_ENERGY, k] = energy
+        nodes[group, NODE_COS_NORMALS, k] = math.cos(cones[node, 3])
+        nodes[group, NODE_SIN_NORMALS, k] = math.sin(cones[node, 3])
+        nodes[group, NODE_COS_EMISSION, k] = math.cos(min(math.pi, cones[node, 4]))
+        nodes[group, NODE_TWO_SIDED, k] = cones[node, 5]
+        nodes[group, NODE_SPREAD, k] = spread
 
 
-def build_tree(bounds: Float32Array) -> tuple[Float32Array, Int32Array, Int32Array]:
+def build_tree(bounds: Float32Array) -> tuple[Float32Array, Int32Array, Int32Array, Int32Array]:
     """Light tree over emitters given by their bounds.
 
     Parameters
@@ -353,23 +389,29 @@ def build_tree(bounds: Float32Array) -> tuple[Float32Array, Int32Array, Int32Arr
 
     Returns
     -------
-    nodes : float32 (M, NODE_WIDTH)
-    links : int32 (M, LINK_WIDTH)
+    nodes : float32 (G, NODE_WIDTH, GROUP_SIZE); child : int32 (G, GROUP_SIZE); parent : int32 (G,)
+        As in `LightArrays`. G is 0 for N = 0.
     leaf_of_emitter : int32 (N,)
-        M is 0 for N = 0.
+        Its node.
     """
     count = len(bounds)
     leaf_of_emitter = np.zeros(count, np.int32)
+    # A group divides at least two emitters, but for the first, which holds the root.
+    most = count + 1 if count else 0
+    child = np.zeros((most, GROUP_SIZE), np.int32)
+    parent = np.zeros(most, np.int32)
     if count == 0:
-        return np.zeros((0, NODE_WIDTH), np.float32), np.zeros((0, LINK_WIDTH), np.int32), leaf_of_emitter
-    links = np.zeros((2 * count, LINK_WIDTH), np.int32)
+        return np.zeros((0, NODE_WIDTH, GROUP_SIZE), np.float32), child, parent, leaf_of_emitter
     centers = np.ascontiguousarray(0.5 * (bounds[:, 0:3] + bounds[:, 3:6]))
     order = np.arange(count, dtype=np.int32)
-    stack = np.zeros((4096, 3), np.int64)
+    span = np.zeros((most, 2), np.int64)
+    part = np.zeros((GROUP_SIZE, 2), np.int64)
     bins = np.zeros((3, _BIN_COUNT + 2, 12), np.float32)
-    node_count = _build_topology(bounds, centers, links, leaf_of_emitter, order, stack, bins)
-    nodes = np.zeros((node_count, NODE_WIDTH), np.float32)
-    boxes = np.zeros((node_count, 6), np.float32)
-    cones = np.zeros((node_count, 6), np.float64)
-    _fill_nodes(bounds, links, nodes, boxes, cones, node_count)
-    return nodes, np.ascontiguousarray(links[:node_count]), leaf_of_emitter
+    group_count = _build_topology(
+        bounds, centers, child, parent, leaf_of_emitter, order, span, part, np.zeros(GROUP_SIZE, np.float32), bins
+    )
+    nodes = np.zeros((group_count, NODE_WIDTH, GROUP_SIZE), np.float32)
+    boxes = np.zeros((group_count * GROUP_SIZE, 6), np.float32)
+    cones = np.zeros((group_count * GROUP_SIZE, 6), np.float64)
+    _fill_nodes(bounds, child, nodes, boxes, cones, group_count)
+    return nodes, child[:group_count].copy(), parent[:group_count].copy(), leaf_of_emitter

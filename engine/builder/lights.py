@@ -62,7 +62,7 @@ def build_lights(
         )  # fmt: skip
 
     bounds = np.concatenate([triangles.bounds, *(lamp.bounds[None] for lamp in local_lamps)])
-    nodes, links, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
+    nodes, child, parent, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
     emitters[: len(leaf), la.EMITTER_NODE] = leaf
 
     distant = np.zeros((len(suns) + has_background, la.DISTANT_WIDTH), np.float32)
@@ -84,7 +84,7 @@ def build_lights(
     # Where scattering finds other light than sampling does, each has to find all of its own.
     if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
         compensated = empty_map()
-    cut, node_cluster = choose_cut(nodes, links)
+    cut, node_cluster = choose_cut(nodes, child)
     bands, sectors, patches, patch_share = divide_map(environment)
 
     order = np.array([lamp.order for lamp in lamps], np.int64)
@@ -115,7 +115,8 @@ def build_lights(
     return LightArrays(
         header=header,
         nodes=nodes,
-        links=links,
+        child=child,
+        parent=parent,
         distant=distant,
         emitters=emitters,
         triangles=triangles.rows,

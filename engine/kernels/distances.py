@@ -29,7 +29,7 @@ from engine.kernels.media import emitted_length
 from engine.kernels.vector import add, dot, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT
-from engine.state.lights import NODE_SPREAD
+from engine.state.lights import GROUP_SIZE, NODE_SPREAD
 from engine.state.media import EXTINCTION, PROPOSAL_WEIGHT, SCATTERING, SEEN_LENGTH
 
 #: Candidates by angle; as many by collisions. Emitters at infinity have the latter only. More of them make the noise no
@@ -179,7 +179,8 @@ def choose_distance(
             return start, 0.0 * start
         offset = from_node(nodes, node, origin)
         along = -dot(offset, direction)
-        across = math.sqrt(max(dot(offset, offset) - along * along, 0.0) + nodes[node, NODE_SPREAD])
+        spread = nodes[node // GROUP_SIZE, NODE_SPREAD, node % GROUP_SIZE]
+        across = math.sqrt(max(dot(offset, offset) - along * along, 0.0) + spread)
         across = max(across, 1e-6 * (abs(along) + 1e-3))
         along -= start
         by_angle = CANDIDATES

@@ -25,7 +25,13 @@ LIGHT_SUN = 4
 LIGHT_BACKGROUND = 5
 
 # ---------------------------------------------------------------------------------------------------------------------
-# LightArrays.nodes (float32, one cache line): what lies below a node of the light tree.
+# The light tree: groups of nodes. Node k of group g has the number GROUP_SIZE g + k; the root is node 0, alone in its
+# group.
+
+#: Nodes that are chosen among at once: as many as there are floats in a vector register.
+GROUP_SIZE = 8
+
+# Columns of LightArrays.nodes (float32): what lies below a node.
 
 NODE_CENTER = 0
 NODE_RADIUS = 3
@@ -44,13 +50,6 @@ NODE_TWO_SIDED = 14
 NODE_SPREAD = 15
 NODE_WIDTH = 16
 
-# LightArrays.links (int32)
-LINK_PARENT = 0
-#: Children are the rows [LINK_CHILD, LINK_CHILD + LINK_COUNT); ~emitter for a leaf.
-LINK_CHILD = 1
-LINK_COUNT = 2
-LINK_WIDTH = 4
-
 # LightArrays.distant (float32): emitters at infinity.
 DISTANT_DIRECTION = 0  # towards the light
 DISTANT_COS = 3  # of the half angle it is seen under; -1 for the background
@@ -68,7 +67,7 @@ EMITTER_TRIANGLE = 3
 #: Program to evaluate for the emission, -1: the radiance is constant and known.
 EMITTER_PROGRAM = 4
 EMITTER_FLAGS = 5
-#: Its leaf in `nodes`, or ~row of `distant`.
+#: Its node, or ~row of `distant`.
 EMITTER_NODE = 6
 EMITTER_VISIBILITY = 7
 EMITTER_WIDTH = 8
@@ -188,7 +187,9 @@ class LightArrays(Bundle):
     """All emitters, the tree over them and their shapes.
 
     header : int32 (HEADER_WIDTH,)
-    nodes : float32 (M, NODE_WIDTH); links : int32 (M, LINK_WIDTH); M = 0 without local emitters
+    nodes : float32 (G, NODE_WIDTH, GROUP_SIZE), by group, zeros where there is no node; G = 0 without local emitters
+    child : int32 (G, GROUP_SIZE), group below a node; ~emitter for a leaf, 0 where there is no node
+    parent : int32 (G,), node above a group; -1 above the root
     distant : float32 (D, DISTANT_WIDTH)
     emitters : int32 (E, EMITTER_WIDTH)
     triangles : float32 (T, TRIANGLE_WIDTH)
@@ -204,7 +205,7 @@ class LightArrays(Bundle):
     compensated_marginal, compensated_conditional, compensated_guide : the same of what is brighter than the mean, for
         receivers that find the rest by scattering (`engine.kernels.lights.finds_all`); H = 0: the same map
     map_patches : float32 (P, B + 1), cumulative probability of the rows within a patch; B rows in the highest band
-    node_cluster : int32 (M,), cluster of the nodes in the cut, -1 elsewhere
+    node_cluster : int32 (GROUP_SIZE G,), cluster of the nodes in the cut, -1 elsewhere
     cluster_node : int32 (HEADER_CUT,), nodes of the cut
     cluster_share : float32 (clusters,), probability of a patch within the map; 1 of all other clusters
     selection : LightSelection, what has been learned about them
@@ -215,7 +216,8 @@ class LightArrays(Bundle):
 
     header: Int32Array
     nodes: Float32Array
-    links: Int32Array
+    child: Int32Array
+    parent: Int32Array
     distant: Float32Array
     emitters: Int32Array
     triangles: Float32Array

@@ -79,20 +79,20 @@ def _stand(scene, work, lane, distance, weight):
 
 
 @kernel
-def _share_of_scattering(lights, media, lane, sample, pmf, p, normal):
+def _share_of_scattering(lights, collision_share, sample, p, normal):
     """Factor on the density of the phase functions in the MIS weight of a light sample; see the module.
 
     0 where nothing but light sampling finds the light, -1 where it is left to scattering.
     """
-    if not sample[16]:
+    pdf, pmf, emitter, kind, wi, _, _, _, _, _, _, _, _, _, _, _, _, use_mis, _ = sample
+    if not use_mis:
         return 0.0 * pmf
-    emitter = sample[1]
     row = selection_row(lights, p)
-    if sample[2] == LIGHT_BACKGROUND and row >= 0:
-        known = background_pdf(lights, p, normal, True, False, sample[3])
+    if kind == LIGHT_BACKGROUND and row >= 0:
+        known = background_pdf(lights, p, normal, True, False, wi)
     else:
-        known = sample[0] / pmf * emitter_pmf(lights, row, emitter, p, normal, True)
-    return media.collision_share[lane] * sample[0] / known if known > 0.0 else -1.0 + 0.0 * known
+        known = pdf / pmf * emitter_pmf(lights, row, emitter, p, normal, True)
+    return collision_share * pdf / known if known > 0.0 else -1.0 + 0.0 * known
 
 
 @kernel
@@ -159,16 +159,16 @@ def light_segments(scene, unit, work, queue):
         sample = sample_emitter(
             lights, geometry, emitter, pmf, -1, p, normal, True, False, paths.time[lane], u0, u1
         )
-        if not sample[0] > 0.0 or paths.depth[lane] > sample[15] or not sample[13] & RAY_VOLUME:
+        pdf, _, _, _, wi, _, _, _, _, _, instance, _, _, _, visibility, _, max_bounces, _, _ = sample
+        if not pdf > 0.0 or paths.depth[lane] > max_bounces or not visibility & RAY_VOLUME:
             continue
-        instance = sample[9]
         if follows and instance >= 0:
             if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
                 continue
-        scattering_share = _share_of_scattering(lights, media, lane, sample, pmf, p, normal)
+        scattering_share = _share_of_scattering(lights, share, sample, p, normal)
         if scattering_share < 0.0:
             continue
-        phase_pdf = eval_phases(closures, lane, wo, sample[3], f_cos, lane)
+        phase_pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
         if not _largest(paths.channels, f_cos, lane) > 0.0:
             continue
         samples.weight[lane] = 1.0

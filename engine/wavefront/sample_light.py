@@ -75,10 +75,13 @@ def choose_lights(scene, unit, work, queue):
         has_transmission = (bits & HAS_TRANSMISSION) != 0
         leaves_dim = finds_all(lights, closures, lane, ng)
         sample = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
-        pdf, emitter, wi = sample[0], sample[1], sample[3]
-        instance, triangle, visibility, max_bounces = sample[9], sample[10], sample[13], sample[15]
+        (
+            pdf, pmf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _,
+        ) = sample  # fmt: skip
         if is_recorded and pdf > 0.0:
-            cluster, cluster_pmf, tree_pmf = cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi)
+            cluster, cluster_pmf, tree_pmf = cluster_choice(
+                lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
+            )
             samples.cluster[lane] = cluster
             samples.cluster_pmf[lane] = cluster_pmf
             samples.tree_pmf[lane] = tree_pmf

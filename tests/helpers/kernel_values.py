@@ -127,6 +127,10 @@ def values() -> dict[str, np.ndarray]:
         found[f"{name} light"] = samples
         directions = samples[:, light_probe.WI : light_probe.WI + 3]
         found[f"{name} density"] = light_probe.hit_pdf(lights, (0.1, 0.2, 0.0), (0.0, 0.0, 1.0), directions)
+    places = np.random.default_rng(3).uniform(-8.0, 8.0, (30, 3))
+    lights, _ = light_probe.build(light_probe.make_description([light_probe.lamp("AREA", place) for place in places]))
+    receivers = np.random.default_rng(4).uniform(-8.0, 8.0, (20, 3))
+    found["light tree"] = light_probe.pmfs(lights, receivers, np.tile((0.0, 0.6, 0.8), (len(receivers), 1)))
     description, info = light_probe.emissive_scene(
         [(-1, -1, 2), (1, -1, 2), (0, 1, 2.5), (5, 5, 1)], [(0, 1, 2), (1, 3, 2)], emission=(2.0, 1.0, 0.5)
     )

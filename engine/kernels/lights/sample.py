@@ -19,7 +19,14 @@ from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_a
 from engine.kernels.lights.background import map_pdf, patch_of, patch_pdf, sample_map, sample_patch
 from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
-from engine.kernels.lights.tree import cluster_pmf, emitter_pmf, pick_emitter, selection_row, tree_choice
+from engine.kernels.lights.tree import (
+    cluster_of,
+    cluster_pmf,
+    emitter_pmf,
+    pick_emitter,
+    selection_row,
+    tree_choice,
+)
 from engine.kernels.lights.triangle import emissive_triangle, sample_triangle, triangle_pdf
 from engine.kernels.vector import add, cross, dot, length, scale, subtract
 from engine.runtime.jit import kernel
@@ -101,6 +108,7 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     Returns
     -------
     pdf : float [sr^-1], 0 = no sample
+    pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
     emitter, kind : int, row of `lights.emitters` and LIGHT_*
     wi : unit direction towards the light
     distance : float, DISTANT for suns and the background
@@ -225,6 +233,7 @@ def sample_emitter(
             )
     return (
         pdf * pmf,
+        pmf,
         emitter,
         kind,
         wi,
@@ -290,8 +299,8 @@ def background_pdf(lights, p, n, has_transmission, leaves_dim, direction):
 
 
 @kernel
-def cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi):
-    """The cluster of a light sample, and how likely it was chosen.
+def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi):
+    """The cluster of a light sample, and how likely it was chosen; `emitter` and `pmf` as `sample_light` said.
 
     Where the background's dim parts are left to scattering, its density within a patch is another one: probabilities
     are then such that they give, times the density of the whole map within the patch, the density of the direction.
@@ -312,12 +321,13 @@ def cluster_choice(lights, emitter, p, n, has_transmission, leaves_dim, wi):
             whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
             part = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi)
             ratio = part / whole if whole > 0.0 else 0.0 * whole
-    cluster, tree_pmf = tree_choice(lights, emitter, patch, p, n, has_transmission)
-    tree_pmf *= ratio
     row = selection_row(lights, p)
-    if row >= 0 and cluster >= 0:
-        return cluster, cluster_pmf(lights, row, cluster), tree_pmf
-    return cluster, tree_pmf, tree_pmf
+    cluster, chosen_pmf = cluster_of(lights, emitter, patch, pmf, p, n, has_transmission)
+    if row < 0:
+        chosen_pmf *= ratio
+        return cluster, chosen_pmf, chosen_pmf
+    tree_pmf = ratio * tree_choice(lights, emitter, cluster, p, n, has_transmission)
+    return cluster, cluster_pmf(lights, row, cluster), tree_pmf
 
 
 @kernel

@@ -18,8 +18,7 @@ from engine.runtime.jit import kernel
 from engine.state.lights import (
     DISTANT_EMITTER,
     DISTANT_ENERGY,
-    LINK_CHILD,
-    LINK_COUNT,
+    GROUP_SIZE,
     NODE_AXIS,
     NODE_CENTER,
     NODE_COS_EMISSION,
@@ -43,14 +42,16 @@ _SLACK = np.float32(0.01)
 
 
 @kernel
-def from_node(nodes, k, p):
+def from_node(nodes, node, p):
     """From the centre of a node to p."""
-    return (p[0] - nodes[k, NODE_CENTER], p[1] - nodes[k, NODE_CENTER + 1], p[2] - nodes[k, NODE_CENTER + 2])
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    return (p[0] - nodes[g, NODE_CENTER, k], p[1] - nodes[g, NODE_CENTER + 1, k], p[2] - nodes[g, NODE_CENTER + 2, k])
 
 
 @kernel
-def _node_axis(nodes, k):
-    return (nodes[k, NODE_AXIS], nodes[k, NODE_AXIS + 1], nodes[k, NODE_AXIS + 2])
+def _node_axis(nodes, node):
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    return (nodes[g, NODE_AXIS, k], nodes[g, NODE_AXIS + 1, k], nodes[g, NODE_AXIS + 2, k])
 
 
 @kernel
@@ -69,8 +70,8 @@ def subtended_angle(across, along, length):
 
 
 @kernel(forceinline=True)
-def segment_importance(nodes, k, origin, direction, length, reach):
-    """Irradiance that node k may cause, integrated along a segment, up to a constant; 0 only where it causes none.
+def segment_importance(nodes, node, origin, direction, length, reach):
+    """Irradiance that a node may cause, integrated along a segment, up to a constant; 0 only where it causes none.
 
     Distances are those of the node's energy, as in `node_importance`, integrated without a cosine; emission is that
     of the most favourable point of the segment and of the node's bounding sphere.
@@ -81,14 +82,15 @@ def segment_importance(nodes, k, origin, direction, length, reach):
     length : float [m], at most `LONGEST`
     reach : float [m], at most `length`: what lies beyond is too dim to matter
     """
-    start = from_node(nodes, k, origin)
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    start = from_node(nodes, node, origin)
     along = -dot(start, direction)
     squared = dot(start, start)
-    across = math.sqrt(max(squared - along * along, 0.0) + nodes[k, NODE_SPREAD] + 1e-20)
-    importance = nodes[k, NODE_ENERGY] * subtended_angle(across, along, reach) / across
+    across = math.sqrt(max(squared - along * along, 0.0) + nodes[g, NODE_SPREAD, k] + 1e-20)
+    importance = nodes[g, NODE_ENERGY, k] * subtended_angle(across, along, reach) / across
 
     # The cosine of the axis and a point of the line has one extremum.
-    axis = _node_axis(nodes, k)
+    axis = _node_axis(nodes, node)
     at_start = dot(axis, start)
     slope = dot(axis, direction)
     denominator = at_start + slope * along
@@ -101,23 +103,23 @@ def segment_importance(nodes, k, origin, direction, length, reach):
         at = squared + t * (t - 2.0 * along)
         closest = min(closest, at)
         projected = at_start + slope * t
-        projected = abs(projected) if nodes[k, NODE_TWO_SIDED] > 0.0 else projected
+        projected = abs(projected) if nodes[g, NODE_TWO_SIDED, k] > 0.0 else projected
         cosine = max(cosine, projected / math.sqrt(max(at, 1e-30)))
     t = min(max(along, 0.0), length)
     closest = min(closest, squared + t * (t - 2.0 * along))
     cosine = min(cosine, 1.0)
-    radius = nodes[k, NODE_RADIUS]
+    radius = nodes[g, NODE_RADIUS, k]
     if closest <= radius * radius * 1.0001:
         return importance
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     sine_around = radius / math.sqrt(closest)
     cosine_around = math.sqrt(max(0.0, 1.0 - sine_around * sine_around))
     nearest = cosine * cosine_around + sine * sine_around
-    if cosine >= cosine_around or nearest >= nodes[k, NODE_COS_NORMALS]:
+    if cosine >= cosine_around or nearest >= nodes[g, NODE_COS_NORMALS, k]:
         return importance
     nearest_sine = sine * cosine_around - cosine * sine_around
-    emitted = nearest * nodes[k, NODE_COS_NORMALS] + nearest_sine * nodes[k, NODE_SIN_NORMALS]
-    return importance * max(emitted, 0.0) if emitted > nodes[k, NODE_COS_EMISSION] else 0.0
+    emitted = nearest * nodes[g, NODE_COS_NORMALS, k] + nearest_sine * nodes[g, NODE_SIN_NORMALS, k]
+    return importance * max(emitted, 0.0) if emitted > nodes[g, NODE_COS_EMISSION, k] else 0.0
 
 
 @kernel
@@ -137,13 +139,12 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
     emitter : int, -1 where none can contribute
     pmf : float, its probability
     """
-    nodes, links, distant = lights.nodes, lights.links, lights.distant
-    node = np.int64(0)
+    nodes, children, distant = lights.nodes, lights.child, lights.distant
     pmf = 0.0 * u + 1.0
     if distant.shape[0] > 0:
         local = 0.0 * u
         if nodes.shape[0] > 0:
-            local = segment_importance(nodes, node, origin, direction, length, reach)
+            local = segment_importance(nodes, np.int64(0), origin, direction, length, reach)
         total = local
         for k in range(distant.shape[0]):
             total += _distant_importance(distant, k, length, reach)
@@ -170,39 +171,40 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
     elif nodes.shape[0] == 0:
         return np.int64(-1), 0.0 * pmf
     importances = local_floats()
-    child = np.int64(links[node, LINK_CHILD])
-    while child >= 0:
-        count = links[node, LINK_COUNT]
+    group = np.int64(children[0, 0])
+    while group >= 0:
         below = 0.0 * pmf
-        for k in range(count):
-            importance = segment_importance(nodes, child + k, origin, direction, length, reach)
+        for k in range(GROUP_SIZE):
+            importance = segment_importance(nodes, GROUP_SIZE * group + k, origin, direction, length, reach)
             importances[k] = importance
             below += importance
         if not below > 0.0:
             return np.int64(-1), below
         # The last that counts and begins at or before the target, so that rounding always leaves one.
         target = u * below
+        chosen = np.int64(0)
         begin = 0.0 * pmf
         mine = begin
         reached = begin
-        for k in range(count):
+        for k in range(GROUP_SIZE):
             importance = importances[k]
             if importance > 0.0 and reached <= target:
-                node = child + k
+                chosen = k
                 begin = reached
                 mine = importance
             reached += importance
         u = min((target - begin) / mine, ONE_MINUS_EPSILON)
         pmf *= mine / below
-        child = np.int64(links[node, LINK_CHILD])
-    return ~child, pmf
+        group = np.int64(children[group, chosen])
+    return ~group, pmf
 
 
 @kernel
-def _outer_cone(nodes, k):
-    """Cosine and sine of the angle from the axis up to which node k emits; below 0 both are beyond a half turn."""
-    cos_normals, sin_normals = nodes[k, NODE_COS_NORMALS], nodes[k, NODE_SIN_NORMALS]
-    cos_emission = nodes[k, NODE_COS_EMISSION]
+def _outer_cone(nodes, node):
+    """Cosine and sine of the angle from the axis up to which a node emits; below 0 both are beyond a half turn."""
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    cos_normals, sin_normals = nodes[g, NODE_COS_NORMALS, k], nodes[g, NODE_SIN_NORMALS, k]
+    cos_emission = nodes[g, NODE_COS_EMISSION, k]
     sin_emission = math.sqrt(max(0.0, 1.0 - cos_emission * cos_emission))
     return (
         cos_normals * cos_emission - sin_normals * sin_emission,
@@ -211,29 +213,31 @@ def _outer_cone(nodes, k):
 
 
 @kernel
-def emission_cone(nodes, k):
-    """What `emission_towards` needs to know of node k: the cosine where emission ends, and 1 over the cosines' span."""
-    cosine, sine = _outer_cone(nodes, k)
+def emission_cone(nodes, node):
+    """What `emission_towards` needs to know of a node: the cosine where emission ends, and 1 over the cosines' span."""
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    cosine, sine = _outer_cone(nodes, node)
     if sine <= 0.0:
         return cosine, 0.0 * cosine
-    return cosine, 1.0 / max(nodes[k, NODE_COS_NORMALS] - cosine, 1e-3)
+    return cosine, 1.0 / max(nodes[g, NODE_COS_NORMALS, k] - cosine, 1e-3)
 
 
 @kernel
-def emission_towards(nodes, k, away, apart, outer, inverse_span):
-    """About what node k's emitter sends to a point, up to a constant; above 0 wherever it could send anything.
+def emission_towards(nodes, node, away, apart, outer, inverse_span):
+    """About what a node's emitter sends to a point, up to a constant; above 0 wherever it could send anything.
 
     Parameters
     ----------
     away : 3-tuple [m], from the node's centre to the point; apart : float [m], its length, > 0
     outer, inverse_span : float, see `emission_cone`
     """
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
     share = 1.0 + 0.0 * apart
     if inverse_span > 0.0:
-        cosine = dot(_node_axis(nodes, k), away) / apart
-        cosine = abs(cosine) if nodes[k, NODE_TWO_SIDED] > 0.0 else cosine
+        cosine = dot(_node_axis(nodes, node), away) / apart
+        cosine = abs(cosine) if nodes[g, NODE_TWO_SIDED, k] > 0.0 else cosine
         share = min(max((cosine - outer) * inverse_span, _LEAST_SHARE), 1.0)
-    return share / (apart * apart + nodes[k, NODE_SPREAD])
+    return share / (apart * apart + nodes[g, NODE_SPREAD, k])
 
 
 @kernel
@@ -244,21 +248,22 @@ def _widened(start, end, length):
 
 
 @kernel
-def lit_interval(nodes, k, origin, direction, length):
-    """The part of a segment that node k may light: what its cone of emission leaves, seen from any of its points.
+def lit_interval(nodes, node, origin, direction, length):
+    """The part of a segment that a node may light: what its cone of emission leaves, seen from any of its points.
 
     Returns
     -------
     start, end : float [m], within [0, length]; start >= end: it lights nothing
     """
-    cosine, sine = _outer_cone(nodes, k)
-    sin_normals = nodes[k, NODE_SIN_NORMALS]
+    g, k = node // GROUP_SIZE, node % GROUP_SIZE
+    cosine, sine = _outer_cone(nodes, node)
+    sin_normals = nodes[g, NODE_SIN_NORMALS, k]
     whole = 0.0 * length
-    if nodes[k, NODE_TWO_SIDED] > 0.0 or sine <= 0.0 or cosine <= -_NEARLY_FLAT:
+    if nodes[g, NODE_TWO_SIDED, k] > 0.0 or sine <= 0.0 or cosine <= -_NEARLY_FLAT:
         return whole, length
-    radius = nodes[k, NODE_RADIUS]
-    axis = _node_axis(nodes, k)
-    start = from_node(nodes, k, origin)
+    radius = nodes[g, NODE_RADIUS, k]
+    axis = _node_axis(nodes, node)
+    start = from_node(nodes, node, origin)
     slope = dot(axis, direction)
     if cosine < _NEARLY_FLAT:
         if sin_normals > _ONE_NORMAL:

@@ -2,8 +2,9 @@
 """Picking an emitter: the light tree for those nearby, a short list for those at infinity.
 
 Every choice is made in proportion to one estimate, the irradiance a receiver could get from what lies below a node
-(`node_importance`) or from a distant emitter (`distant_importance`); sampling walks down, the probability of a given
-emitter is found by walking up. `has_transmission` receivers count light from both sides.
+(`group_importances`) or from a distant emitter (`distant_importance`); sampling walks down, the probability of a given
+emitter is found by walking up. Both take the importances of a whole group at once.
+`has_transmission` receivers count light from both sides.
 
 Regions that have learned which lights they see choose a cluster by what they know (`LightSelection`), and an emitter
 below it by the tree. `row` is what `selection_row` says of the receiver: both directions must use the same.
@@ -17,8 +18,8 @@ import math
 import numpy as np
 
 from engine.kernels.binary_tree import locate_leaf
-from engine.kernels.constants import ONE_MINUS_EPSILON
-from engine.kernels.local import local_floats
+from engine.kernels.constants import FLOAT_MAX, ONE_MINUS_EPSILON
+from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, sums_before
 from engine.runtime.jit import kernel
 from engine.state.lights import (
     DISTANT_COS,
@@ -27,12 +28,10 @@ from engine.state.lights import (
     DISTANT_ENERGY,
     DISTANT_SIN,
     EMITTER_NODE,
+    GROUP_SIZE,
     HEADER_BACKGROUND_EMITTER,
     HEADER_CUT,
     HEADER_FIRST_PATCH,
-    LINK_CHILD,
-    LINK_COUNT,
-    LINK_PARENT,
     NODE_AXIS,
     NODE_CENTER,
     NODE_COS_EMISSION,
@@ -45,51 +44,67 @@ from engine.state.lights import (
     NODE_TWO_SIDED,
 )
 
-#: An int64, not a literal: each type of node index would compile `node_importance` again.
+# Of a group, and as a node: int64, not literals, since each type of index would compile `group_importances` again.
 _ROOT = np.int64(0)
+_LAST = np.int64(GROUP_SIZE - 1)
 
 
-@kernel(forceinline=True)
-def node_importance(nodes, k, p, n, has_transmission):
-    """Irradiance at p, up to a constant, that node k may cause; 0 only where it causes none.
+@kernel
+def group_importances(nodes, group, p, n, has_transmission):
+    """Irradiance at p, up to a constant, that each node of a group may cause; 0 only where it causes none.
 
-    Cosines are those of the most favourable point of the node's bounding sphere; the distance is the mean over its
+    Cosines are those of the most favourable point of a node's bounding sphere; the distance is the mean over its
     energy. All angles are kept as products of lengths with the distance D: sin theta_u = radius / D,
     cos theta = along / D and so on, so that one division serves all and square roots do not wait for each other.
     """
-    dx = nodes[k, NODE_CENTER] - p[0]
-    dy = nodes[k, NODE_CENTER + 1] - p[1]
-    dz = nodes[k, NODE_CENTER + 2] - p[2]
+    dx = load_eight(nodes, group, NODE_CENTER) - p[0]
+    dy = load_eight(nodes, group, NODE_CENTER + 1) - p[1]
+    dz = load_eight(nodes, group, NODE_CENTER + 2) - p[2]
     squared = dx * dx + dy * dy + dz * dz
     height = n[0] * dx + n[1] * dy + n[2] * dz
     reach = (
-        abs(n[0]) * nodes[k, NODE_HALF_SIZE]
-        + abs(n[1]) * nodes[k, NODE_HALF_SIZE + 1]
-        + abs(n[2]) * nodes[k, NODE_HALF_SIZE + 2]
+        abs(n[0]) * load_eight(nodes, group, NODE_HALF_SIZE)
+        + abs(n[1]) * load_eight(nodes, group, NODE_HALF_SIZE + 1)
+        + abs(n[2]) * load_eight(nodes, group, NODE_HALF_SIZE + 2)
     )
-    is_above = has_transmission or height + reach > 0.0
-    height = abs(height) if has_transmission else height
-    along = -(nodes[k, NODE_AXIS] * dx + nodes[k, NODE_AXIS + 1] * dy + nodes[k, NODE_AXIS + 2] * dz)
-    along = abs(along) if nodes[k, NODE_TWO_SIDED] > 0.0 else along
-    radius = nodes[k, NODE_RADIUS]
-    tangent = math.sqrt(max(0.0, squared - radius * radius))
-    across = math.sqrt(max(0.0, squared - along * along))
-    beside = math.sqrt(max(0.0, squared - height * height))
-    inverse = 1.0 / max(squared, 1e-30)
+    is_above = height + reach > (-FLOAT_MAX if has_transmission else np.float32(0.0))
+    height = absolute(height) if has_transmission else height
+    along = (
+        load_eight(nodes, group, NODE_AXIS) * dx
+        + load_eight(nodes, group, NODE_AXIS + 1) * dy
+        + load_eight(nodes, group, NODE_AXIS + 2) * dz
+    )
+    along = choose(load_eight(nodes, group, NODE_TWO_SIDED) > 0.0, absolute(along), 0.0 - along)
+    radius = load_eight(nodes, group, NODE_RADIUS)
+    tangent = root(squared - radius * radius)
+    across = root(squared - along * along)
+    beside = root(squared - height * height)
+    inverse = 1.0 / choose(squared > 1e-30, squared, 1e-30)
 
     # theta' = theta - theta_o - theta_u, between the receiver and the nearest normal of an emitter.
     nearest = (along * tangent + across * radius) * inverse
     nearest_sine = (across * tangent - along * radius) * inverse
-    emitted = nearest * nodes[k, NODE_COS_NORMALS] + nearest_sine * nodes[k, NODE_SIN_NORMALS]
-    is_lit = emitted > nodes[k, NODE_COS_EMISSION]
+    cos_normals = load_eight(nodes, group, NODE_COS_NORMALS)
+    emitted = nearest * cos_normals + nearest_sine * load_eight(nodes, group, NODE_SIN_NORMALS)
+    is_lit = emitted > load_eight(nodes, group, NODE_COS_EMISSION)
     is_inside = squared <= radius * radius
-    faces = is_inside or along >= tangent or nearest >= nodes[k, NODE_COS_NORMALS]
+    faces = is_inside | (along >= tangent) | (nearest >= cos_normals)
     received = (height * tangent + beside * radius) * inverse
-    overhead = is_inside or height >= tangent
-    importance = nodes[k, NODE_ENERGY] / (squared + nodes[k, NODE_SPREAD] + 1e-20)
-    importance *= 1.0 if faces else emitted
-    importance *= 1.0 if overhead else max(0.0, received)
-    return importance if is_above and (faces or is_lit) else 0.0
+    overhead = is_inside | (height >= tangent)
+    importance = load_eight(nodes, group, NODE_ENERGY) / (squared + load_eight(nodes, group, NODE_SPREAD) + 1e-20)
+    importance = importance * choose(faces, 1.0, emitted)
+    importance = importance * choose(overhead, 1.0, choose(received > 0.0, received, 0.0))
+    return choose(is_above & (faces | is_lit), importance, 0.0)
+
+
+@kernel
+def _share_of(lights, node, p, n, has_transmission):
+    """Probability with which a node is chosen among those of its group."""
+    importances = group_importances(lights.nodes, node // GROUP_SIZE, p, n, has_transmission)
+    mine = at(importances, node % GROUP_SIZE)
+    if not mine > 0.0:
+        return 0.0 * mine
+    return mine / (at(sums_before(importances), _LAST) + at(importances, _LAST))
 
 
 @kernel
@@ -110,14 +125,14 @@ def distant_importance(distant, k, n, has_transmission):
 
 
 @kernel
-def _group_importances(nodes, distant, p, n, has_transmission):
+def _local_and_total(nodes, distant, p, n, has_transmission):
     """Importance of the whole tree and of everything (local, total); (1, 1) if there is nothing distant."""
     distant_count = distant.shape[0]
     local = 0.0 * p[0]
     if nodes.shape[0] > 0:
         if distant_count == 0:
             return local + 1.0, local + 1.0
-        local = node_importance(nodes, _ROOT, p, n, has_transmission)
+        local = at(group_importances(nodes, _ROOT, p, n, has_transmission), _ROOT)
     total = local
     for k in range(distant_count):
         total += distant_importance(distant, k, n, has_transmission)
@@ -169,7 +184,7 @@ def _pick_group(lights, p, n, has_transmission, u):
     Returns the emitter (-1: none, or one below the root), the probability of it or of the tree, and what is left of u.
     """
     distant = lights.distant
-    local, total = _group_importances(lights.nodes, distant, p, n, has_transmission)
+    local, total = _local_and_total(lights.nodes, distant, p, n, has_transmission)
     if not total > 0.0:
         return -1, 0.0 * local, u
     u = u * total
@@ -202,7 +217,7 @@ def pick_emitter(lights, row, p, n, has_transmission, u):
     pmf : float, its probability; of the background that of the patch
     patch : int, cluster of the background in which to draw a direction, -1: anywhere
     """
-    nodes, links = lights.nodes, lights.links
+    nodes, children = lights.nodes, lights.child
     node = _ROOT
     if row >= 0:
         cluster, pmf, u = _pick_cluster(lights, row, u)
@@ -215,112 +230,97 @@ def pick_emitter(lights, row, p, n, has_transmission, u):
         emitter, pmf, u = _pick_group(lights, p, n, has_transmission, u)
         if emitter >= 0 or not pmf > 0.0:
             return np.int64(emitter), pmf, np.int64(-1)
-    importances = local_floats()
-    child = np.int64(links[node, LINK_CHILD])
-    while child >= 0:
-        # All importances first: none of them waits for another.
-        count = links[node, LINK_COUNT]
-        below = 0.0 * pmf
-        for k in range(count):
-            importance = node_importance(nodes, child + k, p, n, has_transmission)
-            importances[k] = importance
-            below += importance
-        if not below > 0.0:
-            return np.int64(-1), below, np.int64(-1)
+    group = np.int64(children[node // GROUP_SIZE, node % GROUP_SIZE])
+    while group >= 0:
+        importances = group_importances(nodes, group, p, n, has_transmission)
+        before = sums_before(importances)
+        total = at(before, _LAST) + at(importances, _LAST)
+        if not total > 0.0:
+            return np.int64(-1), total, np.int64(-1)
         # The last that counts and begins at or before the target, so that rounding always leaves one.
-        target = u * below
-        begin = 0.0 * pmf
-        chosen_importance = begin
-        reached = begin
-        for k in range(count):
-            importance = importances[k]
-            is_taken = importance > 0.0 and reached <= target
-            node = child + k if is_taken else node
-            begin = reached if is_taken else begin
-            chosen_importance = importance if is_taken else chosen_importance
-            reached += importance
-        u = min((target - begin) / chosen_importance, ONE_MINUS_EPSILON)
-        pmf *= chosen_importance / below
-        child = np.int64(links[node, LINK_CHILD])
-    return ~child, pmf, np.int64(-1)
+        target = u * total
+        chosen = last_of((importances > 0.0) & (before <= target))
+        if chosen < 0:
+            # Only of a total that is infinite.
+            return np.int64(-1), 0.0 * u, np.int64(-1)
+        importance = at(importances, chosen)
+        u = min((target - at(before, chosen)) / importance, ONE_MINUS_EPSILON)
+        pmf *= importance / total
+        group = np.int64(children[group, chosen])
+    return ~group, pmf, np.int64(-1)
 
 
 @kernel
 def emitter_pmf(lights, row, emitter, p, n, has_transmission):
     """Probability that `pick_emitter` chooses `emitter` for this receiver; not for the background of a region that
     chooses among its patches (`row` >= 0)."""
-    nodes, links, distant = lights.nodes, lights.links, lights.distant
+    distant = lights.distant
     node = np.int64(lights.emitters[emitter, EMITTER_NODE])
     pmf = 0.0 * p[0] + 1.0
     if row >= 0:
         if node < 0:
             return cluster_pmf(lights, row, lights.header[HEADER_CUT] + ~node)
     else:
-        local, total = _group_importances(nodes, distant, p, n, has_transmission)
+        local, total = _local_and_total(lights.nodes, distant, p, n, has_transmission)
         if not total > 0.0:
             return 0.0 * local
         if node < 0:
             return distant_importance(distant, ~node, n, has_transmission) / total
         pmf = local / total
-    while node > 0:
+    # The root is alone in its group.
+    while node > 0 and pmf > 0.0:
         if row >= 0 and lights.node_cluster[node] >= 0:
             break
-        parent = np.int64(links[node, LINK_PARENT])
-        first = np.int64(links[parent, LINK_CHILD])
-        mine = 0.0 * pmf
-        below = mine
-        for k in range(first, first + links[parent, LINK_COUNT]):
-            importance = node_importance(nodes, k, p, n, has_transmission)
-            below += importance
-            if k == node:
-                mine = importance
-        if not mine > 0.0:
-            return 0.0 * pmf
-        pmf *= mine / below
-        node = parent
-    if row >= 0:
+        pmf *= _share_of(lights, node, p, n, has_transmission)
+        node = np.int64(lights.parent[node // GROUP_SIZE])
+    if row >= 0 and pmf > 0.0:
         pmf *= cluster_pmf(lights, row, lights.node_cluster[node])
     return pmf
 
 
 @kernel
-def tree_choice(lights, emitter, patch, p, n, has_transmission):
-    """The cluster that an emitter is in, and with which probability the light tree alone would choose it.
+def tree_choice(lights, emitter, cluster, p, n, has_transmission):
+    """Probability with which the light tree alone would choose the cluster that an emitter is in: float.
+
+    Parameters
+    ----------
+    cluster : int, as `cluster_of` says
+    """
+    local, total = _local_and_total(lights.nodes, lights.distant, p, n, has_transmission)
+    if not total > 0.0:
+        return 0.0 * local
+    if cluster >= lights.header[HEADER_CUT]:
+        distant = ~np.int64(lights.emitters[emitter, EMITTER_NODE])
+        importance = distant_importance(lights.distant, distant, n, has_transmission)
+        return importance / total * lights.cluster_share[cluster]
+    node = np.int64(lights.cluster_node[cluster])
+    pmf = local / total
+    while node > 0 and pmf > 0.0:
+        pmf *= _share_of(lights, node, p, n, has_transmission)
+        node = np.int64(lights.parent[node // GROUP_SIZE])
+    return pmf
+
+
+@kernel
+def cluster_of(lights, emitter, patch, pmf, p, n, has_transmission):
+    """The cluster that an emitter is in, and the probability with which it was chosen on the way to the emitter.
 
     Parameters
     ----------
     patch : int, cluster of the direction, if the emitter is the background
+    pmf : float, with which `pick_emitter` has chosen the emitter by the light tree
 
     Returns
     -------
     cluster : int
     pmf : float
     """
-    links = lights.links
-    local, total = _group_importances(lights.nodes, lights.distant, p, n, has_transmission)
-    if not total > 0.0:
-        return np.int64(-1), 0.0 * local
     node = np.int64(lights.emitters[emitter, EMITTER_NODE])
     if node < 0:
         cluster = np.int64(patch) if patch >= 0 else np.int64(lights.header[HEADER_CUT] + ~node)
-        importance = distant_importance(lights.distant, ~node, n, has_transmission)
-        return cluster, importance / total * lights.cluster_share[cluster]
+        return cluster, pmf * lights.cluster_share[cluster]
     while lights.node_cluster[node] < 0:
-        node = np.int64(links[node, LINK_PARENT])
-    cluster = np.int64(lights.node_cluster[node])
-    pmf = local / total
-    while node > 0:
-        parent = np.int64(links[node, LINK_PARENT])
-        first = np.int64(links[parent, LINK_CHILD])
-        mine = 0.0 * local
-        below = mine
-        for k in range(first, first + links[parent, LINK_COUNT]):
-            importance = node_importance(lights.nodes, k, p, n, has_transmission)
-            below += importance
-            if k == node:
-                mine = importance
-        if not mine > 0.0:
-            return cluster, 0.0 * local
-        pmf *= mine / below
-        node = parent
-    return cluster, pmf
+        share = _share_of(lights, node, p, n, has_transmission)
+        pmf = pmf / share if share > 0.0 else 0.0 * pmf
+        node = np.int64(lights.parent[node // GROUP_SIZE])
+    return np.int64(lights.node_cluster[node]), pmf

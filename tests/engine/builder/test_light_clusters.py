@@ -11,12 +11,12 @@ from engine.builder.light_clusters import CUT_SIZE
 from engine.scene.description import World
 from engine.state.lights import (
     EMITTER_NODE,
+    GROUP_SIZE,
     HEADER_BANDS,
     HEADER_CLUSTERS,
     HEADER_CUT,
     HEADER_FIRST_PATCH,
     HEADER_SECTORS,
-    LINK_PARENT,
 )
 
 
@@ -34,7 +34,7 @@ def test_every_emitter_is_below_one_node_of_the_cut(count: int) -> None:
         while node >= 0:
             if lights.node_cluster[node] >= 0:
                 clusters.append(int(lights.node_cluster[node]))
-            node = lights.links[node, LINK_PARENT]
+            node = lights.parent[node // GROUP_SIZE]
         assert len(clusters) == 1
         found += clusters
     cut = int(lights.header[HEADER_CUT])

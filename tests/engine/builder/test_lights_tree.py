@@ -11,7 +11,7 @@ import pytest
 import tests.helpers.light_probe as probe
 from engine.builder.emission import ProgramInfo, resolve_sampling
 from engine.scene.description import World
-from engine.state.lights import EMITTER_NODE, LINK_CHILD
+from engine.state.lights import EMITTER_NODE, GROUP_SIZE, NODE_ENERGY, NODE_WIDTH
 
 UP = (0.0, 0.0, 1.0)
 
@@ -94,9 +94,13 @@ def test_no_contributing_light_is_left_out(kind: str, has_transmission: bool) ->
         if node < 0:
             alone = lights._replace(nodes=lights.nodes[:0], distant=np.ascontiguousarray(lights.distant[[~node]]))
         else:
-            links = np.array([[-1, ~emitter]], np.int32)
+            group, k = divmod(int(node), GROUP_SIZE)
+            nodes = np.zeros((1, NODE_WIDTH, GROUP_SIZE), np.float32)
+            nodes[0, :, 0] = lights.nodes[group, :, k]
+            child = np.zeros((1, GROUP_SIZE), np.int32)
+            child[0, 0] = ~emitter
             alone = lights._replace(
-                nodes=np.ascontiguousarray(lights.nodes[[node]]), links=links, distant=lights.distant[:0]
+                nodes=nodes, child=child, parent=np.full(1, -1, np.int32), distant=lights.distant[:0]
             )
         contributes = np.zeros(len(p), bool)
         for _ in range(20):
@@ -132,12 +136,28 @@ def test_ten_thousand_emitters_build_fast() -> None:
     lights, _ = probe.build(description, info)
     assert time.perf_counter() - start < 1.0
     leaves = lights.emitters[:, EMITTER_NODE]
-    assert (lights.links[leaves, LINK_CHILD] == ~np.arange(10_000)).all()
+    assert (lights.child.ravel()[leaves] == ~np.arange(10_000)).all()
     p, n = _receivers(3, 1)
     emitters, pmf = probe.picks(lights, p[0], n[0], np.random.default_rng(1).random(2000))
     forward = probe.pmfs(lights, p[:1], n[:1])[0]
     assert np.allclose(pmf[emitters >= 0], forward[emitters[emitters >= 0]], rtol=2e-3)
     assert forward.sum() == pytest.approx((emitters >= 0).mean(), abs=0.04)
+
+
+@pytest.mark.parametrize("count", [1, 2, 8, 9, 60, 3000])
+def test_groups_are_a_tree_over_all_emitters(count: int) -> None:
+    """Each group hangs on one node, each emitter too, and nodes have the energy of what lies below them."""
+    lights, _ = probe.build(probe.make_description(_mixed_lamps(count, 9)))
+    child, parent, energy = lights.child, lights.parent, lights.nodes[:, NODE_ENERGY]
+    below = child.ravel()
+    assert sorted(~below[below < 0]) == list(range(count))
+    assert sorted(below[below > 0]) == list(range(1, len(child)))
+    assert parent[0] == -1 and (child.ravel()[parent[1:]] == np.arange(1, len(child))).all()
+    assert (np.count_nonzero(child[1:], axis=1) >= 2).all() and np.count_nonzero(child[0]) == 1
+    assert np.allclose(energy.ravel()[parent[1:]], energy[1:].sum(axis=1), rtol=1e-4)
+    assert (energy[child == 0] == 0.0).all()
+    # Half full or better: more would be a waste of memory.
+    assert count < 1000 or np.count_nonzero(child) > 0.5 * child.size
 
 
 def test_thousand_instances_of_a_mesh() -> None:

@@ -287,7 +287,7 @@ def test_bounds_hold_an_emitter_at_all_times():
     places = np.concatenate(corners_in_motion(geometry, 0, np.arange(2))).reshape(-1, 3)
     center, radius = lights.sources[0, :3], math.sqrt(lights.sources[0, 3])
     assert (np.linalg.norm(places - center, axis=1) < radius).all()
-    node = lights.nodes[0]
+    node = lights.nodes[0, :, 0]
     assert (np.abs(places - node[:3]) <= node[4:7] + 1e-4).all()
     assert math.acos(node[11]) > 1.2
 

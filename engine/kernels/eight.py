@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Eight floats that are computed with at once, for kernels where LLVM finds no vectors by itself.
+
+A loop over eight rows is unrolled before LLVM looks for vectors, and then stays what it was. In kernels an `EIGHT` is a
+value like a float: it has the arithmetic operators and, for `choose`, comparisons. Where NUMBA_DISABLE_JIT is set it is
+a numpy array.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, models, register_model
+from numba.np.arrayobj import make_array
+
+#: How many.
+WIDTH = 8
+
+_WORD = ir.IntType(32)
+_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+
+
+class EightType(types.Type):
+    """Numba's type of eight float32."""
+
+
+class FlagsType(types.Type):
+    """Numba's type of eight booleans."""
+
+
+EIGHT = EightType("eight")
+FLAGS = FlagsType("eight flags")
+
+
+@register_model(EightType)
+class _EightModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _FLOATS)
+
+
+@register_model(FlagsType)
+class _FlagsModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _BITS)
+
+
+def _is_operand(operand: Any) -> bool:
+    return isinstance(operand, (EightType, types.Float))
+
+
+def _eight(context: Any, builder: Any, operand: Any, value: Any) -> Any:
+    """An operand's eight floats: its own, or a number's eight times."""
+    if isinstance(operand, EightType):
+        return value
+    value = context.cast(builder, value, operand, types.float32)
+    first = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), value, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_WORD, WIDTH), [0] * WIDTH))
+
+
+def _register(operation: Any, operand: Any, result: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
+    """Let an operator take two of a type, or of EIGHT one and a number."""
+
+    class Template(AbstractTemplate):
+        """What the operator returns."""
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            fits = _is_operand if operand is EightType else (lambda argument: isinstance(argument, operand))
+            if len(args) == 2 and all(map(fits, args)) and any(isinstance(argument, operand) for argument in args):
+                return signature(result, *args)
+            return None
+
+    infer_global(operation)(Template)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if operand is EightType:
+            args = [_eight(context, builder, *pair) for pair in zip(sig.args, args, strict=True)]
+        return lower(builder, *args)
+
+    lower_builtin(operation, operand, operand)(generate)
+    if operand is EightType:
+        lower_builtin(operation, operand, types.Float)(generate)
+        lower_builtin(operation, types.Float, operand)(generate)
+
+
+_register(operator.add, EightType, EIGHT, lambda builder, a, b: builder.fadd(a, b))
+_register(operator.sub, EightType, EIGHT, lambda builder, a, b: builder.fsub(a, b))
+_register(operator.mul, EightType, EIGHT, lambda builder, a, b: builder.fmul(a, b))
+_register(operator.truediv, EightType, EIGHT, lambda builder, a, b: builder.fdiv(a, b))
+_register(operator.gt, EightType, FLAGS, lambda builder, a, b: builder.fcmp_ordered(">", a, b))
+_register(operator.ge, EightType, FLAGS, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+_register(operator.le, EightType, FLAGS, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
+_register(operator.and_, FlagsType, FLAGS, lambda builder, a, b: builder.and_(a, b))
+_register(operator.or_, FlagsType, FLAGS, lambda builder, a, b: builder.or_(a, b))
+
+
+def _intrinsic_of(context: Any, builder: Any, name: str, value: Any) -> Any:
+    function = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(_FLOATS, [_FLOATS]), f"llvm.{name}.v{WIDTH}f32"
+    )
+    return builder.call(function, [value])
+
+
+@intrinsic
+def _load(typing_context: Any, array: Any, group: Any, column: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array_type = signature.args[0]
+        rows = make_array(array_type)(context, builder, arguments[0])
+        indices = [
+            context.cast(builder, index, index_type, types.intp)
+            for index, index_type in zip(arguments[1:], signature.args[1:], strict=True)
+        ]
+        indices.append(ir.Constant(indices[0].type, 0))
+        pointer = cgutils.get_item_pointer(context, builder, array_type, rows, indices)
+        return builder.load(builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
+
+    return EIGHT(array, group, column), generate
+
+
+@intrinsic
+def _absolute(typing_context: Any, x: Any) -> Any:
+    return EIGHT(EIGHT), lambda context, builder, _, args: _intrinsic_of(context, builder, "fabs", args[0])
+
+
+@intrinsic
+def _root(typing_context: Any, x: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(_FLOATS, [0.0] * WIDTH)
+        is_positive = builder.fcmp_ordered(">", arguments[0], zero)
+        return _intrinsic_of(context, builder, "sqrt", builder.select(is_positive, arguments[0], zero))
+
+    return EIGHT(EIGHT), generate
+
+
+@intrinsic
+def _choose(typing_context: Any, flags: Any, a: Any, b: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, b = (_eight(context, builder, *pair) for pair in zip(signature.args[1:], arguments[1:], strict=True))
+        return builder.select(arguments[0], a, b)
+
+    return EIGHT(flags, a, b), generate
+
+
+@intrinsic
+def _sums_before(typing_context: Any, x: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(_FLOATS, [0.0] * WIDTH)
+
+        def moved(value: Any, count: int) -> Any:
+            places = [k - count if k >= count else WIDTH for k in range(WIDTH)]
+            return builder.shuffle_vector(value, zero, ir.Constant(ir.VectorType(_WORD, WIDTH), places))
+
+        total = moved(arguments[0], 1)
+        for count in (1, 2, 4):
+            total = builder.fadd(total, moved(total, count))
+        return total
+
+    return EIGHT(EIGHT), generate
+
+
+@intrinsic
+def _at(typing_context: Any, x: Any, k: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.extract_element(arguments[0], arguments[1])
+
+    return types.float32(EIGHT, types.int64), generate
+
+
+@intrinsic
+def _last_of(typing_context: Any, flags: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.zext(builder.bitcast(arguments[0], ir.IntType(WIDTH)), _WORD)
+        zeros = builder.ctlz(bits, ir.Constant(ir.IntType(1), 0))
+        return builder.sext(builder.sub(ir.Constant(_WORD, 31), zeros), ir.IntType(64))
+
+    return types.int64(FLAGS), generate
+
+
+def _sums_in_python(x: Any) -> Any:
+    return np.concatenate([[np.float32(0.0)], np.cumsum(x[:-1], dtype=np.float32)])
+
+
+def _last_in_python(flags: Any) -> int:
+    return int(np.flatnonzero(flags)[-1]) if np.any(flags) else -1
+
+
+def _for_kernels(compiled: Any, in_python: Any) -> Any:
+    return in_python if numba.config.DISABLE_JIT else compiled
+
+
+#: `load_eight(array, i, j)`: array[i, j] of a float32 array whose last dimension is eight.
+load_eight = _for_kernels(_load, lambda array, i, j: array[i, j])
+#: `absolute(x)`: magnitudes of eight floats.
+absolute = _for_kernels(_absolute, np.abs)
+#: `root(x)`: square roots of eight floats, 0 of negative ones.
+root = _for_kernels(_root, lambda x: np.sqrt(np.maximum(x, np.float32(0.0))))
+#: `choose(flags, a, b)`: a where the flag is set, else b; each eight floats or a number.
+choose = _for_kernels(_choose, np.where)
+#: `sums_before(x)`: of each float the sum of those before it.
+sums_before = _for_kernels(_sums_before, _sums_in_python)
+#: `at(x, k)`: float k.
+at = _for_kernels(_at, lambda x, k: x[k])
+#: `last_of(flags)`: which is the last flag that is set, -1 = none.
+last_of = _for_kernels(_last_of, _last_in_python)
