@@ -171,12 +171,21 @@ def _build_lights(
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
 
 
-def _build_media(cache: SceneCache, world_program: int, geometry: GeometryArrays) -> SceneMedia:
+def _build_media(
+    cache: SceneCache, description: SceneDescription, programs: Programs, geometry: GeometryArrays, tables: BsdfTables
+) -> SceneMedia:
     compiled = cache.programs.compiled
     inside = tuple((program.medium, program.is_boundary) for program in compiled)
+    looked_up: tuple = ()
+    if any(program.medium is not None and program.medium.varies for program in compiled):
+        seen = programs.arrays.camera.tobytes() if any(program.sees_camera for program in compiled) else b""
+        looked_up = (cache.programs.arrays.version, seen)
     return cache.media.get(
-        (content_digest(inside), world_program, cache.geometry.geometry.version),
-        lambda: build_media(compiled, world_program, geometry, cache.geometry.slot_counts),
+        (content_digest(inside), programs.world_program, cache.geometry.geometry.version, looked_up),
+        lambda: build_media(
+            compiled, programs.world_program, geometry, cache.geometry.slot_counts, description.meshes,
+            programs.arrays, tables,
+        ),
     )
 
 
@@ -231,11 +240,11 @@ def build_scene(
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
-    media = _build_media(cache, programs.world_program, geometry)
+    tables = load_tables()
+    media = _build_media(cache, description, programs, geometry, tables)
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
     check_cancel()
-    tables = load_tables()
     environment = _build_environment(cache, programs, geometry, tables)
     check_cancel()
     lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)

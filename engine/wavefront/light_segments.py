@@ -39,7 +39,7 @@ from engine.state.lanes import (
 )
 from engine.state.lights import EMITTER_NODE, LIGHT_BACKGROUND
 from engine.state.media import EXTINCTION, SCATTERING, WORLD
-from engine.wavefront.columns import SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
+from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
 
 _ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 #: Mean free paths behind which a segment is too dim for its lights to be chosen by it.
@@ -62,6 +62,15 @@ def _reach(channels, coefficients, length):
         if coefficients[SCATTERING, c] > 0.0:
             least = min(least, coefficients[EXTINCTION, c])
     return min(length, _DEPTHS / least) if least > 0.0 else length
+
+
+@kernel
+def _vary(arrays, media, lane):
+    """Whether media that a path is in vary in space."""
+    for entry in range(media.count[lane]):
+        if arrays.program[media.medium[lane, entry]] >= 0:
+            return True
+    return False
 
 
 @kernel
@@ -110,6 +119,7 @@ def light_segments(scene, unit, work, queue):
     paths, points, closures, samples, media = work.paths, work.points, work.closures, work.samples, work.media
     f_cos, lit, programs = work.f_cos, work.lit.lanes, work.programs.lanes
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
+    varies = scene.header[SCENE_HAS_VARYING_MEDIA] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
@@ -126,6 +136,9 @@ def light_segments(scene, unit, work, queue):
         if is_endless:
             leave_objects(media, lane)
         if media.count[lane] == 0 or flags & _ENDS or (follows and flags & RAY_CATCHER_HIT):
+            continue
+        if varies and _vary(scene.media, media, lane):
+            # There a path samples lights where it collides.
             continue
         sum_coefficients(scene, paths, media, lane, lane, is_endless)
         if not _largest(paths.channels, media.coefficients, SCATTERING) > 0.0:

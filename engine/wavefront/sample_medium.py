@@ -35,7 +35,13 @@ from engine.state.lanes import (
 )
 from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, SCATTERING
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
-from engine.wavefront.columns import MEDIA_DROPPED, SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    MEDIA_DROPPED,
+    SCENE_HAS_VARYING_MEDIA,
+    SCENE_WORLD_GROUP,
+    UNIT_FOLLOWS,
+    UNIT_USE_FEATURES,
+)
 
 _ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 #: Boundaries that a path may cross, Cycles' limit: one that has more is caught between two.
@@ -53,8 +59,14 @@ def _add_medium_emission(scene, unit, work, lane, distance):
         if sums[EMISSION, c] > 0.0:
             emission[lane, c] = sums[EMISSION, c] * emitted_length(sums[EXTINCTION, c], min(distance, DISTANT))
         largest = max(largest, emission[lane, c])
-    if not largest > 0.0:
-        return
+    if largest > 0.0:
+        _add_emission(scene, unit, work, lane)
+
+
+@kernel
+def _add_emission(scene, unit, work, lane):
+    """Add row `lane` of `work.f_cos`, emitted by media, to the path."""
+    paths, media, emission = work.paths, work.media, work.f_cos
     # As in Cycles, all of it is light of the medium that the path has been in for longest.
     group = scene.header[SCENE_WORLD_GROUP]
     if media.instance[lane, 0] >= 0:
@@ -63,6 +75,27 @@ def _add_medium_emission(scene, unit, work, lane, distance):
         scene.options, scene.spectrum, paths, work.passes, lane, emission, 1.0, group, unit.film, FEATURE_EMISSION,
         unit.header[UNIT_USE_FEATURES] != 0,
     )
+
+
+@kernel
+def _take_tracked(scene, unit, work, lane):
+    """Add what media that vary emit before the path's end or collision, and update its throughput by what is left.
+
+    Returns
+    -------
+    float32 [m]
+        Where the path collides, -1: it passes.
+    """
+    paths, tracking, emission = work.paths, work.tracking, work.f_cos
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        emission[lane, c] = tracking.emitted[lane, c]
+        largest = max(largest, abs(emission[lane, c]))
+    if largest > 0.0:
+        _add_emission(scene, unit, work, lane)
+    for c in range(len(paths.channels)):
+        paths.throughput[lane, c] *= tracking.weight[lane, c]
+    return tracking.collision[lane]
 
 
 @kernel
@@ -148,6 +181,22 @@ def _cross(scene, work, lane, instance, triangle, program):
 
 
 @kernel
+def _pass_uniform(scene, unit, work, lane, distance):
+    """Take a path through media that are the same everywhere, before `distance`; see `_take_tracked`."""
+    paths, media = work.paths, work.media
+    sum_coefficients(scene, paths, media, lane, lane, paths.hit_instance[lane] < 0)
+    _add_medium_emission(scene, unit, work, lane, distance)
+    scattering = 0.0
+    for c in range(len(paths.channels)):
+        scattering = max(scattering, media.coefficients[SCATTERING, c])
+    if scattering > 0.0 and not paths.flags[lane] & _ENDS:
+        return _collide(paths, media, lane, distance)
+    for c in range(len(paths.channels)):
+        paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
+    return -1.0
+
+
+@kernel
 def sample_medium(scene, unit, work, queue):
     """Sort traced lanes: those that collide go to `work.collided`, with the distance in `hit_distance`; those that meet
     nothing but a boundary cross it, and wait for the next round; the others stay.
@@ -160,7 +209,7 @@ def sample_medium(scene, unit, work, queue):
         `work.traced`.
     """
     geometry, programs, paths, media = scene.geometry, scene.shaders.programs, work.paths, work.media
-    follows = unit.header[UNIT_FOLLOWS] != 0
+    follows, varies = unit.header[UNIT_FOLLOWS] != 0, scene.header[SCENE_HAS_VARYING_MEDIA] != 0
     lanes, lane_count, collided = queue.lanes, queue.count[0], work.collided.lanes
     kept = 0
     collided_count = 0
@@ -180,17 +229,11 @@ def sample_medium(scene, unit, work, queue):
             # Catchers alone, in the open.
             media.count[lane] = 0
         if media.count[lane] > 0:
-            sum_coefficients(scene, paths, media, lane, lane, instance < 0)
-            _add_medium_emission(scene, unit, work, lane, distance)
-            scattering = 0.0
-            for c in range(len(paths.channels)):
-                scattering = max(scattering, media.coefficients[SCATTERING, c])
             collision = -1.0
-            if scattering > 0.0 and not flags & _ENDS:
-                collision = _collide(paths, media, lane, distance)
+            if varies and work.tracking.is_tracked[lane] != 0:
+                collision = _take_tracked(scene, unit, work, lane)
             else:
-                for c in range(len(paths.channels)):
-                    paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
+                collision = _pass_uniform(scene, unit, work, lane, distance)
             largest = 0.0
             for c in range(len(paths.channels)):
                 largest = max(largest, abs(paths.throughput[lane, c]))
