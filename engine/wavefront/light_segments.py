@@ -215,6 +215,8 @@ def leave_segments(scene, unit, work, queue):
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
+        # Where nothing is guided, surfaces take it for what it is.
+        work.samples.bsdf_share[lane] = 1.0
         paths.hit_instance[lane] = media.next_instance[lane]
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = media.kept_throughput[lane, c]
