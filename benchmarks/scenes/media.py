@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Homogeneous media: on meshes with and without a surface, on the world, nested, overlapping, around the camera."""
+"""Media: on meshes with and without a surface, on the world, nested, overlapping, around the camera, from textures."""
 
 from __future__ import annotations
 
@@ -184,3 +184,84 @@ def open_room() -> None:
     fog = material("Fog", None, _scatter(0.1, (0.8, 0.8, 0.9)))
     add_object("Fog", box("Fog", fog, (16.0, 16.0, 8.0)), (0.0, 0.0, 3.5))
     light("AREA", 150.0, (1.0, -0.5, 3.0), size=1.0)
+
+
+def _noise(nodes: Nodes, scale: float, detail: float = 2.0) -> Any:
+    """Noise in the object's own space, with the most of it near the middle of [0, 1]."""
+    place = nodes("TexCoord", output="Object")
+    return nodes("TexNoise", Vector=place, Scale=scale, Detail=detail, Roughness=0.5)
+
+
+def _above(nodes: Nodes, value: Any, limit: float, factor: float) -> Any:
+    """How far a value is above a limit, times a factor; 0 below it."""
+    return nodes("Math", {"operation": "MULTIPLY", "use_clamp": False}, {
+        0: nodes("Math", {"operation": "MAXIMUM"}, {0: nodes("Math", {"operation": "SUBTRACT"}, {0: value, 1: limit}),
+                                                     1: 0.0}),
+        1: factor,
+    })  # fmt: skip
+
+
+@scene("media-noise-fog", samples=128)
+def noise_fog() -> None:
+    """Shreds of fog in a box, by a noise texture, under a lamp."""
+    lit_stage()
+    _bounces()
+
+    def shreds(nodes: Nodes) -> Any:
+        density = _above(nodes, _noise(nodes, 2.5), 0.5, 30.0)
+        return nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=density, Anisotropy=0.3)
+
+    fog = material("Shreds", None, shreds)
+    add_object("Fog", box("Fog", fog, (2.4, 2.4, 1.4)), (0.0, 0.0, 0.8), (0, 0, 25))
+
+
+@scene("media-colored-smoke", samples=128)
+def colored_smoke() -> None:
+    """A ball of smoke whose colour and density vary, beside a uniform one that it overlaps, with a lamp in sight."""
+    lit_stage()
+    _bounces()
+    light("POINT", 60.0, (-0.2, 1.3, 1.6), shadow_soft_size=0.25)
+
+    def smoke(nodes: Nodes) -> Any:
+        place = nodes("TexCoord", output="Generated")
+        density = _above(nodes, nodes("TexGradient", {"gradient_type": "SPHERICAL"}, Vector=nodes(
+            "Mapping", Vector=place, Location=(-1.0, -1.0, -1.0), Scale=(2.0, 2.0, 2.0),
+        ), output="Fac"), 0.0, 6.0)  # fmt: skip
+        return nodes("VolumePrincipled", Color=place, Density=density, Anisotropy=-0.2)
+
+    grey = material("Grey", None, _scatter(0.8, (0.5, 0.5, 0.5)))
+    add_object("Smoke", sphere("Smoke", material("Smoke", None, smoke), 0.9), (-0.4, 0.0, 1.0))
+    add_object("Grey", box("Grey", grey, (1.0, 1.0, 1.0)), (0.7, 0.0, 0.7), (0, 15, 20))
+
+
+@scene("media-noise-fire", samples=128)
+def noise_fire() -> None:
+    """Flames by textures: a Principled Volume whose black body is hot inside, over smoke that swallows light."""
+    stage()
+    world((0.1, 0.1, 0.15))
+    _bounces()
+
+    def fire(nodes: Nodes) -> Any:
+        core = _above(nodes, _noise(nodes, 3.0, 1.0), 0.45, 5.0)
+        hot = nodes("Math", {"operation": "MULTIPLY"}, {0: core, 1: 1400.0})
+        density = nodes("Math", {"operation": "MULTIPLY"}, {0: core, 1: 3.0})
+        return nodes(
+            "VolumePrincipled", Color=(0.2, 0.2, 0.2), Density=density, Blackbody_Intensity=1.0, Temperature=hot,
+        )
+
+    add_object("Fire", box("Fire", material("Fire", None, fire), (1.4, 1.4, 1.8)), (0.0, 0.0, 1.0), (0, 0, 30))
+
+
+@scene("media-height-fog", samples=128)
+def height_fog() -> None:
+    """A world whose fog thins out with height, above a camera that stands in it."""
+    stage()
+    _bounces()
+
+    def layer(nodes: Nodes) -> Any:
+        height = nodes("SeparateXYZ", Vector=nodes("NewGeometry", output="Position"), output="Z")
+        density = _above(nodes, nodes("Math", {"operation": "MULTIPLY"}, {0: height, 1: -0.06}), -0.15, 1.0)
+        return nodes("VolumeScatter", Color=(0.8, 0.85, 0.9), Density=density)
+
+    world_nodes(lambda nodes: nodes("Background", Color=(0.3, 0.4, 0.6), Strength=1.0), layer)
+    light("POINT", 300.0, (-1.0, -1.0, 2.5), shadow_soft_size=0.3)

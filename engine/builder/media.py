@@ -8,10 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine.builder.majorants import build_majorants, filled_by_media
+from engine.kernels.bsdf import BsdfTables
+from engine.scene.description import Mesh
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import media as layout
 from engine.state.geometry import INSTANCE_MATERIAL_OFFSET, INSTANCE_MESH, GeometryArrays
 from engine.state.media import MediaArrays
+from engine.state.shaders import ShaderArrays
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,13 @@ class SceneMedia:
     def emits(self) -> bool:
         """Whether some medium emits light."""
         emission = self.arrays.media[:, layout.MEDIUM_EMISSION : layout.MEDIUM_EMISSION + 3]
-        return self.is_used and bool(emission.any())
+        # Of media that vary it is not known.
+        return self.is_used and (self.varies or bool(emission.any()))
+
+    @property
+    def varies(self) -> bool:
+        """Whether paths can be in a medium that varies in space."""
+        return bool(self.arrays.majorants.first[-1])
 
 
 def _of_slots(wanted: np.ndarray, geometry: GeometryArrays, slot_counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +62,8 @@ def _of_slots(wanted: np.ndarray, geometry: GeometryArrays, slot_counts: np.ndar
 
 
 def build_media(
-    compiled: Sequence[CompiledProgram], world_program: int, geometry: GeometryArrays, slot_counts: np.ndarray
+    compiled: Sequence[CompiledProgram], world_program: int, geometry: GeometryArrays, slot_counts: np.ndarray,
+    meshes: Sequence[Mesh], shaders: ShaderArrays, tables: BsdfTables,
 ) -> SceneMedia:
     """Flatten the media of a scene's programs.
 
@@ -64,11 +75,14 @@ def build_media(
         -1 = none.
     slot_counts : int (M,)
         Material slots of every mesh.
+    meshes, shaders, tables
+        Of media that vary, to find how dense they are where.
     """
     of_program = np.full(max(len(compiled), 1), -1, np.int32)
     rows: list[tuple[float, ...]] = []
     lobes: list[tuple[float, ...]] = []
     first_lobe = [0]
+    programs: list[int] = []
     for number, program in enumerate(compiled):
         medium = program.medium
         if medium is None:
@@ -78,16 +92,22 @@ def build_media(
         for lobe in medium.lobes:
             total += lobe.scattering
             lobes.append((*lobe.scattering, lobe.g, lobe.alpha))
-        rows.append((*medium.absorption, *total.tolist(), *medium.emission))
+        extinction = float((total + medium.absorption).max())
+        rows.append((*medium.absorption, *total.tolist(), *medium.emission, extinction))
+        programs.append(number if medium.varies else -1)
         first_lobe.append(len(lobes))
     has_medium, is_boundary = of_program >= 0, np.zeros(len(of_program), bool)
     is_boundary[: len(compiled)] = [program.is_boundary for program in compiled]
+    varies = np.array(programs or [-1], np.int32) >= 0
+    filled = list(filled_by_media(of_program, varies, world_program, geometry, meshes, slot_counts)) if rows else []
     arrays = MediaArrays(
         media=np.array(rows or [(0.0,) * layout.MEDIUM_WIDTH], np.float32),
+        program=np.array(programs or [-1], np.int32),
         lobes=np.array(lobes or [(0.0,) * layout.LOBE_WIDTH], np.float32),
         first_lobe=np.array(first_lobe, np.int32),
         of_program=of_program,
         world=np.array([of_program[world_program] if world_program >= 0 else -1], np.int32),
+        majorants=build_majorants(filled, compiled, geometry, shaders, tables),
     )
     inside, _ = _of_slots(has_medium, geometry, slot_counts)
     _, boundary = _of_slots(has_medium & is_boundary, geometry, slot_counts)

@@ -173,12 +173,21 @@ def _build_lights(
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
 
 
-def _build_media(cache: SceneCache, world_program: int, geometry: GeometryArrays) -> SceneMedia:
+def _build_media(
+    cache: SceneCache, description: SceneDescription, programs: Programs, geometry: GeometryArrays, tables: BsdfTables
+) -> SceneMedia:
     compiled = cache.programs.compiled
     inside = tuple((program.medium, program.is_boundary) for program in compiled)
+    looked_up: tuple = ()
+    if any(program.medium is not None and program.medium.varies for program in compiled):
+        seen = programs.arrays.camera.tobytes() if any(program.sees_camera for program in compiled) else b""
+        looked_up = (cache.programs.arrays.version, seen)
     return cache.media.get(
-        (content_digest(inside), world_program, cache.geometry.geometry.version),
-        lambda: build_media(compiled, world_program, geometry, cache.geometry.slot_counts),
+        (content_digest(inside), programs.world_program, cache.geometry.geometry.version, looked_up),
+        lambda: build_media(
+            compiled, programs.world_program, geometry, cache.geometry.slot_counts, description.meshes,
+            programs.arrays, tables,
+        ),
     )
 
 
@@ -233,9 +242,9 @@ def build_scene(
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
-    media = _build_media(cache, programs.world_program, geometry)
-    masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     tables = load_tables()
+    media = _build_media(cache, description, programs, geometry, tables)
+    masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)

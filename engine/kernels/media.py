@@ -13,6 +13,7 @@ from engine.kernels.spectrum import upsample_light
 from engine.runtime.jit import kernel
 from engine.state.lanes import RGB
 from engine.state.media import (
+    CHANNEL_WEIGHT,
     EMISSION,
     EXTINCTION,
     MAX_MEDIA,
@@ -122,6 +123,30 @@ def transmittance(extinction, distance):
     if not extinction > 0.0:
         return np.float32(1.0)
     return np.float32(math.exp(-extinction * distance))
+
+
+@kernel
+def weigh_channels(paths, lanes, lane, distance):
+    """How likely each channel draws where a path collides: by what it has to expect of scattering and of passing.
+
+    Fills row CHANNEL_WEIGHT of `lanes.coefficients`.
+
+    Returns
+    -------
+    total : float32, sum of the weights
+    share : float32, probability that the path collides before `distance`
+    """
+    sums = lanes.coefficients
+    total = 0.0
+    colliding = 0.0
+    for c in range(len(paths.channels)):
+        passed = transmittance(sums[EXTINCTION, c], distance)
+        albedo = sums[SCATTERING, c] / sums[EXTINCTION, c] if sums[EXTINCTION, c] > 0.0 else 0.0
+        weight = abs(paths.throughput[lane, c]) * (albedo * (1.0 - passed) + passed)
+        sums[CHANNEL_WEIGHT, c] = weight
+        total += weight
+        colliding += weight * (1.0 - passed)
+    return total, colliding / total if total > 0.0 else 0.0
 
 
 @kernel

@@ -132,7 +132,9 @@ def leave_collision(options, paths, points, media, lane, wi, pdf):
     wi : tuple of 3 float32, unit
     pdf : float32 [sr^-1], of the phase functions
     """
-    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, pdf)
+    # Light samples are taken on every segment, collisions happen on some.
+    source_pdf = pdf * media.collision_share[lane]
+    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     if count_collision(options, paths, media, lane):

@@ -27,6 +27,11 @@ SET_BSDF = 1
 SETS_PER_VERTEX = 2
 #: Where on its way to a vertex a path collides with a medium; far from the sets of vertices.
 SET_MEDIUM = 1 << 18
+#: And where its shadow ray may.
+SET_SHADOW_MEDIUM = 1 << 19
+#: Light samples on that way: light, distance, candidate, light roulette; then the point on the light.
+SET_SEGMENT = SET_MEDIUM + 1
+SET_SEGMENT_LIGHT = SET_SHADOW_MEDIUM + 1
 
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.
@@ -201,3 +206,29 @@ def sample_4d(rng, sample, dimension):
     if np.uint32(sample) >> np.uint32(_INDEX_BITS) == np.uint32(0):
         index = np.uint32(index & np.uint32((1 << _INDEX_BITS) - 1))
     return _scrambled_point(SOBOL, index, seed)
+
+
+@kernel
+def track_4(rng, sample, dimension, step):
+    """Four numbers of one step along a ray, of which there may be any number: stratified for the first.
+
+    Parameters
+    ----------
+    rng, sample, dimension
+        As `sample_4d`.
+    step : int32
+
+    Returns
+    -------
+    4 x float32 in [0, 1)
+    """
+    if step == 0:
+        return sample_4d(rng, sample, dimension)
+    seed = hash_combine(hash_combine(rng, np.uint32(sample)), np.uint32(dimension))
+    first = np.uint32(4 * step)
+    return (
+        unit_float(hash_combine(seed, first)),
+        unit_float(hash_combine(seed, first + np.uint32(1))),
+        unit_float(hash_combine(seed, first + np.uint32(2))),
+        unit_float(hash_combine(seed, first + np.uint32(3))),
+    )

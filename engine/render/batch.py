@@ -39,6 +39,7 @@ from engine.state.lanes import (
 )
 from engine.state.media import allocate_media_lanes
 from engine.state.shaders import ShaderArrays, allocate_memory
+from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
 from engine.wavefront.columns import (
     CACHED_DEPTHS,
@@ -48,7 +49,9 @@ from engine.wavefront.columns import (
     CLOSEST_RAYS,
     COUNT_WIDTH,
     GUIDED_VERTICES,
+    MAJORANTS_EXCEEDED,
     MEDIA_DROPPED,
+    MEDIUM_REJECTS,
     NEXT_PATH,
     RECORD_REJECTS,
     RECORDS,
@@ -58,6 +61,7 @@ from engine.wavefront.columns import (
     RESAMPLED_VERTICES,
     SHADOW_RAYS,
     TAUGHT,
+    TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
 )
 from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, Work, allocate_queue
@@ -92,6 +96,10 @@ class Statistics:
     record_drop_count: int = 0
     #: Entries into more media at once than a path has room for.
     medium_drop_count: int = 0
+    #: Points where media that vary were denser than their bound, where they were no numbers, and rays given up in them.
+    majorant_excess_count: int = 0
+    medium_reject_count: int = 0
+    tracking_end_count: int = 0
     #: Vertices that were guided, those of them with several candidates, and all candidates, and theirs.
     guided_count: int = 0
     several_count: int = 0
@@ -109,6 +117,9 @@ class Statistics:
         self.record_reject_count += other.record_reject_count
         self.record_drop_count += other.record_drop_count
         self.medium_drop_count += other.medium_drop_count
+        self.majorant_excess_count += other.majorant_excess_count
+        self.medium_reject_count += other.medium_reject_count
+        self.tracking_end_count += other.tracking_end_count
         self.guided_count += other.guided_count
         self.several_count += other.several_count
         self.candidate_count += other.candidate_count
@@ -173,7 +184,10 @@ class Batch:
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
             passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
             catcher=allocate_catcher_lanes(lanes if layout.has_catchers else 1, channel_count),
-            media=allocate_media_lanes(lanes if layout.has_media else 0, channel_count),
+            media=allocate_media_lanes(
+                lanes if layout.has_media else 0, channel_count, has_shadows=layout.has_varying_media
+            ),
+            tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
@@ -270,6 +284,9 @@ class Batch:
         statistics.record_reject_count += counts[RECORD_REJECTS]
         statistics.record_drop_count += counts[RECORDS_DROPPED]
         statistics.medium_drop_count += counts[MEDIA_DROPPED]
+        statistics.majorant_excess_count += counts[MAJORANTS_EXCEEDED]
+        statistics.medium_reject_count += counts[MEDIUM_REJECTS]
+        statistics.tracking_end_count += counts[TRACKING_ENDED]
         statistics.guided_count += counts[GUIDED_VERTICES]
         statistics.several_count += counts[RESAMPLED_VERTICES]
         statistics.candidate_count += counts[CANDIDATES]

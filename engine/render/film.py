@@ -78,6 +78,7 @@ FEATURE_PASSES = frozenset(PASS_NAMES) - {
 def film_layout(
     passes: frozenset[str], settings: RenderSettings, light_groups: Sequence[str] = (),
     pass_settings: PassSettings | None = None, *, has_catchers: bool = False, has_media: bool = False,
+    has_varying_media: bool = False,
 ) -> FilmLayout:
     """What a film needs for these passes and settings, of a scene with these light groups, settings of passes,
     shadow catchers and media.
@@ -95,6 +96,7 @@ def film_layout(
         shows_background="Environment" in passes,
         has_catchers=has_catchers,
         has_media=has_media,
+        has_varying_media=has_varying_media,
         is_transparent=has_catchers and settings.film_transparent,
         data=data,
     )

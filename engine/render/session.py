@@ -19,6 +19,7 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.learning import Learner
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.batch import Statistics
 from engine.render.denoising import Denoising
 from engine.render.film import Film, film_layout
 from engine.render.job import Job
@@ -52,11 +53,20 @@ def _cache_notices() -> list[Notice]:
     return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
 
 
-def _media_notices(scene: Scene, settings: RenderSettings, dropped_count: int) -> list[Notice]:
+def _media_notices(scene: Scene, settings: RenderSettings, counted: Statistics) -> list[Notice]:
     found = []
-    if dropped_count:
+    if counted.medium_drop_count:
         problem = f"paths were in more than {MAX_MEDIA} media at once"
         found.append(Notice("Volumes", problem, "those beyond are not there for these paths"))
+    if counted.majorant_excess_count:
+        problem = f"were denser than expected at {counted.majorant_excess_count} points"
+        found.append(Notice("Volumes", problem, "the picture is right, and noisier there"))
+    if counted.medium_reject_count:
+        problem = f"were no numbers at {counted.medium_reject_count} points"
+        found.append(Notice("Volumes", problem, "nothing is there"))
+    if counted.tracking_end_count:
+        problem = f"were too dense, or too large, for {counted.tracking_end_count} rays"
+        found.append(Notice("Volumes", problem, "these rays end within them"))
     if scene.media.is_used and settings.roulette == "LEARNED":
         found.append(Notice("Roulette", "knows no media", "it goes by the throughput"))
     return found
@@ -298,7 +308,7 @@ class Session:
         denoising = Denoising(settings, self.thread_count)
         layout = film_layout(
             names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
-            has_media=scene.media.is_used,
+            has_media=scene.media.is_used, has_varying_media=scene.media.varies,
         )
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
@@ -397,7 +407,7 @@ class Session:
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
                 *(learner.notices if learner is not None else []),
-                *_media_notices(scene, self.settings, total.medium_drop_count),
+                *_media_notices(scene, self.settings, total),
             ],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,

@@ -53,6 +53,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
     SCENE_WIDTH,
@@ -92,7 +93,7 @@ from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneVi
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
-    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA,
+    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA,
 ]  # fmt: skip
 
 #: Entries of the unit's header that are for paths of the picture alone.
@@ -148,6 +149,7 @@ class Tracer:
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
+        numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
         self.view = SceneView(
             numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,

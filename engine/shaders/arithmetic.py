@@ -68,6 +68,14 @@ class Arithmetic:
             return a
         return self.code.append(Instruction(ops_input.OP_ADD, (a, b), (1,)))[0]
 
+    def mix_weights(self, weight: Value, factor: Value) -> tuple[Value, Value]:
+        """What a Mix Shader hands on of a scalar weight: to its first shader, and to its second."""
+        if isinstance(factor, Constant):
+            f = min(max(factor.value[0], 0.0), 1.0)
+            return self.multiply(weight, Constant((1.0 - f,))), self.multiply(weight, Constant((f,)))
+        first, second = self.code.append(Instruction(ops_input.OP_MIX_WEIGHTS, (weight, factor), (1, 1)))
+        return first, second
+
     def saturate(self, value: Value) -> Value:
         """Scalar clamped to [0, 1]."""
         if isinstance(value, Constant):

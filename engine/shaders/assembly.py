@@ -15,7 +15,7 @@ from engine.shaders.image_pool import ImagePool
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, ConstantPool, assemble
 from engine.state import shaders as layout
-from engine.state.shaders import ShaderArrays
+from engine.state.shaders import MODE_MEDIUM, ShaderArrays
 
 
 def shader_arrays(
@@ -35,8 +35,9 @@ def shader_arrays(
     constant_words: list[int] = []
     register_count = layout.FIRST_REGISTER
     for row, program in enumerate(compiled):
-        for mode, roots in program.roots.items():
-            part = assemble(program.instructions, roots, constants)
+        parts = [(mode, program.instructions, roots) for mode, roots in program.roots.items()]
+        for mode, instructions, roots in (*parts, (MODE_MEDIUM, program.medium_instructions, program.medium_roots)):
+            part = assemble(instructions, roots, constants)
             programs[row, layout.PROGRAM_START + 2 * mode] = len(code)
             constant_words.extend(len(code) + word for word in part.constant_words)
             code.extend(part.words)

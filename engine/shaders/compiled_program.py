@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from engine.kernels.shader import ops_input
@@ -94,8 +94,13 @@ class CompiledProgram:
     #: Inside of what has this program; and whether its surface is nothing but the medium's boundary.
     medium: Medium | None = None
     is_boundary: bool = False
+    #: Of a medium that varies, which sees the point as it is, without displacement.
+    medium_instructions: list[Instruction] = field(default_factory=list)
+    medium_roots: list[int] = field(default_factory=list)
 
     @property
     def sees_camera(self) -> bool:
         """Whether what it gives depends on where the camera is."""
-        return any(instruction.opcode in _CAMERA_OPCODES for instruction in self.instructions)
+        return any(
+            instruction.opcode in _CAMERA_OPCODES for instruction in (*self.instructions, *self.medium_instructions)
+        )

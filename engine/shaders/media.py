@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is linked to a volume output, folded into the coefficients of a medium that is the same everywhere.
 
-A graph whose values vary in space is left out, node by node, with a notice.
+Of a medium that varies `engine.shaders.varying_media` makes a program.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from engine.shaders import nodes_closure
 from engine.shaders.medium import BLACK, Medium, PhaseLobe, Triple
 from engine.shaders.node_values import NodeBuilder, NodeValues
 from engine.shaders.options import choice
-from engine.shaders.program import Constant, Instruction
+from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Socket, SocketType
 
-_LEFT_OUT = "no volume"
+LEFT_OUT = "no volume"
 _PHASES = ("HENYEY_GREENSTEIN", "FOURNIER_FORAND", "DRAINE", "RAYLEIGH", "MIE")
 #: Stefan and Boltzmann's constant over pi, in the unit of emission that Cycles has here.
 _STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / math.pi
@@ -27,8 +27,8 @@ _STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / math.pi
 _LEAST_SPREAD = 1e-3
 
 
-class _VaryingError(Exception):
-    """An input is not a constant."""
+class VaryingError(Exception):
+    """An input is not a constant: the medium may vary in space."""
 
 
 class _NodeReader:
@@ -42,9 +42,7 @@ class _NodeReader:
     def _constant(self, identifier: str, type_: SocketType, default: float) -> tuple[float, ...]:
         value = self.builder.constant_input(Socket(identifier, type_, default if type_ is FLOAT else (default,) * 3))
         if value is None:
-            problem = f"its {identifier} varies: volumes that are not the same everywhere are not supported"
-            self.builder.notice(problem, _LEFT_OUT)
-            raise _VaryingError
+            raise VaryingError
         if not all(math.isfinite(number) for number in value):
             self.builder.notice(f"its {identifier} is NaN or infinite", "0")
             return (0.0,) * len(value)
@@ -63,12 +61,16 @@ class _NodeReader:
 
     def black_body(self, temperature: float) -> Triple:
         """Colour of a black body in the working space."""
-        instruction = Instruction(ops_math.OP_BLACKBODY, (Constant((temperature,)),), (3,))
-        (color,) = self.values.arithmetic.append(instruction, is_varying=False)
+        color = black_body(self.values, Constant((temperature,)))
         assert isinstance(color, Constant)
-        matrix = self.values.pools.from_rec709
-        red, green, blue = color.value if matrix is None else (matrix @ color.value).tolist()
+        red, green, blue = color.value
         return red, green, blue
+
+
+def black_body(values: NodeValues, temperature: Value) -> Value:
+    """Colour of a black body of a temperature [K], in the working space."""
+    (color,) = values.arithmetic.append(Instruction(ops_math.OP_BLACKBODY, (temperature,), (3,)), is_varying=False)
+    return values.in_working_space(color)
 
 
 def _scaled(color: Triple, factor: float) -> Triple:
@@ -81,11 +83,21 @@ def _kept_g(g: float) -> float:
     return math.copysign(min(abs(g), 1.0 - _LEAST_SPREAD), g)
 
 
+def phase_of(builder: NodeBuilder) -> str:
+    """The phase function that a node is set to; one that is not supported is reported, and replaced."""
+    phase = _PHASES[choice(builder.node, builder, "phase", _PHASES, "HENYEY_GREENSTEIN")]
+    if phase != "FOURNIER_FORAND":
+        return phase
+    problem = "the phase function of Fournier and Forand is not supported"
+    builder.notice(problem, "that of Henyey and Greenstein with the node's anisotropy")
+    return "HENYEY_GREENSTEIN"
+
+
 def _lobes(reader: _NodeReader, scattering: Triple) -> tuple[PhaseLobe, ...]:
     """What a node scatters, by the phase function that it is set to."""
     if not any(scattering):
         return ()
-    phase = _PHASES[choice(reader.node, reader.builder, "phase", _PHASES, "HENYEY_GREENSTEIN")]
+    phase = phase_of(reader.builder)
     if phase == "RAYLEIGH":
         return (PhaseLobe(scattering, 0.0, 1.0),)
     if phase == "DRAINE":
@@ -97,9 +109,6 @@ def _lobes(reader: _NodeReader, scattering: Triple) -> tuple[PhaseLobe, ...]:
             PhaseLobe(_scaled(scattering, 1.0 - share), _kept_g(g)),
             PhaseLobe(_scaled(scattering, share), _kept_g(draine_g), alpha),
         )
-    if phase == "FOURNIER_FORAND":
-        problem = "the phase function of Fournier and Forand is not supported"
-        reader.builder.notice(problem, "that of Henyey and Greenstein with the node's anisotropy")
     return (PhaseLobe(scattering, _kept_g(reader.number("Anisotropy", 0.0))),)
 
 
@@ -200,7 +209,7 @@ _SCATTER_INPUTS = ("Anisotropy", "IOR", "Backscatter", "Alpha", "Diameter")
 
 
 @dataclass(frozen=True)
-class _VolumeNode:
+class VolumeNode:
     """A node of volumes: how it is folded, and all that is known of it."""
 
     fold: Callable[[_NodeReader, float], Medium]
@@ -208,14 +217,14 @@ class _VolumeNode:
     settings: tuple[str, ...] = ()
 
 
-_NODES: dict[str, _VolumeNode] = {
-    "ShaderNodeVolumeAbsorption": _VolumeNode(_absorption, ("Color", "Density")),
-    "ShaderNodeVolumeScatter": _VolumeNode(_scatter, ("Color", "Density", *_SCATTER_INPUTS), ("phase",)),
-    "ShaderNodeVolumeCoefficients": _VolumeNode(
+NODES: dict[str, VolumeNode] = {
+    "ShaderNodeVolumeAbsorption": VolumeNode(_absorption, ("Color", "Density")),
+    "ShaderNodeVolumeScatter": VolumeNode(_scatter, ("Color", "Density", *_SCATTER_INPUTS), ("phase",)),
+    "ShaderNodeVolumeCoefficients": VolumeNode(
         _coefficients,
         ("Absorption Coefficients", "Scatter Coefficients", "Emission Coefficients", *_SCATTER_INPUTS), ("phase",),
     ),
-    "ShaderNodeVolumePrincipled": _VolumeNode(
+    "ShaderNodeVolumePrincipled": VolumeNode(
         _principled,
         (
             *("Color", "Color Attribute", "Density", "Density Attribute", "Anisotropy", "Absorption Color"),
@@ -223,7 +232,7 @@ _NODES: dict[str, _VolumeNode] = {
             "Temperature Attribute",
         ),
     ),
-    "ShaderNodeEmission": _VolumeNode(_emission, ("Color", "Strength")),
+    "ShaderNodeEmission": VolumeNode(_emission, ("Color", "Strength")),
 }  # fmt: skip
 
 
@@ -241,6 +250,10 @@ def fold_medium(values: NodeValues, volume: Link) -> Medium | None:
     -------
     Medium or None
         None: there is nothing of it that could be rendered.
+
+    Raises
+    ------
+    VaryingError
     """
     found: list[Medium] = []
     _fold(values, volume, 1.0, found, frozenset())
@@ -267,21 +280,18 @@ def _fold(values: NodeValues, link: Link, weight: float, found: list[Medium], ab
     if link.node in above:
         reader.builder.notice("is part of a loop of links", "the loop is cut open there")
         return
-    try:
-        if node.kind in nodes_closure.MIXES:
-            shares = (weight, weight)
-            if node.kind == nodes_closure.MIX_SHADER:
-                factor = min(max(reader.number("Fac", 0.5), 0.0), 1.0)
-                shares = (weight * (1.0 - factor), weight * factor)
-            for name, share in zip(("Shader", "Shader_001"), shares, strict=True):
-                below = node.inputs.get(name)
-                if isinstance(below, Link):
-                    _fold(values, below, share, found, above | {link.node})
-        elif node.kind in _NODES:
-            known = _NODES[node.kind]
-            values.notice_unknown(node, known.inputs, known.settings)
-            found.append(known.fold(reader, weight))
-        else:
-            reader.builder.notice(f"{node.kind} is not supported in a volume", _LEFT_OUT)
-    except _VaryingError:
-        return
+    if node.kind in nodes_closure.MIXES:
+        shares = (weight, weight)
+        if node.kind == nodes_closure.MIX_SHADER:
+            factor = min(max(reader.number("Fac", 0.5), 0.0), 1.0)
+            shares = (weight * (1.0 - factor), weight * factor)
+        for name, share in zip(("Shader", "Shader_001"), shares, strict=True):
+            below = node.inputs.get(name)
+            if isinstance(below, Link):
+                _fold(values, below, share, found, above | {link.node})
+    elif node.kind in NODES:
+        known = NODES[node.kind]
+        values.notice_unknown(node, known.inputs, known.settings)
+        found.append(known.fold(reader, weight))
+    else:
+        reader.builder.notice(f"{node.kind} is not supported in a volume", LEFT_OUT)

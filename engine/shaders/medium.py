@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A medium that is the same everywhere, as numbers."""
+"""What is inside of things: a medium that is the same everywhere as numbers, of another that there is one."""
 
 from __future__ import annotations
 
@@ -23,16 +23,18 @@ class PhaseLobe:
 
 @dataclass(frozen=True)
 class Medium:
-    """A medium that is the same everywhere.
+    """A medium.
 
     absorption : tuple of 3 floats [m^-1]; emission : tuple of 3 floats, radiance a metre
+    varies : bool, whether it differs from place to place: the program says how, and these numbers are 0
     """
 
     absorption: Triple = BLACK
     emission: Triple = BLACK
     lobes: tuple[PhaseLobe, ...] = ()
+    varies: bool = False
 
     @property
     def is_empty(self) -> bool:
         """Whether rays do not notice it."""
-        return not any(self.absorption) and not any(self.emission) and not self.lobes
+        return not (self.varies or any(self.absorption) or any(self.emission) or self.lobes)

@@ -129,7 +129,9 @@ class NodeValues:
         # What has no instruction has been reported whole, or has no inputs.
         if operation.opcode >= 0:
             self.notice_unknown(node, [socket.identifier for socket in operation.inputs])
-        values = self._in_working_space(operation, self.emit(operation, builder))
+        values = self.emit(operation, builder)
+        if operation.opcode in (ops_math.OP_BLACKBODY, ops_math.OP_WAVELENGTH):
+            values = (self.in_working_space(values[0]),)
         types = [socket.type for socket in operation.outputs]
         names = [socket.identifier for socket in operation.outputs]
         outputs = {name: (value, type_) for name, value, type_ in zip(names, values, types, strict=False)}
@@ -137,17 +139,17 @@ class NodeValues:
             outputs["Vector"] = (outputs["Color"][0], VECTOR)
         return outputs
 
-    def _in_working_space(self, operation: Operation, values: tuple[Value, ...]) -> tuple[Value, ...]:
-        """Colours that kernels know in Rec.709 only, in the working space."""
+    def in_working_space(self, color: Value) -> Value:
+        """A colour that kernels know in Rec.709 only, in the working space."""
         matrix = self.pools.from_rec709
-        if matrix is None or operation.opcode not in (ops_math.OP_BLACKBODY, ops_math.OP_WAVELENGTH):
-            return values
+        if matrix is None:
+            return color
         append = self.arithmetic.append
         channels = tuple(
-            append(Instruction(ops_input.OP_DOT, (values[0], Constant(tuple(row))), (1,)), is_varying=False)[0]
+            append(Instruction(ops_input.OP_DOT, (color, Constant(tuple(row))), (1,)), is_varying=False)[0]
             for row in matrix.tolist()
         )
-        return append(Instruction(ops_math.OP_COMBINE_XYZ, channels, (3,)), is_varying=False)
+        return append(Instruction(ops_math.OP_COMBINE_XYZ, channels, (3,)), is_varying=False)[0]
 
 
 class NodeBuilder:

@@ -9,11 +9,13 @@ from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
 from engine.shaders.facts import with_facts
-from engine.shaders.media import fold_medium
+from engine.shaders.media import VaryingError, fold_medium
+from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
+from engine.shaders.varying_media import lower_medium
 from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_EMISSION,
@@ -51,12 +53,22 @@ class SurfaceCompiler:
             self._aovs()
         program = with_facts(self.source, self._code.instructions, self._roots, asked, notices)
         if self._graph.volume is not None:
-            values = NodeValues(self.source.name, self._graph, self._pools)
-            program.medium = fold_medium(values, self._graph.volume)
+            self._inside(program, self._graph.volume)
         if self._is_boundary:
             program.is_boundary = True
             program.flags |= PROGRAM_IS_BOUNDARY | PROGRAM_MAY_BE_TRANSPARENT
         return program
+
+    def _inside(self, program: CompiledProgram, volume: Link) -> None:
+        """The medium inside, as numbers where it is the same everywhere, else as code."""
+        try:
+            program.medium = fold_medium(NodeValues(self.source.name, self._graph, self._pools), volume)
+        except VaryingError:
+            values = NodeValues(self.source.name, self._graph, self._pools)
+            program.medium_roots = lower_medium(values, volume)
+            program.medium_instructions = values.arithmetic.code.instructions
+            if program.medium_roots:
+                program.medium = Medium(varies=True)
 
     @property
     def _is_boundary(self) -> bool:
@@ -142,7 +154,7 @@ class SurfaceCompiler:
             self._values.notice_unknown(node, nodes_closure.MIXES[node.kind])
             shares: tuple[Value, Value] = (weight, weight)
             if node.kind == nodes_closure.MIX_SHADER:
-                shares = self._mix_weights(weight, builder.input(Socket("Fac", FLOAT, 0.5)))
+                shares = self._arithmetic.mix_weights(weight, builder.input(Socket("Fac", FLOAT, 0.5)))
             for link, share in zip(self._shader_links(index), shares, strict=True):
                 if link is not None:
                     weights[link.node] = self._arithmetic.add(weights.get(link.node, ZERO), share)
@@ -160,14 +172,6 @@ class SurfaceCompiler:
             builder.closure(ops_closure.OP_EMISSION, weight, operands, modes=(MODE_CLOSURES, MODE_EMISSION))
         else:
             self._values.notice(node, f"{node.kind} is not supported", "black")
-
-    def _mix_weights(self, weight: Value, fac: Value) -> tuple[Value, Value]:
-        if isinstance(fac, Constant):
-            f = min(max(fac.value[0], 0.0), 1.0)
-            multiply = self._arithmetic.multiply
-            return multiply(weight, Constant((1.0 - f,))), multiply(weight, Constant((f,)))
-        first, second = self._code.append(Instruction(ops_input.OP_MIX_WEIGHTS, (weight, fac), (1, 1)))
-        return first, second
 
     def _displacement(self) -> None:
         """Displacement as bump: the shading normal is replaced before the surface reads it.

@@ -120,6 +120,7 @@ class FilmLayout:
     shows_background: bool = False
     has_catchers: bool = False
     has_media: bool = False
+    has_varying_media: bool = False
     #: Of scenes with shadow catchers.
     is_transparent: bool = False
     data: DataLayout = NO_DATA

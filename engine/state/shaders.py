@@ -17,7 +17,7 @@ from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Evaluation modes (the `mode` argument of evaluate_shaders): one of the first three, plus any of the caustics bits.
+# Evaluation modes (the `mode` argument of evaluate_shaders): one of the first four, plus any of the caustics bits.
 
 #: Everything: lobes, emission, transparency.
 MODE_CLOSURES = 0
@@ -25,24 +25,27 @@ MODE_CLOSURES = 0
 MODE_EMISSION = 1
 #: Weights of transparent and holdout closures only (shadow rays).
 MODE_TRANSPARENCY = 2
+#: What is inside, at a point in it: absorption [m^-1] as transparency, phase functions weighted by the scattering that
+#: they have [m^-1], emission a metre.
+MODE_MEDIUM = 3
 MODE_MASK = 3
 #: Glossy lobes vanish behind a diffuse bounce, as Cycles does with reflective caustics off.
 MODE_NO_REFLECTIVE_CAUSTICS = 4
 MODE_NO_REFRACTIVE_CAUSTICS = 8
 
-# Columns of ShaderArrays.programs: a range of `code` per mode (the others are slices of the first), and facts.
+# Columns of ShaderArrays.programs: a range of `code` per mode (those of surfaces are slices of the first), and facts.
 PROGRAM_START = 0  # + 2 * (mode & MODE_MASK)
 PROGRAM_END = 1
-PROGRAM_FLAGS = 6
+PROGRAM_FLAGS = 8
 #: Row of `images`, plus 1, that a lookup by an unchanged UV map will read; 0 = not known. And the map's slot, or -1.
-PROGRAM_AHEAD_IMAGE = 7
-PROGRAM_AHEAD_SLOT = 8
+PROGRAM_AHEAD_IMAGE = 9
+PROGRAM_AHEAD_SLOT = 10
 #: Of a world that is one image (`engine.shaders.facts`): its row of `images` plus 1, else 0; where in `tables` the
 #: matrix on directions is, or -1; and how the image is looked up.
-PROGRAM_WORLD_IMAGE = 9
-PROGRAM_WORLD_TABLE = 10
-PROGRAM_WORLD_INTERPOLATION = 11
-PROGRAM_WORLD_UNASSOCIATE = 12
+PROGRAM_WORLD_IMAGE = 11
+PROGRAM_WORLD_TABLE = 12
+PROGRAM_WORLD_INTERPOLATION = 13
+PROGRAM_WORLD_UNASSOCIATE = 14
 PROGRAM_WIDTH = 16
 
 #: May emit light.

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: what media leave of light samples. Runs only in scenes that have media.
+"""Stages: what media leave of light samples. They run only in scenes that have media.
 
-It goes along the shadow rays from boundary to boundary, whatever stands between; surfaces in their way come after.
+They go along the shadow rays from boundary to boundary, whatever stands between; surfaces in their way come after.
+Where media vary in space this takes turns, as in `engine.wavefront.track_media`.
 """
 
 from engine.accel import MASK_MEDIUM, read_hit, trace_closest
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.media import attenuate, copy_media, cross_boundary
+from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import real_3
+from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
 from engine.kernels.surface import offset_origin, program_of, surface_point
-from engine.kernels.vector import dot, load
+from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
+from engine.kernels.vector import add, dot, load, scale, store
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_SHADOW
 from engine.state.geometry import INSTANCE_VISIBILITY
@@ -20,12 +23,17 @@ from engine.state.lanes import (
     POINT_NG,
     POINT_PROGRAM,
     RAY_CATCHER_HIT,
+    RAY_SHADOW,
 )
+from engine.state.media import EXTINCTION
 from engine.wavefront.columns import (
+    MAJORANTS_EXCEEDED,
     MEDIA_DROPPED,
+    MEDIUM_REJECTS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
     SHADOW_ROWS,
+    TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
@@ -49,6 +57,33 @@ def _leave_point(scene, work, lane, row, direction):
 
 
 @kernel
+def _next_boundary(scene, work, origin, direction, rest, time):
+    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
+    work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+    hit = trace_closest(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
+        MASK_MEDIUM,
+    )
+    if not hit:
+        return False, -1, -1, rest, 0.0, 0.0
+    instance, triangle, distance, u, v = read_hit(work.ray, work.ray_bits, scene.geometry)
+    return True, int(instance), int(triangle), distance, u, v
+
+
+@kernel
+def _cross(scene, work, row, direction, instance, triangle, u, v, time):
+    """Take row `row` of the media through a boundary; returns where the shadow ray goes on."""
+    geometry = scene.geometry
+    p, ng, _ns, error = surface_point(geometry, instance, triangle, u, v, time)
+    medium = scene.media.of_program[program_of(geometry, instance, triangle)]
+    if medium >= 0 and geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
+        is_back = dot(ng, direction) > 0.0
+        if not cross_boundary(work.media, row, instance, medium, is_back):
+            work.counts[MEDIA_DROPPED] += 1
+    return offset_origin(p, ng, direction, error)
+
+
+@kernel
 def attenuate_shadows(scene, unit, work, queue):
     """Multiply the light of all shadow rays by the transmittance on their way.
 
@@ -59,7 +94,7 @@ def attenuate_shadows(scene, unit, work, queue):
     queue : LaneQueue
         Not looked at: rows of `work.shadows` are in use.
     """
-    geometry, of_program, paths, shadows = scene.geometry, scene.media.of_program, work.paths, work.shadows
+    paths, shadows = work.paths, work.shadows
     media, radiance = work.media, work.shadows.radiance
     has_boundaries, follows = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_FOLLOWS] != 0
     own = media.count.shape[0] - 1
@@ -74,23 +109,176 @@ def attenuate_shadows(scene, unit, work, queue):
             attenuate(scene, paths, media, lane, own, rest, radiance, row)
             continue
         for _ in range(_MOST_CROSSINGS):
-            work.counts[TRANSPARENT_SHADOW_RAYS] += 1
-            hit = trace_closest(
-                scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
-                time, MASK_MEDIUM,
-            )
+            hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time)
             if not hit:
                 attenuate(scene, paths, media, lane, own, rest, radiance, row)
                 break
-            instance, triangle, distance, u, v = read_hit(work.ray, work.ray_bits, geometry)
             if not attenuate(scene, paths, media, lane, own, distance, radiance, row):
                 break
-            p, ng, _ns, error = surface_point(geometry, instance, triangle, u, v, time)
-            origin = offset_origin(p, ng, direction, error)
+            origin = _cross(scene, work, own, direction, instance, triangle, u, v, time)
             rest = rest - distance if rest < FAR else DISTANT
-            medium = of_program[program_of(geometry, instance, triangle)]
-            if medium < 0 or not geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
-                continue
-            is_back = dot(ng, direction) > 0.0
-            if not cross_boundary(media, own, instance, medium, is_back):
-                work.counts[MEDIA_DROPPED] += 1
+
+
+@kernel
+def _start_leg(scene, work, row, own):
+    """Find the next boundary on a shadow ray, and dim its light by the media before it that are the same everywhere."""
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    lane, rest = shadows.lane[row], tracking.rest[own]
+    instance, distance = -1, rest
+    if scene.header[SCENE_HAS_BOUNDARIES] != 0:
+        hit, met, triangle, at, u, v = _next_boundary(
+            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[lane]
+        )
+        if hit:
+            instance, distance = met, at
+            tracking.triangle[own] = triangle
+            tracking.u[own] = u
+            tracking.v[own] = v
+    tracking.instance[own] = instance
+    tracking.position[own] = 0.0
+    tracking.end[own] = distance
+    attenuate(scene, paths, work.media, lane, own, distance, shadows.radiance, row)
+    if distance >= FAR:
+        leave_objects(work.media, own)
+
+
+@kernel
+def begin_shadows(scene, unit, work, queue):
+    """Put the shadow rays into the queue that have light and shadows; runs in place of `attenuate_shadows` where media
+    vary.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.tracked`: rows of `work.shadows`, whose media and tracked lanes lie behind those of all paths.
+    """
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
+    kept = 0
+    for row in range(work.counts[SHADOW_ROWS]):
+        lane = shadows.lane[row]
+        if not shadows.distance[row] > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+            continue
+        own = first + row
+        direction = load(shadows.direction, row)
+        _leave_point(scene, work, lane, own, direction)
+        store(tracking.origin, own, load(shadows.origin, row))
+        tracking.rest[own] = shadows.distance[row]
+        tracking.step[own] = 0
+        work.media.crossings[own] = 0
+        for c in range(len(paths.channels)):
+            tracking.weight[own, c] = 1.0
+        _start_leg(scene, work, row, own)
+        queue.lanes[kept] = row
+        kept += 1
+    queue.count[0] = kept
+
+
+@kernel
+def _end_shadow(work, row, own):
+    """Give a shadow ray's light what is left of it."""
+    for c in range(len(work.paths.channels)):
+        work.shadows.radiance[row, c] *= work.tracking.weight[own, c]
+
+
+@kernel
+def find_shadow_collisions(scene, unit, work, queue):
+    """Take every shadow ray to where a medium that varies may collide with it, through all boundaries on the way.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        As `begin_shadows` has left it; rays that have arrived leave it. `work.light_points` are points to look up.
+    """
+    paths, shadows, media, tracking = work.paths, work.shadows, work.media, work.tracking
+    lanes, kept, first = queue.lanes, 0, tracking.rest.shape[0] // 2
+    for k in range(queue.count[0]):
+        row = lanes[k]
+        own, lane = first + row, shadows.lane[row]
+        direction, time = load(shadows.direction, row), paths.time[lane]
+        u_choice, u_distance, _, _ = track_4(
+            paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
+        )
+        waits = False
+        while True:
+            origin = load(tracking.origin, own)
+            t, entry, majorant = next_collision(
+                scene, media, own, origin, direction, time, tracking.position[own], tracking.end[own], u_distance,
+                u_choice, False,
+            )
+            if entry >= 0:
+                tracking.position[own] = t
+                tracking.majorant[own] = majorant
+                waits = tracking.step[own] < MOST_STEPS
+                instance = media.instance[own, entry]
+                place_in_medium(
+                    paths, lane, work.light_points, row, instance, scene.media.program[media.medium[own, entry]],
+                    add(origin, scale(direction, t)), direction, t, RAY_SHADOW,
+                )
+                if not waits:
+                    work.counts[TRACKING_ENDED] += 1
+                    for c in range(len(paths.channels)):
+                        tracking.weight[own, c] = 0.0
+                break
+            instance = tracking.instance[own]
+            media.crossings[own] += 1
+            if instance < 0 or media.crossings[own] > _MOST_CROSSINGS:
+                break
+            rest = tracking.rest[own]
+            tracking.rest[own] = rest - tracking.end[own] if rest < FAR else DISTANT
+            origin = _cross(
+                scene, work, own, direction, instance, tracking.triangle[own], tracking.u[own], tracking.v[own], time
+            )
+            store(tracking.origin, own, origin)
+            _start_leg(scene, work, row, own)
+            # A new leg, new numbers.
+            tracking.step[own] += 1
+            u_choice, u_distance, _, _ = track_4(
+                paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
+            )
+        if waits:
+            lanes[kept] = row
+            kept += 1
+        else:
+            _end_shadow(work, row, own)
+    queue.count[0] = kept
+
+
+@kernel
+def dim_shadows(scene, unit, work, queue):
+    """Dim shadow rays by what `evaluate_shaders` has left in `work.light_shaded` (ratio tracking).
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        Those that `find_shadow_collisions` has left; rays without light leave it.
+    """
+    paths, shadows, tracking, sums = work.paths, work.shadows, work.tracking, work.media.coefficients
+    lanes, kept, first = queue.lanes, 0, tracking.rest.shape[0] // 2
+    for k in range(queue.count[0]):
+        row = lanes[k]
+        own, lane = first + row, shadows.lane[row]
+        if not read_medium(scene, paths, lane, work.light_shaded, row, sums):
+            work.counts[MEDIUM_REJECTS] += 1
+        majorant = tracking.majorant[own]
+        is_denser = False
+        left, whole = 0.0, 0.0
+        for c in range(len(paths.channels)):
+            tracking.weight[own, c] *= 1.0 - sums[EXTINCTION, c] / majorant
+            is_denser = is_denser or sums[EXTINCTION, c] > majorant
+            left += abs(shadows.radiance[row, c] * tracking.weight[own, c])
+            whole += abs(shadows.radiance[row, c])
+        if is_denser:
+            work.counts[MAJORANTS_EXCEEDED] += 1
+        _, _, u, _ = track_4(
+            paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
+        )
+        tracking.step[own] += 1
+        if left > 0.0 and survives(tracking.weight, own, len(paths.channels), left, whole, u):
+            lanes[kept] = row
+            kept += 1
+            continue
+        for c in range(len(paths.channels)):
+            tracking.weight[own, c] = 0.0
+        _end_shadow(work, row, own)
+    queue.count[0] = kept

@@ -19,7 +19,8 @@ SCENE_IS_SPECTRAL = 8  # paths have wavelengths
 SCENE_WORLD_GROUP = 9  # light group, -1 = none
 SCENE_HAS_MEDIA = 10  # paths can be in media
 SCENE_HAS_BOUNDARIES = 11  # and can enter and leave them
-SCENE_HEADER_WIDTH = 12
+SCENE_HAS_VARYING_MEDIA = 12  # some of them vary in space
+SCENE_HEADER_WIDTH = 13
 
 # UnitView.header
 UNIT_SEED = 0
@@ -65,7 +66,10 @@ TAUGHT = 16  # records for the cache
 CACHED_PATHS = 17  # that ended, or could have ended, in the cache: after one scattering, after two, later
 CACHED_DEPTHS = 3
 MEDIA_DROPPED = CACHED_PATHS + CACHED_DEPTHS  # entries into more media at once than there is room for
-COUNT_WIDTH = MEDIA_DROPPED + 1
+MAJORANTS_EXCEEDED = MEDIA_DROPPED + 1  # points where a medium is denser than its bound
+MEDIUM_REJECTS = MEDIA_DROPPED + 2  # and where it is no number
+TRACKING_ENDED = MEDIA_DROPPED + 3  # rays that have been followed for too long
+COUNT_WIDTH = MEDIA_DROPPED + 4
 
 
 class ClockEntries(NamedTuple):
@@ -74,7 +78,9 @@ class ClockEntries(NamedTuple):
     init_from_camera: int
     play_roulette: int
     intersect_closest: int
+    track_media: int
     shade_lights: int
+    light_segments: int
     sample_medium: int
     prepare_surface: int
     play_adjoint_roulette: int

@@ -9,6 +9,7 @@ from engine.kernels.shader.interpreter import evaluate_shaders
 from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_EMISSION,
+    MODE_MEDIUM,
     MODE_NO_REFLECTIVE_CAUSTICS,
     MODE_NO_REFRACTIVE_CAUSTICS,
     MODE_TRANSPARENCY,
@@ -18,6 +19,7 @@ from engine.state.shaders import (
 __all__ = [
     "MODE_CLOSURES",
     "MODE_EMISSION",
+    "MODE_MEDIUM",
     "MODE_NO_REFLECTIVE_CAUSTICS",
     "MODE_NO_REFRACTIVE_CAUSTICS",
     "MODE_TRANSPARENCY",

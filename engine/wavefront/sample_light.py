@@ -5,55 +5,30 @@ Between the two, `evaluate_shaders` runs the programs of lights whose emission i
 scatter, such as light from below it, is dropped before.
 """
 
-
 import numpy as np
 
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
-from engine.kernels.constants import FAR
+from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import cluster_choice, finds_all, sample_light
-from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT, sample_4d
-from engine.kernels.surface import program_of
 from engine.kernels.terminator import shadow_ray
-from engine.kernels.vector import dot, store
+from engine.kernels.vector import store
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
+from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
     LIGHT_USES_MIS,
-    POINT_FLAG_BACKFACING,
-    POINT_FLAGS,
-    POINT_INSTANCE,
-    POINT_LIGHT,
     POINT_NG,
     POINT_NS,
     POINT_P,
-    POINT_PROGRAM,
-    POINT_RADIUS,
-    POINT_RANDOM,
-    POINT_RAY_FLAGS,
-    POINT_RAY_LENGTH,
-    POINT_TIME,
-    POINT_TRIANGLE,
-    POINT_U,
-    POINT_V,
     POINT_WO,
     RAY_DIFFUSE,
-    RAY_EMISSION,
     RAY_GLOSSY,
     RAY_TRANSMIT,
     RAY_VOLUME,
-    RGB,
-)
-from engine.state.lights import (
-    EMITTER_LAMP,
-    HEADER_BACKGROUND_PROGRAM,
-    LAMP_LIGHT_GROUP,
-    LAMP_TEMPERATURE,
-    LIGHT_BACKGROUND,
 )
 from engine.wavefront.columns import (
     SCENE_WORLD_GROUP,
@@ -63,8 +38,6 @@ from engine.wavefront.columns import (
     UNIT_SPLITS_LIGHT,
 )
 
-#: Bound on the relative rounding error of a point on a light.
-_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
 _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 
@@ -76,9 +49,9 @@ def choose_lights(scene, unit, work, queue):
     those of them whose light has a program to run at `work.light_points`. `work.f_cos` and `samples.bsdf_pdf` hold what
     the BSDF says of it.
     """
-    lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
+    lights, geometry = scene.lights, scene.geometry
     paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
-    light_points, lit, programs = work.light_points, work.lit.lanes, work.programs.lanes
+    lit, programs = work.lit.lanes, work.programs.lanes
     tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
     learns_lights = unit.header[UNIT_LEARNS_LIGHTS] != 0
@@ -108,10 +81,10 @@ def choose_lights(scene, unit, work, queue):
         ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
         has_transmission = (bits & HAS_TRANSMISSION) != 0
         leaves_dim = finds_all(lights, closures, lane, ng)
+        sample = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
         (
-            pdf, emitter, kind, wi, distance, q, q_ng, u, v, instance, triangle, program, radiance, visibility,
-            cast_shadow, max_bounces, use_mis, back, pmf,
-        ) = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
+            pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
+        ) = sample  # fmt: skip
         if is_recorded and pdf > 0.0:
             cluster, cluster_pmf, tree_pmf = cluster_choice(
                 lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
@@ -134,65 +107,9 @@ def choose_lights(scene, unit, work, queue):
             largest = max(largest, abs(f_cos[lane, c]))
         if not largest > 0.0:
             continue
-        store(samples.direction, lane, wi)
-        samples.pdf[lane] = pdf
-        samples.bsdf_pdf[lane] = bsdf_pdf
-        samples.terminate[lane] = u3
-        samples.visibility[lane] = visibility
-        for c in range(RGB):
-            samples.radiance[lane, c] = radiance[c]
-        if len(paths.channels) > RGB:
-            # For `upsample_lights`; programs are looked at where they have run.
-            temperature = 0.0
-            if program < 0 and instance >= 0:
-                temperature = program_temperature[program_of(geometry, instance, triangle)]
-            elif program < 0 and kind == LIGHT_BACKGROUND:
-                temperature = program_temperature[lights.header[HEADER_BACKGROUND_PROGRAM]]
-            elif program < 0:
-                temperature = lights.lamps[lights.emitters[emitter, EMITTER_LAMP], LAMP_TEMPERATURE]
-            samples.radiance[lane, RGB] = temperature
-        if splits_light:
-            group = scene.header[SCENE_WORLD_GROUP]
-            if instance >= 0:
-                group = geometry.instance_table[instance, INSTANCE_LIGHT_GROUP]
-            elif kind != LIGHT_BACKGROUND:
-                group = lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_LIGHT_GROUP]
-            work.passes.group[lane] = group
-        flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
-        samples.distance[lane] = distance
-        # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
-        if distance < FAR:
-            slant = max(abs(dot(q_ng, wi)), 0.004)
-            extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
-            samples.offset[lane] = (extent * _ERROR + paths.offset[lane]) / slant
-        else:
-            samples.offset[lane] = 0.0
-        if program >= 0:
-            flags |= LIGHT_HAS_PROGRAM
-            out = light_points.real
-            # Normals face the receiver, as everywhere; the flag says whether that is the back.
-            for c in range(3):
-                out[lane, POINT_P + c] = q[c] if distance < FAR else wi[c]
-                out[lane, POINT_WO + c] = -wi[c]
-                out[lane, POINT_NG + c] = q_ng[c]
-                out[lane, POINT_NS + c] = q_ng[c]
-            out[lane, POINT_U] = u
-            out[lane, POINT_V] = v
-            out[lane, POINT_RAY_LENGTH] = distance
-            out[lane, POINT_RADIUS] = 0.0
-            out[lane, POINT_RANDOM] = u3
-            out[lane, POINT_TIME] = paths.time[lane]
-            integer = light_points.integer
-            integer[lane, POINT_INSTANCE] = instance
-            integer[lane, POINT_TRIANGLE] = triangle
-            integer[lane, POINT_PROGRAM] = program
-            integer[lane, POINT_RAY_FLAGS] = (paths.flags[lane] & ~1) | RAY_EMISSION
-            integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if back else 0
-            store_depths(paths, lane, paths.transparent_depth[lane], light_points, lane)
-            integer[lane, POINT_LIGHT] = -1 if instance >= 0 else 0
+        if keep_light_sample(scene, work, lane, sample, bsdf_pdf, u3, scene.header[SCENE_WORLD_GROUP], splits_light):
             programs[program_count] = lane
             program_count += 1
-        samples.flags[lane] = flags
         lit[lit_count] = lane
         lit_count += 1
     work.lit.count[0] = lit_count

@@ -7,7 +7,14 @@ Runs only in scenes that have media, and behind `shade_lights`, which sees lamps
 import math
 
 from engine.kernels.constants import DISTANT, INFINITY
-from engine.kernels.media import cross_boundary, emitted_length, leave_objects, sum_coefficients, transmittance
+from engine.kernels.media import (
+    cross_boundary,
+    emitted_length,
+    leave_objects,
+    sum_coefficients,
+    transmittance,
+    weigh_channels,
+)
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen
@@ -30,6 +37,7 @@ from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, SCATTERING
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MEDIA_DROPPED,
+    SCENE_HAS_VARYING_MEDIA,
     SCENE_WORLD_GROUP,
     UNIT_FOLLOWS,
     UNIT_USE_DENOISING,
@@ -52,8 +60,14 @@ def _add_medium_emission(scene, unit, work, lane, distance):
         if sums[EMISSION, c] > 0.0:
             emission[lane, c] = sums[EMISSION, c] * emitted_length(sums[EXTINCTION, c], min(distance, DISTANT))
         largest = max(largest, emission[lane, c])
-    if not largest > 0.0:
-        return
+    if largest > 0.0:
+        _add_emission(scene, unit, work, lane)
+
+
+@kernel
+def _add_emission(scene, unit, work, lane):
+    """Add row `lane` of `work.f_cos`, emitted by media, to the path."""
+    paths, media, emission = work.paths, work.media, work.f_cos
     # As in Cycles, all of it is light of the medium that the path has been in for longest.
     group = scene.header[SCENE_WORLD_GROUP]
     if media.instance[lane, 0] >= 0:
@@ -64,6 +78,27 @@ def _add_medium_emission(scene, unit, work, lane, distance):
     )
     if unit.header[UNIT_USE_DENOISING] != 0:
         add_seen(scene.spectrum, paths, work.features, lane, emission, share, unit.film)
+
+
+@kernel
+def _take_tracked(scene, unit, work, lane):
+    """Add what media that vary emit before the path's end or collision, and update its throughput by what is left.
+
+    Returns
+    -------
+    float32 [m]
+        Where the path collides, -1: it passes.
+    """
+    paths, tracking, emission = work.paths, work.tracking, work.f_cos
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        emission[lane, c] = tracking.emitted[lane, c]
+        largest = max(largest, abs(emission[lane, c]))
+    if largest > 0.0:
+        _add_emission(scene, unit, work, lane)
+    for c in range(len(paths.channels)):
+        paths.throughput[lane, c] *= tracking.weight[lane, c]
+    return tracking.collision[lane]
 
 
 @kernel
@@ -85,13 +120,7 @@ def _collide(paths, media, lane, distance):
     """
     sums = media.coefficients
     u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
-    total = 0.0
-    for c in range(len(paths.channels)):
-        passed = transmittance(sums[EXTINCTION, c], distance)
-        albedo = sums[SCATTERING, c] / sums[EXTINCTION, c] if sums[EXTINCTION, c] > 0.0 else 0.0
-        weight = abs(paths.throughput[lane, c]) * (albedo * (1.0 - passed) + passed)
-        sums[CHANNEL_WEIGHT, c] = weight
-        total += weight
+    total, _ = weigh_channels(paths, media, lane, distance)
     if not total > 0.0:
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 0.0
@@ -155,6 +184,22 @@ def _cross(scene, work, lane, instance, triangle, program):
 
 
 @kernel
+def _pass_uniform(scene, unit, work, lane, distance):
+    """Take a path through media that are the same everywhere, before `distance`; see `_take_tracked`."""
+    paths, media = work.paths, work.media
+    sum_coefficients(scene, paths, media, lane, lane, paths.hit_instance[lane] < 0)
+    _add_medium_emission(scene, unit, work, lane, distance)
+    scattering = 0.0
+    for c in range(len(paths.channels)):
+        scattering = max(scattering, media.coefficients[SCATTERING, c])
+    if scattering > 0.0 and not paths.flags[lane] & _ENDS:
+        return _collide(paths, media, lane, distance)
+    for c in range(len(paths.channels)):
+        paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
+    return -1.0
+
+
+@kernel
 def sample_medium(scene, unit, work, queue):
     """Sort traced lanes: those that collide go to `work.collided`, with the distance in `hit_distance`; those that meet
     nothing but a boundary cross it, and wait for the next round; the others stay.
@@ -167,7 +212,7 @@ def sample_medium(scene, unit, work, queue):
         `work.traced`.
     """
     geometry, programs, paths, media = scene.geometry, scene.shaders.programs, work.paths, work.media
-    follows = unit.header[UNIT_FOLLOWS] != 0
+    follows, varies = unit.header[UNIT_FOLLOWS] != 0, scene.header[SCENE_HAS_VARYING_MEDIA] != 0
     lanes, lane_count, collided = queue.lanes, queue.count[0], work.collided.lanes
     kept = 0
     collided_count = 0
@@ -187,17 +232,11 @@ def sample_medium(scene, unit, work, queue):
             # Catchers alone, in the open.
             media.count[lane] = 0
         if media.count[lane] > 0:
-            sum_coefficients(scene, paths, media, lane, lane, instance < 0)
-            _add_medium_emission(scene, unit, work, lane, distance)
-            scattering = 0.0
-            for c in range(len(paths.channels)):
-                scattering = max(scattering, media.coefficients[SCATTERING, c])
             collision = -1.0
-            if scattering > 0.0 and not flags & _ENDS:
-                collision = _collide(paths, media, lane, distance)
+            if varies and work.tracking.is_tracked[lane] != 0:
+                collision = _take_tracked(scene, unit, work, lane)
             else:
-                for c in range(len(paths.channels)):
-                    paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
+                collision = _pass_uniform(scene, unit, work, lane, distance)
             largest = 0.0
             for c in range(len(paths.channels)):
                 largest = max(largest, abs(paths.throughput[lane, c]))

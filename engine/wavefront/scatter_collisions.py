@@ -6,68 +6,71 @@ Between the two, collisions lie behind the surfaces in `work.surface`, so that o
 
 import math
 
-import numpy as np
-
 from engine.guiding.records.vertices import MAX_VERTICES, VERTEX_SCALE, Scattering, log_vertex
-from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_lobes
-from engine.kernels.bsdf.phase import add_phase, sample_phase
+from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, sample_phase
+from engine.kernels.collision import add_lobes, place_collision
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.spectrum import to_rgb
-from engine.kernels.vector import add, load, normalize, scale
+from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_NORMAL
-from engine.state.lanes import (
-    CLOSURE_SAMPLE_WEIGHT,
-    CLOSURE_WEIGHT,
-    FEATURES_DONE,
-    POINT_INSTANCE,
-    POINT_NG,
-    POINT_NS,
-    POINT_P,
-    POINT_PROGRAM,
-    POINT_RADIUS,
-    POINT_WO,
-    RGB,
-)
-from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING, MEDIUM_SCATTERING
-from engine.wavefront.columns import UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
-
-#: Length of the normal that the light tree is given: so long that no direction is at a slant to it, for a medium
-#: receives light from all around.
-_NORMAL_LENGTH = np.float32(1e6)
+from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, FEATURES_DONE, POINT_NG, POINT_WO, RGB
+from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING
+from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
 
 
 @kernel
-def _add_lobes(scene, closures, media, lane):
-    """Append the phase functions of all that a path is in, each by its share in what the collision scatters."""
-    arrays = scene.media
+def _share_out(closures, lane):
+    """Give phase functions, whose weights are what each scatters [m^-1], their shares of all of it by channel."""
+    param, count = closures.param, closures.count[lane]
+    total = 0.0
+    for i in range(count):
+        total += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+    for c in range(RGB):
+        of_channel = 0.0
+        for i in range(count):
+            of_channel += param[lane, i, CLOSURE_WEIGHT + c]
+        for i in range(count):
+            weight = param[lane, i, CLOSURE_WEIGHT + c]
+            param[lane, i, CLOSURE_WEIGHT + c] = weight / of_channel if of_channel > 0.0 else 0.0
+    for i in range(count):
+        share = param[lane, i, CLOSURE_SAMPLE_WEIGHT] / total if total > 0.0 else 0.0
+        param[lane, i, CLOSURE_SAMPLE_WEIGHT] = share
+        # At wavelengths the shares of the whole have to do.
+        if len(closures.channels) > RGB:
+            for c in range(len(closures.channels)):
+                param[lane, i, CLOSURE_WEIGHT + c] = share
+
+
+@kernel
+def _add_chosen_lobes(scene, work, lane):
+    """Set the closures to the phase functions of the medium that a tracked path has collided with."""
+    closures, found, arrays = work.closures, work.light_closures, scene.media
+    medium = work.media.medium[lane, work.tracking.chosen[lane]]
     closures.count[lane] = 0
     closures.flags[lane] = 0
-    for k in range(media.count[lane]):
-        medium = media.medium[lane, k]
-        for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
-            mine = 0.0
-            for c in range(RGB):
-                mine += arrays.lobes[row, LOBE_SCATTERING + c]
-            all_media = 0.0
-            for other in range(media.count[lane]):
+    if arrays.program[medium] >= 0:
+        for source in range(found.count[lane]):
+            param = found.param
+            i = add_phase(
+                closures, lane, param[lane, source, CLOSURE_SAMPLE_WEIGHT], param[lane, source, PHASE_G],
+                param[lane, source, PHASE_ALPHA],
+            )
+            if i >= 0:
                 for c in range(RGB):
-                    all_media += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
-            share = mine / all_media if all_media > 0.0 else 0.0
-            if not share > 0.0:
-                continue
-            i = add_phase(closures, lane, share, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
-            # At wavelengths the shares of the whole have to do.
-            if len(closures.channels) > RGB or i < 0:
-                continue
+                    closures.param[lane, i, CLOSURE_WEIGHT + c] = param[lane, source, CLOSURE_WEIGHT + c]
+    else:
+        for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
+            mean = 0.0
             for c in range(RGB):
-                total = 0.0
-                for other in range(media.count[lane]):
-                    total += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
-                of_channel = arrays.lobes[row, LOBE_SCATTERING + c] / total if total > 0.0 else 0.0
-                closures.param[lane, i, CLOSURE_WEIGHT + c] = of_channel
+                mean += arrays.lobes[row, LOBE_SCATTERING + c] * (1.0 / 3.0)
+            i = add_phase(closures, lane, mean, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
+            if i >= 0:
+                for c in range(RGB):
+                    closures.param[lane, i, CLOSURE_WEIGHT + c] = arrays.lobes[row, LOBE_SCATTERING + c]
+    _share_out(closures, lane)
 
 
 @kernel
@@ -99,6 +102,7 @@ def prepare_collisions(scene, unit, work, queue):
     paths, points, closures, media = work.paths, work.points, work.closures, work.media
     samples, guided = work.samples, work.guided
     use_denoising, splits_light = unit.header[UNIT_USE_DENOISING] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
+    varies = scene.header[SCENE_HAS_VARYING_MEDIA] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     surface, surface_count = work.surface.lanes, work.surface.count[0]
     for k in range(lane_count):
@@ -107,24 +111,14 @@ def prepare_collisions(scene, unit, work, queue):
         if survival < 1.0:
             for c in range(len(paths.channels)):
                 paths.throughput[lane, c] /= survival
-        direction = load(paths.direction, lane)
-        distance = paths.hit_distance[lane]
-        p = add(load(paths.origin, lane), scale(direction, distance))
-        normal = scale(direction, _NORMAL_LENGTH)
-        real, integer = points.real, points.integer
-        for c in range(3):
-            real[lane, POINT_P + c] = p[c]
-            real[lane, POINT_WO + c] = -direction[c]
-            # No side is the wrong one.
-            real[lane, POINT_NG + c] = 0.0
-            real[lane, POINT_NS + c] = normal[c]
-        real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
-        integer[lane, POINT_INSTANCE] = -1
-        integer[lane, POINT_PROGRAM] = -1
-        paths.offset[lane] = 0.0
-        _add_lobes(scene, closures, media, lane)
+        place_collision(paths, points, lane, paths.hit_distance[lane])
+        if varies and work.tracking.is_tracked[lane] != 0:
+            _add_chosen_lobes(scene, work, lane)
+        else:
+            add_lobes(scene, closures, media, lane)
         guided.rough_share[lane] = 0.0
-        samples.weight[lane] = 1.0
+        # Where the whole segment has been lit, its light is not looked for again.
+        samples.weight[lane] = 0.0 if media.is_lit[lane] != 0 else 1.0
         samples.guide_pdf[lane] = 0.0
         samples.bsdf_share[lane] = 1.0
         if use_denoising:
@@ -153,6 +147,7 @@ def scatter_collisions(scene, unit, work, queue):
     work.surface.count[0] -= lane_count
     for k in range(lane_count):
         lane = lanes[k]
+        work.samples.weight[lane] = 1.0
         total = 0.0
         for i in range(closures.count[lane]):
             total += closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
@@ -169,10 +164,7 @@ def scatter_collisions(scene, unit, work, queue):
         wi = normalize(
             sample_phase(closures.param, lane, chosen, ng, wo, paths.random[lane, 1], paths.random[lane, 2])
         )
-        pdf, _ = eval_lobes(
-            closures.kind, closures.param, closures.count[lane], closures.channels, lane, wo, wi, EVERY_KIND, -1, -1.0,
-            f_cos, lane,
-        )
+        pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
         largest = 0.0
         for c in range(len(paths.channels)):
             before = paths.throughput[lane, c]

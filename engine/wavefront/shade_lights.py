@@ -5,7 +5,9 @@ Lamps do not stop rays: each one crossed adds its light. As in Cycles, camera ra
 camera, other rays only those with multiple importance sampling; suns without it are never seen.
 """
 
-from engine.kernels.constants import DISTANT
+import numpy as np
+
+from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
@@ -44,7 +46,7 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
 )
-from engine.wavefront.columns import SCENE_HAS_MEDIA, UNIT_USE_DENOISING, UNIT_USE_FEATURES
+from engine.wavefront.columns import SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA, UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
 _GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
 
@@ -64,6 +66,22 @@ def _sees(flags, visibility):
 
 
 @kernel
+def _see_through(work, lane, row, distance):
+    """Multiply a lamp's light in `work.f_cos` by what the ray that was tracked to it has left there.
+
+    One lamp on the way was picked, and stands for all; a sun is behind everything, where the ray has not collided.
+    """
+    tracking, scratch = work.tracking, work.f_cos
+    for c in range(len(work.paths.channels)):
+        factor = 0.0
+        if distance >= FAR:
+            factor = tracking.weight[lane, c] if tracking.collision[lane] < 0.0 else 0.0
+        elif tracking.lamp[lane] == row:
+            factor = tracking.lamp_weight[lane, c] * np.float32(tracking.lamp_count[lane])
+        scratch[lane, c] *= factor
+
+
+@kernel
 def _add_lamp(lights, row, factor, distance, scene, unit, work, lane):
     """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes.
 
@@ -79,7 +97,9 @@ def _add_lamp(lights, row, factor, distance, scene, unit, work, lane):
         )
     for c in range(len(paths.channels)):
         scratch[lane, c] = scratch[lane, c] * factor * paths.throughput[lane, c]
-    if scene.header[SCENE_HAS_MEDIA] != 0:
+    if scene.header[SCENE_HAS_VARYING_MEDIA] != 0 and work.tracking.is_tracked[lane] != 0:
+        _see_through(work, lane, row, distance)
+    elif scene.header[SCENE_HAS_MEDIA] != 0:
         attenuate(scene, paths, work.media, lane, lane, distance, scratch, lane)
     share = add_found(
         scene.options, spectrum, paths, work.passes, lane, scratch, lights.lamp_table[row, LAMP_LIGHT_GROUP], unit.film,

@@ -8,7 +8,12 @@ from typing import Any
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
-from engine.wavefront.attenuate_shadows import attenuate_shadows
+from engine.wavefront.attenuate_shadows import (
+    attenuate_shadows,
+    begin_shadows,
+    dim_shadows,
+    find_shadow_collisions,
+)
 from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.collect_taught import collect_taught
@@ -17,6 +22,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
@@ -33,6 +39,7 @@ from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.light_segments import leave_segments, light_segments
 from engine.wavefront.media_stacks import cross_boundaries, start_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
@@ -49,6 +56,7 @@ from engine.wavefront.shade_background import fill_background, prepare_backgroun
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
+from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
 from engine.wavefront.write_data import write_aovs, write_background_vectors, write_data
@@ -76,7 +84,9 @@ _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_na
 _DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
 _CATCHERS = _by_name(meet_catchers, show_background)
 _MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
-_MEDIA_SHADOWS = _by_name(attenuate_shadows)
+_MEDIA_LIGHTS, _MEDIA_SHADOWS = _by_name(light_segments, leave_segments), _by_name(attenuate_shadows)
+_TRACKING = _by_name(begin_tracking, find_collisions, meet_media)
+_TRACKED_SHADOWS = _by_name(begin_shadows, find_shadow_collisions, dim_shadows)
 _OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
 _EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
 _TRANSPARENT_SHADOWS = _by_name(pass_transparent)
@@ -98,7 +108,7 @@ STAGES: _Stages = {
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
-    **_MEDIA, **_MEDIA_SHADOWS,
+    **_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
 }
 
 
@@ -135,8 +145,12 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
+    varies = header[SCENE_HAS_VARYING_MEDIA]
+    add(_TRACKING, plain, varies)
+    add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
-    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows)
+    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows and not varies)
+    add(_TRACKED_SHADOWS, plain, varies and has_shadows)
     add(_SHADOWS, plain, has_shadows)
     add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])

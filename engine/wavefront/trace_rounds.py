@@ -7,13 +7,14 @@ through `engine.runtime.stage_table.StageTable`, and runs in Python as well (`en
 
 from engine.kernels.clock import mark
 from engine.runtime.jit import kernel
-from engine.state.shaders import MODE_EMISSION, MODE_TRANSPARENCY
+from engine.state.shaders import MODE_EMISSION, MODE_MEDIUM, MODE_TRANSPARENCY
 from engine.wavefront.columns import (
     CLOCK,
     NEXT_LANE,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
+    SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
@@ -76,6 +77,33 @@ def _shade_background(stages, scene, unit, work):
 
 
 @kernel
+def _track_media(stages, scene, unit, work):
+    """Follow rays through media that vary in space, one possible collision a turn."""
+    stages.begin_tracking(scene, unit, work, work.traced)
+    while work.tracked.count[0] > 0:
+        stages.find_collisions(scene, unit, work, work.tracked)
+        if work.tracked.count[0] > 0:
+            _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+            stages.meet_media(scene, unit, work, work.tracked)
+    mark(work.clock, CLOCK.track_media)
+
+
+@kernel
+def _attenuate_shadows(stages, scene, unit, work):
+    """Dim light samples by the media on their way."""
+    if scene.header[SCENE_HAS_VARYING_MEDIA] == 0:
+        stages.attenuate_shadows(scene, unit, work, work.lit)
+    else:
+        stages.begin_shadows(scene, unit, work, work.tracked)
+        while work.tracked.count[0] > 0:
+            stages.find_shadow_collisions(scene, unit, work, work.tracked)
+            if work.tracked.count[0] > 0:
+                _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+                stages.dim_shadows(scene, unit, work, work.tracked)
+    mark(work.clock, CLOCK.attenuate_shadows)
+
+
+@kernel
 def _trace_shadows(stages, scene, unit, work):
     """Add the light samples that nothing hides; what may let light through is evaluated, one surface a turn."""
     stages.intersect_shadow(scene, unit, work, work.pending)
@@ -87,11 +115,9 @@ def _trace_shadows(stages, scene, unit, work):
 
 
 @kernel
-def _sample_lights(stages, scene, unit, guidance, work):
-    """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
+def _connect_lights(stages, scene, unit, guidance, work, is_guided):
+    """What follows once lights are chosen: evaluate, connect, trace."""
     clock = work.clock
-    stages.choose_lights(scene, unit, work, work.surface)
-    mark(clock, CLOCK.choose_lights)
     if work.programs.count[0] > 0:
         _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
         mark(clock, CLOCK.evaluate_light_shaders)
@@ -99,7 +125,7 @@ def _sample_lights(stages, scene, unit, guidance, work):
         stages.upsample_lights(scene, unit, work, work.lit)
         stages.upsample_emission(scene, work, work.light_points, work.light_closures, work.programs)
         mark(clock, CLOCK.upsample)
-    if unit.header[UNIT_IS_GUIDED] != 0:
+    if is_guided:
         stages.guide_lights(scene, unit, guidance, work, work.lit)
         mark(clock, CLOCK.guide_lights)
     stages.connect_lights(scene, unit, work, work.lit)
@@ -108,9 +134,27 @@ def _sample_lights(stages, scene, unit, guidance, work):
         stages.split_sampled(scene, unit, work, work.lit)
         mark(clock, CLOCK.split_light)
     if scene.header[SCENE_HAS_MEDIA] != 0:
-        stages.attenuate_shadows(scene, unit, work, work.lit)
-        mark(clock, CLOCK.attenuate_shadows)
+        _attenuate_shadows(stages, scene, unit, work)
     _trace_shadows(stages, scene, unit, work)
+
+
+@kernel
+def _sample_lights(stages, scene, unit, guidance, work):
+    """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
+    stages.choose_lights(scene, unit, work, work.surface)
+    mark(work.clock, CLOCK.choose_lights)
+    _connect_lights(stages, scene, unit, guidance, work, unit.header[UNIT_IS_GUIDED] != 0)
+
+
+@kernel
+def _light_segments(stages, scene, unit, guidance, work):
+    """Next-event estimation on the segments that lie within media."""
+    stages.light_segments(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.light_segments)
+    if work.lit.count[0] > 0:
+        _connect_lights(stages, scene, unit, guidance, work, False)
+    stages.leave_segments(scene, unit, work, work.lit)
+    mark(work.clock, CLOCK.light_segments)
 
 
 @kernel
@@ -192,6 +236,11 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         mark(clock, CLOCK.play_roulette)
         stages.intersect_closest(scene, unit, work, work.traced)
         mark(clock, CLOCK.intersect_closest)
+        if has_media and scene.header[SCENE_HAS_EMITTERS] != 0:
+            # Before tracking, which leaves closures where shadow rays have theirs.
+            _light_segments(stages, scene, unit, guidance, work)
+        if scene.header[SCENE_HAS_VARYING_MEDIA] != 0:
+            _track_media(stages, scene, unit, work)
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
             stages.shade_lights(scene, unit, work, work.traced)
             mark(clock, CLOCK.shade_lights)
@@ -223,8 +272,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             stages.aim_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
             if has_media:
-                stages.attenuate_shadows(scene, unit, work, work.surface)
-                mark(clock, CLOCK.attenuate_shadows)
+                _attenuate_shadows(stages, scene, unit, work)
             _trace_shadows(stages, scene, unit, work)
             stages.keep_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)

@@ -35,6 +35,7 @@ from engine.state.lanes import (
 from engine.state.lights import LightArrays
 from engine.state.media import MediaArrays, MediaLanes
 from engine.state.shaders import ShaderArrays
+from engine.state.tracking import TrackedLanes
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
 
 
@@ -123,7 +124,8 @@ def allocate_queue(lane_count: int) -> LaneQueue:
 
 #: Queues in `Work`.
 QUEUES = (
-    "active", "free", "traced", "collided", "surface", "missed", "lit", "programs", "pending", "single", "several",
+    "active", "free", "traced", "tracked", "collided", "surface", "missed", "lit", "programs", "pending", "single",
+    "several",
 )  # fmt: skip
 
 
@@ -134,11 +136,12 @@ class Work(Bundle):
     ray, ray_bits : one RTCRayHit, as float32 and as uint32; ray_address : int64 (1,)
     registers : float32, of the shader interpreter
     active, free : lanes with a path and without
-    traced, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
+    traced, tracked, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
     single, several : guided lanes with one candidate, and with several
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
+    tracking : how far their rays have been followed through media that vary
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
@@ -152,6 +155,7 @@ class Work(Bundle):
     active: LaneQueue
     free: LaneQueue
     traced: LaneQueue
+    tracked: LaneQueue
     collided: LaneQueue
     surface: LaneQueue
     missed: LaneQueue
@@ -178,6 +182,7 @@ class Work(Bundle):
     passes: LightPassLanes
     catcher: CatcherLanes
     media: MediaLanes
+    tracking: TrackedLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

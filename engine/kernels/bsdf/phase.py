@@ -72,6 +72,23 @@ def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
 
 
 @kernel
+def eval_phases(closures, lane, wo, wi, out, row):
+    """Write the values of all phase functions of a lane, which has no other lobes, into out[row]; return their density.
+
+    `eval_lobes` for points within media.
+    """
+    for c in range(len(closures.channels)):
+        out[row, c] = 0.0
+    pdf = 0.0
+    total = 0.0
+    for i in range(closures.count[lane]):
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        pdf += weight * eval_phase(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
+    return pdf / total if total > 0.0 else 0.0 * pdf
+
+
+@kernel
 def sample_phase(param, lane, i, n, wo, u1, u2):
     """See `Lobe.sample`."""
     g = param[lane, i, PHASE_G]

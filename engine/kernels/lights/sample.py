@@ -124,6 +124,21 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
     """
     emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u_pick)
+    return sample_emitter(
+        lights, geometry, emitter, pmf, patch, p, n, has_transmission, leaves_dim, time, u0, u1
+    )
+
+
+@kernel(forceinline=True)
+def sample_emitter(
+    lights, geometry, emitter, pmf, patch, p, n, has_transmission, leaves_dim, time, u0, u1
+):
+    """Draw a direction towards an emitter that has been chosen; takes and returns the rest as `sample_light` does.
+
+    Parameters
+    ----------
+    emitter : int, -1 = none; pmf : float, with which it was chosen; patch : int, see `pick_emitter`
+    """
     pdf = 0.0 * u0
     u = pdf
     v = pdf

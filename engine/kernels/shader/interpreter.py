@@ -24,6 +24,7 @@ from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_EMISSION,
     MODE_MASK,
+    MODE_MEDIUM,
     MODE_NO_REFLECTIVE_CAUSTICS,
     MODE_NO_REFRACTIVE_CAUSTICS,
     PROGRAM_END,
@@ -57,7 +58,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     scratch : float32
         `engine.state.shaders.allocate_memory(shaders)`, one a thread.
     mode : int
-        MODE_CLOSURES, MODE_EMISSION or MODE_TRANSPARENCY, plus MODE_NO_*_CAUSTICS.
+        MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY or MODE_MEDIUM, plus MODE_NO_*_CAUSTICS.
     """
     code = shaders.code
     programs = shaders.programs
@@ -93,7 +94,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
             flags |= CLOSURE_NO_BUMP_CORRECTION
         ns = read_point(points, lane, POINT_NS)
         reset_closures(closures, lane, ns, flags)
-        if facts & PROGRAM_IS_LAMBERTIAN:
+        if facts & PROGRAM_IS_LAMBERTIAN and column != 2 * MODE_MEDIUM:
             if column == 2 * MODE_CLOSURES:
                 weight = (
                     values[program, VALUE_LAMBERTIAN],

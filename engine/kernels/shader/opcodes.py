@@ -3,6 +3,7 @@
 
 INPUT_FIRST = 0  # engine/kernels/shader/ops_input.py
 CLOSURE_FIRST = 100  # engine/kernels/shader/ops_closure.py
+VOLUME_FIRST = 170  # engine/kernels/shader/ops_volume.py, run as closures
 IMAGE_FIRST = 200  # engine/kernels/shader/ops_image.py
 MATH_FIRST = 300  # engine/kernels/shader/ops_math.py
 TEXTURE_FIRST = 400  # engine/kernels/shader/ops_texture.py

@@ -9,7 +9,8 @@ from engine.kernels.bsdf.lobe import View
 from engine.kernels.bsdf.lobes import INSTRUCTIONS, run_instruction
 from engine.kernels.bsdf.no_lobes import add_emission, add_holdout, add_transparent
 from engine.kernels.memory import read3
-from engine.kernels.shader.opcodes import CLOSURE_FIRST
+from engine.kernels.shader.opcodes import CLOSURE_FIRST, VOLUME_FIRST
+from engine.kernels.shader.ops_volume import run_volume_op
 from engine.kernels.shader.surface import read_point
 from engine.kernels.vector import scale
 from engine.runtime.jit import kernel
@@ -74,6 +75,9 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         # Of what the camera sees, up to the surface that is opaque enough.
         if points.integer[lane, POINT_RAY_FLAGS] & (RAY_CAMERA | RAY_PASSES_DONE) == RAY_CAMERA:
             _add_aov(closures, lane, memory, code, pc)
+        return
+    if opcode >= VOLUME_FIRST:
+        run_volume_op(opcode, closures, lane, w, memory, code, pc)
         return
     view = View(
         read_point(points, lane, POINT_WO),

@@ -14,6 +14,7 @@ from engine.render.light_passes import LIGHT_PASSES
 from engine.render.session import Session
 from engine.scene.description import Light
 from engine.settings import RenderSettings
+from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
 
@@ -129,6 +130,8 @@ def test_a_lamp_in_endless_fog_is_as_bright_as_the_integral_says():
     fog = volume_graph("Scatter", Color=(0.5, 1.0, 0.2, 1.0), Density=0.2)
     lamp = Light("lamp", "Lamp", "POINT", placed(offset=(1.0, 0.0, 4.0)), (1.0, 1.0, 1.0), 100.0)
     scene = media_scene([], np.zeros((0, 4, 4)), lights=[lamp], world=(0.0, 0.0, 0.0), fog=fog)
+    # So narrow a view that rays at its edge are as far from the lamp as the one in the middle.
+    scene.camera.lens = 50000.0
     means = means_by_seed(scene, volume_bounces=0, samples=256)
     expected = np.array([_single_scattering(0.2 * c, 0.2 * c, 4.0, 100.0) for c in (0.5, 1.0, 0.2)])
     assert is_mean(means, expected)
@@ -146,6 +149,19 @@ def test_light_sampling_and_scattering_alone_agree():
     error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
     assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
     assert (error < 0.01 * both.mean(axis=0)).all()
+
+
+def test_surfaces_in_fog_weigh_their_light_by_their_own_densities():
+    """The same of a floor in thin fog: light of segments must leave nothing behind in a path's light sample."""
+    fog = medium("Scatter", Color=(0.3, 0.5, 0.9, 1.0), Density=0.15, Anisotropy=-0.3)
+    white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Floor", Density=0.0)
+    around = [placed((4.0, 4.0, 2.0), (0.0, 0.0, 2.0)), placed((4.0, 4.0, 0.5), (0.0, 0.0, 0.0))]
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(0.0, 0.0, 3.0)), (1.0, 1.0, 1.0), 100.0, size_x=4.0)
+    scene = media_scene([fog, white], around, lights=[lamp], world=(0.0, 0.0, 0.0), height=2.0)
+    both, alone = (means_by_seed(scene, samples=1024, volume_bounces=2, use_nee=use_nee) for use_nee in (True, False))
+    error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
+    assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
+    assert (error < 0.005 * both.mean(axis=0)).all()
 
 
 def test_volume_bounces_count_scatterings_after_the_first():
@@ -184,6 +200,45 @@ def test_extreme_media_leave_no_pixel_that_is_not_finite(density, anisotropy):
     fog = medium("Scatter", Color=(0.9999, 0.5, 0.0, 1.0), Density=density, Anisotropy=anisotropy)
     image = picture(media_scene([fog], [placed()]), volume_bounces=64, max_bounces=64, samples=64)
     assert np.isfinite(image).all() and 0.0 <= image.mean() < 1.1
+
+
+@pytest.mark.parametrize("density", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("anisotropy", [-0.999, 0.999])
+def test_lamps_in_and_before_extreme_media_leave_no_pixel_that_is_not_finite(density, anisotropy):
+    """One lamp is on the camera's axis, where segments lead through it."""
+    fog = medium("Scatter", Color=(0.9999, 0.5, 0.0, 1.0), Density=density, Anisotropy=anisotropy)
+    on_axis = Light("point", "Point", "POINT", placed(offset=(0.0, 0.0, 0.2)), (1.0, 1.0, 1.0), 10.0)
+    before = Light("spot", "Spot", "SPOT", placed(offset=(0.0, 0.0, 3.0)), (1.0, 1.0, 1.0), 100.0, spot_angle=0.5)
+    scene = media_scene([fog], [placed()], lights=[on_axis, before], world=(0.0, 0.0, 0.0))
+    image = picture(scene, volume_bounces=16, max_bounces=16, samples=64)
+    assert np.isfinite(image).all() and image.min() >= 0.0
+
+
+def test_what_scatters_nearly_all_light_takes_away_what_a_path_of_its_length_loses():
+    """Albedo 0.9999 in a furnace: darker than white, by less than the loss of very long paths."""
+    fog = medium("Coefficients", **{
+        "Absorption Coefficients": (1e-4,) * 3, "Scatter Coefficients": (1.0 - 1e-4,) * 3, "Anisotropy": 0.0,
+    })  # fmt: skip
+    image = picture(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=64)
+    assert 0.995 < image.mean() < 1.0
+
+
+def test_a_camera_on_a_boundary_is_on_one_side_of_it():
+    ink = medium("Absorption", Color=(0.5, 0.2, 0.8, 1.0), Density=0.7)
+    # Rays start 0.1 m before the camera: one box begins there, another a camera's rounding before.
+    for top in (1.0, np.nextafter(np.float32(1.0), np.float32(2.0))):
+        around = [placed((4.0, 4.0, 2.0), (0.0, 0.0, float(top) - 2.0))]
+        image = picture(media_scene([ink], around, height=1.1))
+        assert np.allclose(image, np.exp(-0.7 * 4.0 * (1.0 - np.array([0.5, 0.2, 0.8]))), rtol=1e-3)
+
+
+def test_of_64_nested_media_those_that_there_is_room_for_count_and_a_message_says_so():
+    sizes = 1.0 + 0.01 * np.arange(64, 0, -1)
+    inks = [medium("Absorption", name=f"Ink {k}", Color=(0.5, 0.5, 0.5, 1.0), Density=0.05) for k in range(64)]
+    result = render(media_scene(inks, [placed((1.0, 1.0, size)) for size in sizes]))
+    expected = np.exp(-0.05 * 0.5 * 2.0 * sizes[:MAX_MEDIA].sum())
+    assert np.allclose(result.passes["Combined"][..., :3], expected, rtol=1e-3)
+    assert any("more than 32 media" in notice.problem for notice in result.report.notices)
 
 
 def test_the_radiance_cache_is_off_in_media_and_says_so():

@@ -23,7 +23,8 @@ _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
 _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
-    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "attenuate_shadows"
+    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "attenuate_shadows",
+    "light_segments", "leave_segments",
 }  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from engine.state.lanes import (
 )
 from engine.state.lights import LightArrays
 from engine.state.media import LOBE_WIDTH, MEDIUM_WIDTH, MediaArrays, MediaLanes, allocate_media_lanes
+from engine.state.tracking import TrackedLanes, allocate_tracked_lanes, no_majorants
 from engine.wavefront.columns import SCENE_HEADER_WIDTH, UNIT_HEADER_WIDTH
 from engine.wavefront.options import IntegratorOptions, make_options
 from engine.wavefront.shade_lights import shade_lights
@@ -67,6 +68,7 @@ class _Work(Bundle):
     passes: LightPassLanes
     features: FeatureLanes
     media: MediaLanes
+    tracking: TrackedLanes
 
 
 class _Unit(Bundle):
@@ -79,8 +81,8 @@ class _Unit(Bundle):
 def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     count = len(paths.flags)
     media = MediaArrays(
-        np.zeros((1, MEDIUM_WIDTH), np.float32), np.zeros((1, LOBE_WIDTH), np.float32), np.zeros(2, np.int32),
-        np.full(1, -1, np.int32), np.full(1, -1, np.int32),
+        np.zeros((1, MEDIUM_WIDTH), np.float32), np.full(1, -1, np.int32), np.zeros((1, LOBE_WIDTH), np.float32),
+        np.zeros(2, np.int32), np.full(1, -1, np.int32), np.full(1, -1, np.int32), no_majorants(0),
     )
     header = np.zeros(SCENE_HEADER_WIDTH, np.int64)
     scene = _Scene(header, lights, media, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
@@ -88,7 +90,7 @@ def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     queue.lanes[:], queue.count[0] = np.arange(count), count
     work = _Work(
         paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1),
-        allocate_media_lanes(0, 3),
+        allocate_media_lanes(0, 3), allocate_tracked_lanes(1, 3),
     )
     shade_lights(scene, _Unit(np.zeros(UNIT_HEADER_WIDTH, np.int64), allocate_tile(1, 3)), work, queue)
     return paths.radiance.copy()

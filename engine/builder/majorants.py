@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of media that vary in space, found by looking their programs up at many points of what they fill."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.array_types import Float32Array
+from engine.kernels.bsdf import BsdfTables
+from engine.kernels.shader import ops_input
+from engine.kernels.shader.opcodes import CLOSURE_FIRST
+from engine.scene.description import Mesh
+from engine.shaders.compiled_program import CompiledProgram
+from engine.state import geometry as geometry_layout
+from engine.state import lanes as lane_layout
+from engine.state.geometry import GeometryArrays
+from engine.state.lanes import CLOSURE_WEIGHT, LANE_COUNT, allocate_closures, allocate_points
+from engine.state.media import WORLD
+from engine.state.shaders import MODE_MEDIUM, ShaderArrays, allocate_memory
+from engine.state.tracking import GRID_WIDTH, SPACE_WIDTH, MajorantGrids, no_majorants
+from engine.wavefront.evaluate_shaders import evaluate_shaders
+
+#: Cells along the longest edge of what a medium fills.
+_RESOLUTION = 32
+#: Points that are looked up in a cell, and how far beyond it they lie, in cells.
+_POINTS = 16
+_PADDING = 0.25
+#: How much is added to the largest extinction that was found in a cell: this share of how much it varies there.
+_SPREAD = 0.5
+#: A cell's bound is at least this share of those around it, so that what was overlooked is met sooner or later.
+_OF_NEIGHBOURS = 0.1
+#: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
+#: at any other.
+_LOOKS_AT_EMISSION, _FEWEST_LOOKS = 32.0, 4.0
+#: Half the edge [m] of what the world's medium fills, as far as it varies; as in Cycles.
+_WORLD_SIZE = 10_000.0
+
+#: Instructions that give the same wherever the object stands, and for every ray.
+_LOCAL = frozenset({
+    ops_input.OP_GENERATED, ops_input.OP_OBJECT_COORDINATE, ops_input.OP_ATTRIBUTE, ops_input.OP_TRANSFORM_POINT,
+    ops_input.OP_MAPPING, ops_input.OP_MULTIPLY, ops_input.OP_ADD, ops_input.OP_MIX_WEIGHTS, ops_input.OP_DOT,
+    ops_input.OP_SATURATE, ops_input.OP_COLOR_TO_FLOAT, ops_input.OP_VECTOR_TO_FLOAT, ops_input.OP_FLOAT_TO_VECTOR,
+})  # fmt: skip
+#: Kinds of rays that a program may tell apart.
+_RAYS = (
+    lane_layout.RAY_CAMERA, lane_layout.RAY_DIFFUSE | lane_layout.RAY_REFLECT,
+    lane_layout.RAY_GLOSSY | lane_layout.RAY_REFLECT, lane_layout.RAY_TRANSMIT, lane_layout.RAY_VOLUME,
+    lane_layout.RAY_SHADOW,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Filled:
+    """What a medium that varies fills: an instance, or the world.
+
+    lower, upper : float64 (3,), corners in the space of the object
+    to_world : float64 (S, 3, 4), at times from the shutter's opening to its closing; one where it stands still
+    """
+
+    instance: int
+    medium: int
+    program: int
+    lower: np.ndarray
+    upper: np.ndarray
+    to_world: np.ndarray
+
+
+class _Lookup:
+    """Looks programs up at points."""
+
+    def __init__(self, shaders: ShaderArrays, geometry: GeometryArrays, tables: BsdfTables) -> None:
+        self._read = (shaders, geometry, tables)
+        self._points, self._closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
+        self._lanes = np.arange(LANE_COUNT, dtype=np.int32)
+        self._memory = allocate_memory(shaders)
+
+    def __call__(
+        self, filled: Filled, points: np.ndarray, times: np.ndarray, flags: int
+    ) -> tuple[Float32Array, Float32Array]:
+        """Largest channels of extinction and emission at points of the world, float32 (N,)."""
+        real, integer = self._points.real, self._points.integer
+        real[:] = 0.0
+        real[:, [lane_layout.POINT_WO + 2, lane_layout.POINT_NG + 2, lane_layout.POINT_NS + 2]] = 1.0
+        integer[:] = 0
+        integer[:, lane_layout.POINT_INSTANCE] = filled.instance
+        integer[:, [lane_layout.POINT_TRIANGLE, lane_layout.POINT_LIGHT]] = -1
+        integer[:, lane_layout.POINT_PROGRAM] = filled.program
+        integer[:, lane_layout.POINT_RAY_FLAGS] = flags
+        extinction, emission = np.empty(len(points), np.float32), np.empty(len(points), np.float32)
+        for start in range(0, len(points), LANE_COUNT):
+            end = min(start + LANE_COUNT, len(points))
+            count = end - start
+            real[:count, lane_layout.POINT_P : lane_layout.POINT_P + 3] = points[start:end]
+            real[:count, lane_layout.POINT_TIME] = times[start:end]
+            evaluate_shaders(*self._read, self._points, self._closures, self._lanes, count, self._memory, MODE_MEDIUM)
+            closures = self._closures
+            weights = closures.param[:count, :, CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3]
+            in_use = np.arange(weights.shape[1])[None, :, None] < closures.count[:count, None, None]
+            total = closures.transparency[:count, :3] + np.where(in_use, weights, 0.0).sum(axis=1)
+            extinction[start:end] = total.max(axis=1)
+            emission[start:end] = closures.emission[:count, :3].max(axis=1)
+        for values in (extinction, emission):
+            np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        return extinction, emission
+
+
+def _resolution(filled: Filled) -> np.ndarray:
+    """Cells along x, y and z: about cubes in the world."""
+    edges = np.linalg.norm(filled.to_world[0, :, :3], axis=0) * (filled.upper - filled.lower)
+    longest = edges.max()
+    if not longest > 0.0:
+        return np.ones(3, np.int64)
+    return np.clip(np.ceil(_RESOLUTION * edges / longest), 1, _RESOLUTION).astype(np.int64)
+
+
+def _points_of(filled: Filled, cells: np.ndarray, slab: int, random: np.random.Generator) -> np.ndarray:
+    """Points in all cells of a layer along z, in the space of the object: float64 (Y, X, _POINTS, 3)."""
+    corner = np.stack(np.meshgrid(np.arange(cells[1]), np.arange(cells[0]), indexing="ij"), axis=-1)
+    corner = np.concatenate([corner[..., ::-1], np.full((*corner.shape[:2], 1), slab)], axis=-1)
+    within = random.random((cells[1], cells[0], _POINTS, 3)) * (1.0 + 2.0 * _PADDING) - _PADDING
+    place = np.clip((corner[:, :, None] + within) / cells, 0.0, 1.0)
+    return filled.lower + place * (filled.upper - filled.lower)
+
+
+def _largest_around(values: np.ndarray) -> np.ndarray:
+    """The largest of each cell of a grid and those that touch it."""
+    for axis in range(values.ndim):
+        ahead, behind = np.roll(values, 1, axis), np.roll(values, -1, axis)
+        edge = [slice(None)] * values.ndim
+        edge[axis] = slice(0, 1)
+        ahead[tuple(edge)] = values[tuple(edge)]
+        edge[axis] = slice(-1, None)
+        behind[tuple(edge)] = values[tuple(edge)]
+        values = np.maximum(np.maximum(ahead, behind), values)
+    return values
+
+
+def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array:
+    """Bounds by cell, float32 (Z, Y, X)."""
+    cells = _resolution(filled)
+    random = np.random.default_rng(filled.instance + 2)
+    shape = tuple(cells[::-1])
+    largest, smallest, bright = np.zeros(shape), np.full(shape, np.inf), np.zeros(shape)
+    for slab in range(cells[2]):
+        local = _points_of(filled, cells, slab, random)
+        step = random.integers(len(filled.to_world), size=local.shape[:-1])
+        matrix = filled.to_world[step]
+        world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
+        times = step.ravel() / max(len(filled.to_world) - 1, 1)
+        for flags in rays:
+            found = lookup(filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags)
+            extinction, emission = (values.reshape(local.shape[:-1]) for values in found)
+            largest[slab] = np.maximum(largest[slab], extinction.max(axis=-1))
+            smallest[slab] = np.minimum(smallest[slab], extinction.min(axis=-1))
+            bright[slab] = np.maximum(bright[slab], emission.max(axis=-1))
+    bound = largest + _SPREAD * (largest - smallest)
+    bound = np.maximum(bound, _OF_NEIGHBOURS * _largest_around(bound))
+    bright = _largest_around(bright)
+    if bright.any():
+        way = np.linalg.norm(filled.to_world[0, :, :3] @ (filled.upper - filled.lower))
+        looks = np.maximum(_LOOKS_AT_EMISSION * bright / bright.max(), _FEWEST_LOOKS) / max(way, 1e-30)
+        bound = np.where(bright > 0.0, np.maximum(bound, looks), bound)
+    return bound.astype(np.float32)
+
+
+def _is_local(program: CompiledProgram) -> bool:
+    """Whether a medium is the same in the object's space whatever instance it is of, and for every ray."""
+    return all(
+        instruction.opcode in _LOCAL or instruction.opcode >= CLOSURE_FIRST
+        for instruction in program.medium_instructions
+    )
+
+
+def filled_by_media(
+    of_program: np.ndarray, varies: np.ndarray, world_program: int, geometry: GeometryArrays, meshes: Sequence[Mesh],
+    slot_counts: np.ndarray,
+) -> Iterator[Filled]:
+    """Everything that media which vary fill, the world first, then by instance.
+
+    Parameters
+    ----------
+    of_program : int32 (P,)
+        Medium inside of what has this program, -1 = none.
+    varies : bool (M,)
+        By medium.
+    """
+    if world_program >= 0 and of_program[world_program] >= 0 and varies[of_program[world_program]]:
+        size = np.full(3, _WORLD_SIZE)
+        yield Filled(WORLD, int(of_program[world_program]), world_program, -size, size, np.eye(4)[None, :3])
+    table = geometry.instance_table
+    bounds: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    for instance in range(len(table)):
+        mesh = int(table[instance, geometry_layout.INSTANCE_MESH])
+        start = int(table[instance, geometry_layout.INSTANCE_MATERIAL_OFFSET])
+        programs = np.unique(geometry.instance_materials[start : start + slot_counts[mesh]])
+        programs = [int(p) for p in programs if of_program[p] >= 0 and varies[of_program[p]]]
+        if not programs:
+            continue
+        if mesh not in bounds:
+            shapes = [meshes[mesh].vertices]
+            moving = meshes[mesh].motion_vertices
+            if moving is not None:
+                shapes.append(moving.reshape(-1, 3))
+            vertices = np.concatenate(shapes).astype(np.float64)
+            bounds[mesh] = vertices.min(axis=0), vertices.max(axis=0)
+        first, count = table[instance, [geometry_layout.INSTANCE_FIRST_KEY, geometry_layout.INSTANCE_KEY_COUNT]]
+        matrices = geometry.motion_transforms[first : first + count] if count else geometry.transforms[instance]
+        to_world = np.asarray(matrices, np.float64).reshape(-1, 3, 4)
+        for program in programs:
+            yield Filled(instance, int(of_program[program]), program, *bounds[mesh], to_world)
+
+
+def build_majorants(
+    everything: Sequence[Filled], compiled: Sequence[CompiledProgram], geometry: GeometryArrays, shaders: ShaderArrays,
+    tables: BsdfTables,
+) -> MajorantGrids:
+    """Bounds of all that media which vary fill.
+
+    Parameters
+    ----------
+    everything : sequence of Filled
+        As `filled_by_media` gives it.
+    """
+    instance_count = len(geometry.instance_table)
+    if not everything:
+        return no_majorants(instance_count)
+    lookup = _Lookup(shaders, geometry, tables)
+    known: dict[object, tuple[int, np.ndarray]] = {}
+    values: list[Float32Array] = []
+    rows, offsets, spaces, size = [], [], [], 0
+    counts = np.zeros(instance_count + 2, np.int64)
+    for filled in everything:
+        program = compiled[filled.program]
+        key: object = filled.instance
+        if filled.instance != WORLD and _is_local(program):
+            # What is emission's share in it goes by the size in the world.
+            lengths = np.linalg.norm(filled.to_world[0, :, :3], axis=0)
+            key = (int(geometry.instance_table[filled.instance, geometry_layout.INSTANCE_MESH]), lengths.tobytes())
+        key = (key, filled.program)
+        if key not in known:
+            sees_ray = any(instruction.opcode == ops_input.OP_LIGHT_PATH for instruction in program.medium_instructions)
+            bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1])
+            known[key] = size, np.array(bound.shape[::-1])
+            values.append(bound.ravel())
+            size += bound.size
+        offset, cells = known[key]
+        extent = np.maximum(filled.upper - filled.lower, 1e-30)
+        rows.append((filled.medium, *cells))
+        offsets.append(offset)
+        spaces.append((*filled.lower, *(cells / extent)))
+        counts[filled.instance + 2] += 1
+    first = np.cumsum(counts)
+    return MajorantGrids(
+        first=first.astype(np.int32),
+        table=np.array(rows, np.int32).reshape(-1, GRID_WIDTH),
+        offset=np.array(offsets, np.int64),
+        space=np.array(spaces, np.float32).reshape(-1, SPACE_WIDTH),
+        values=np.ascontiguousarray(np.concatenate(values)),
+    )

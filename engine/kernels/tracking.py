@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Following a ray through media that vary in space, by possible collisions at the rate of a bound on their density.
+
+Of media that overlap each collides at the rate of its own bound, so that only the chosen one has to be looked up.
+
+References
+----------
+Woodcock et al. 1965, "Techniques used in the GEM code"; Novak et al. 2014, "Residual Ratio Tracking for Estimating
+Attenuation in Participating Media"; Kutz et al. 2017, "Spectral and Decomposition Tracking for Rendering Heterogeneous
+Volumes", section 5.1 (history-aware collision probabilities); Miller et al. 2019, "A Null-Scattering Path Integral
+Formulation of Light Transport", section 5 (the same as MIS of channels).
+"""
+
+import math
+
+import numpy as np
+
+from engine.kernels.constants import INFINITY
+from engine.kernels.motion import direction_to_object, point_to_object
+from engine.kernels.path_depths import store_depths
+from engine.kernels.spectrum import upsample_light
+from engine.kernels.vector import add, scale
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
+    CLOSURE_WEIGHT,
+    POINT_FLAGS,
+    POINT_INSTANCE,
+    POINT_LIGHT,
+    POINT_NG,
+    POINT_NS,
+    POINT_P,
+    POINT_PROGRAM,
+    POINT_RADIUS,
+    POINT_RANDOM,
+    POINT_RAY_FLAGS,
+    POINT_RAY_LENGTH,
+    POINT_TIME,
+    POINT_TRIANGLE,
+    POINT_U,
+    POINT_V,
+    POINT_WO,
+    RGB,
+)
+from engine.state.media import (
+    EMISSION,
+    EXTINCTION,
+    MEDIUM_ABSORPTION,
+    MEDIUM_MAJORANT,
+    MEDIUM_SCATTERING,
+    SCATTERING,
+    WORLD,
+)
+from engine.state.tracking import GRID_LOWER, GRID_MEDIUM, GRID_RESOLUTION, GRID_SCALE
+
+#: How far behind a boundary between cells the next one is looked up, in cells: further than rounding may err.
+_BEYOND = np.float32(1e-4)
+#: Cells that a ray may cross between two possible collisions.
+_MOST_CELLS = 1 << 16
+#: Share of the light from which on a ray is followed by chance.
+_ROULETTE_BELOW = np.float32(0.1)
+#: Possible collisions of a ray: one that has more is in something far too dense.
+MOST_STEPS = 1 << 16
+
+# What becomes of a ray at a possible collision.
+GOES_ON = 0
+COLLIDES = 1
+ENDS = 2
+
+
+@kernel
+def _within_cell(x, v, count):
+    """Cell that a coordinate (in cells) is in, and how far it is out of it at a speed of `v` cells a metre [m].
+
+    Outside of the grid the next cell goes on, to where the grid begins or for ever.
+    """
+    cell = min(max(int(math.floor(x + math.copysign(_BEYOND, v))), 0), count - 1)
+    leave = INFINITY
+    if v > 0.0:
+        leave = (np.float32(cell + 1) - x) / v
+    elif v < 0.0:
+        leave = (np.float32(cell) - x) / v
+    return cell, leave if leave > 0.0 else INFINITY
+
+
+@kernel
+def majorant_at(scene, instance, medium, origin, direction, time, t):
+    """Bound on the extinction of a medium at a point of a ray, and how much further it holds.
+
+    Returns
+    -------
+    majorant : float32 [m^-1]
+    ahead : float32 [m], above 0
+    """
+    grids = scene.media.majorants
+    if scene.media.program[medium] < 0:
+        return scene.media.media[medium, MEDIUM_MAJORANT], INFINITY
+    row = grids.first[instance + 1]
+    end = grids.first[instance + 2]
+    while row < end and grids.table[row, GRID_MEDIUM] != medium:
+        row += 1
+    if row >= end:
+        return 0.0 * t, INFINITY
+    p = add(origin, scale(direction, t))
+    d = direction
+    if instance != WORLD:
+        p = point_to_object(scene.geometry, instance, time, p)
+        d = direction_to_object(scene.geometry, instance, time, d)
+    x = (p[0] - grids.space[row, GRID_LOWER]) * grids.space[row, GRID_SCALE]
+    y = (p[1] - grids.space[row, GRID_LOWER + 1]) * grids.space[row, GRID_SCALE + 1]
+    z = (p[2] - grids.space[row, GRID_LOWER + 2]) * grids.space[row, GRID_SCALE + 2]
+    v = (
+        d[0] * grids.space[row, GRID_SCALE], d[1] * grids.space[row, GRID_SCALE + 1],
+        d[2] * grids.space[row, GRID_SCALE + 2],
+    )
+    nx = grids.table[row, GRID_RESOLUTION]
+    ny = grids.table[row, GRID_RESOLUTION + 1]
+    nz = grids.table[row, GRID_RESOLUTION + 2]
+    i, along_x = _within_cell(x, v[0], nx)
+    j, along_y = _within_cell(y, v[1], ny)
+    k, along_z = _within_cell(z, v[2], nz)
+    fastest = max(abs(v[0]), abs(v[1]), abs(v[2]))
+    ahead = min(along_x, along_y, along_z)
+    if fastest > 0.0:
+        ahead = max(ahead, _BEYOND / fastest)
+    if instance == WORLD and (x < 0.0 or y < 0.0 or z < 0.0 or x > nx or y > ny or z > nz):
+        return 0.0 * t, ahead
+    return grids.values[grids.offset[row] + i + nx * (j + ny * np.int64(k))], ahead
+
+
+@kernel
+def next_collision(scene, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
+    """Where the media of a row may collide next, behind `t` and before `end`.
+
+    Parameters
+    ----------
+    uniform : bool
+        Whether those that are the same everywhere take part.
+
+    Returns
+    -------
+    t : float32 [m]
+    entry : int, of the row's media, -1: nowhere
+    majorant : float32 [m^-1], of that medium
+    """
+    depth = -math.log(1.0 - u_distance)
+    for _ in range(_MOST_CELLS):
+        total = 0.0
+        ahead = end - t
+        for k in range(media.count[row]):
+            if not uniform and scene.media.program[media.medium[row, k]] < 0:
+                continue
+            majorant, further = majorant_at(
+                scene, media.instance[row, k], media.medium[row, k], origin, direction, time, t
+            )
+            total += majorant
+            ahead = min(ahead, further)
+        if depth < total * ahead:
+            rest = u_choice * total
+            chosen = -1
+            bound = 0.0
+            for k in range(media.count[row]):
+                if not uniform and scene.media.program[media.medium[row, k]] < 0:
+                    continue
+                majorant, _further = majorant_at(
+                    scene, media.instance[row, k], media.medium[row, k], origin, direction, time, t
+                )
+                if majorant > 0.0:
+                    chosen = k
+                    bound = majorant
+                    if rest < majorant:
+                        break
+                    rest -= majorant
+            return min(t + depth / total, end), chosen, bound
+        depth -= total * ahead
+        t += ahead
+        if not t < end:
+            break
+    return end, -1, 0.0
+
+
+@kernel
+def place_in_medium(paths, lane, points, row, instance, program, p, direction, distance, flags):
+    """Set row `row` of `points` to a point within a medium.
+
+    Parameters
+    ----------
+    paths : PathState; lane : int
+        The path, whose time and depths count.
+    distance : float32 [m]
+        From the ray's start.
+    flags : int, RAY_*
+    """
+    real, integer = points.real, points.integer
+    for c in range(3):
+        real[row, POINT_P + c] = p[c]
+        real[row, POINT_WO + c] = -direction[c]
+        real[row, POINT_NG + c] = -direction[c]
+        real[row, POINT_NS + c] = -direction[c]
+    real[row, POINT_U] = 0.0
+    real[row, POINT_V] = 0.0
+    real[row, POINT_RAY_LENGTH] = distance
+    real[row, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
+    real[row, POINT_RANDOM] = 0.0
+    real[row, POINT_TIME] = paths.time[lane]
+    integer[row, POINT_INSTANCE] = instance
+    integer[row, POINT_TRIANGLE] = -1
+    integer[row, POINT_PROGRAM] = program
+    integer[row, POINT_RAY_FLAGS] = flags
+    integer[row, POINT_FLAGS] = 0
+    integer[row, POINT_LIGHT] = -1
+    store_depths(paths, lane, paths.transparent_depth[lane], points, row)
+
+
+@kernel
+def _to_channels(scene, paths, lane, sums, largest_kind):
+    """Coefficients in RGB at the path's channels; extinction, so far absorption, gets the scattering besides."""
+    if len(paths.channels) > RGB:
+        for kind in range(largest_kind + 1):
+            upsample_light(
+                scene.spectrum, paths, lane, sums[kind, 0], sums[kind, 1], sums[kind, 2], 0.0, sums, kind
+            )
+    for c in range(len(paths.channels)):
+        sums[EXTINCTION, c] += sums[SCATTERING, c]
+
+
+@kernel
+def read_medium(scene, paths, lane, closures, row, sums):
+    """Write into `sums` what a program has left of a medium in row `row` of `closures`, in RGB.
+
+    Returns
+    -------
+    bool
+        Whether they were numbers; else all are 0.
+    """
+    total = 0.0
+    for c in range(RGB):
+        scattering = 0.0
+        for i in range(closures.count[row]):
+            scattering += closures.param[row, i, CLOSURE_WEIGHT + c]
+        sums[EXTINCTION, c] = closures.transparency[row, c]
+        sums[SCATTERING, c] = scattering
+        sums[EMISSION, c] = max(closures.emission[row, c], 0.0)
+        total += closures.transparency[row, c] + scattering + closures.emission[row, c]
+    is_finite = math.isfinite(total)
+    if not is_finite:
+        for kind in range(EMISSION + 1):
+            for c in range(RGB):
+                sums[kind, c] = 0.0
+    _to_channels(scene, paths, lane, sums, EMISSION)
+    return is_finite
+
+
+@kernel
+def read_uniform(scene, paths, lane, medium, sums):
+    """Write into `sums` extinction and scattering of a medium that is the same everywhere."""
+    media = scene.media.media
+    for c in range(RGB):
+        sums[EXTINCTION, c] = media[medium, MEDIUM_ABSORPTION + c]
+        sums[SCATTERING, c] = media[medium, MEDIUM_SCATTERING + c]
+    _to_channels(scene, paths, lane, sums, SCATTERING)
+
+
+@kernel
+def meet_medium(paths, lane, tracking, row, majorant, sums, may_scatter, u_event, u_roulette):
+    """Decide what becomes of a path at a possible collision, and update its weight.
+
+    It scatters, or goes on as after a null collision. The probability is the mean over channels, by what light each of
+    them has left, of their own: what is left is divided by that, for all channels alike.
+
+    Parameters
+    ----------
+    majorant : float32 [m^-1]
+    sums : float32 (COEFFICIENT_ROWS, C)
+        At the path's channels.
+
+    Returns
+    -------
+    int
+        GOES_ON, COLLIDES or ENDS.
+    """
+    weight = tracking.weight
+    scattered, passed = 0.0, 0.0
+    for c in range(len(paths.channels)):
+        light = abs(paths.throughput[lane, c] * weight[row, c])
+        scattered += light * sums[SCATTERING, c]
+        passed += light * abs(majorant - sums[EXTINCTION, c])
+    if not may_scatter:
+        scattered = 0.0
+    if not scattered + passed > 0.0:
+        for c in range(len(paths.channels)):
+            weight[row, c] = 0.0
+        return ENDS
+    probability = scattered / (scattered + passed)
+    if u_event < probability:
+        for c in range(len(paths.channels)):
+            weight[row, c] *= sums[SCATTERING, c] / (majorant * probability)
+        return COLLIDES
+    left, whole = 0.0, 0.0
+    for c in range(len(paths.channels)):
+        weight[row, c] *= (majorant - sums[EXTINCTION, c]) / (majorant * (1.0 - probability))
+        left += abs(paths.throughput[lane, c] * weight[row, c])
+        whole += abs(paths.throughput[lane, c])
+    return GOES_ON if survives(weight, row, len(paths.channels), left, whole, u_roulette) else ENDS
+
+
+@kernel
+def survives(weight, row, channel_count, left, whole, u):
+    """Russian roulette for a ray of whose light little is left; its weight is updated.
+
+    Parameters
+    ----------
+    left, whole : float32
+        What there is, of how much.
+    """
+    if not left < _ROULETTE_BELOW * whole:
+        return True
+    probability = left / (_ROULETTE_BELOW * whole)
+    if not u < probability:
+        for c in range(channel_count):
+            weight[row, c] = 0.0
+        return False
+    for c in range(channel_count):
+        weight[row, c] /= probability
+    return True

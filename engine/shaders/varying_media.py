@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is linked to a volume output, as a program that says at each point what the medium is there.
+
+`engine.shaders.media` folds what is the same everywhere into numbers, by the formulas that the instructions have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from engine.kernels.shader import ops_closure
+from engine.kernels.shader import ops_volume as ops
+from engine.scene.description import Link
+from engine.shaders import nodes_closure
+from engine.shaders.arithmetic import ONE, ZERO
+from engine.shaders.media import LEFT_OUT, NODES, black_body, mie_parameters, phase_of
+from engine.shaders.node_values import NodeBuilder, NodeValues
+from engine.shaders.program import Constant, Instruction, Value, is_zero
+from engine.shaders.table import COLOR, FLOAT, VECTOR, Socket
+
+_BLACK = Constant((0.0, 0.0, 0.0))
+#: Of water droplets, which an unlinked socket has.
+_DIAMETER = 20.0
+
+
+class _MediumBuilder(NodeBuilder):
+    """What the entries below see of one node, of this weight."""
+
+    def __init__(self, values: NodeValues, index: int, weight: Value, roots: list[int]) -> None:
+        super().__init__(values, index)
+        self.values = values
+        self.weight = weight
+        self._roots = roots
+
+    def number(self, identifier: str, default: float) -> Value:
+        """Value of a socket that is a number."""
+        return self.input(Socket(identifier, FLOAT, default))
+
+    def color(self, identifier: str, default: float) -> Value:
+        """Value of a socket that is a colour."""
+        return self.input(Socket(identifier, COLOR, (default,) * 3))
+
+    def vector(self, identifier: str, default: float) -> Value:
+        """Value of a socket that is a vector."""
+        return self.input(Socket(identifier, VECTOR, (default,) * 3))
+
+    def add(self, opcode: int, *operands: Value, weight: Value | None = None) -> None:
+        """Append an instruction with the node's weight, or another."""
+        instruction = Instruction(opcode, (self.weight if weight is None else weight, *operands), ())
+        self._roots.append(self.values.arithmetic.code.append_effect(instruction))
+
+    def phases(self) -> list[tuple[Value, Value, Value]]:
+        """Phase functions that the node is set to: their shares, mean cosines and alphas."""
+        phase = phase_of(self)
+        if phase == "RAYLEIGH":
+            return [(ONE, ZERO, ONE)]
+        if phase == "DRAINE":
+            return [(ONE, self.number("Anisotropy", 0.0), self.number("Alpha", 0.5))]
+        if phase != "MIE":
+            return [(ONE, self.number("Anisotropy", 0.0), ZERO)]
+        diameter = self.constant_input(Socket("Diameter", FLOAT, _DIAMETER))
+        if diameter is None:
+            self.notice("its Diameter varies, which is not supported", f"{_DIAMETER:g} micrometres")
+            diameter = (_DIAMETER,)
+        g, draine_g, alpha, share = mie_parameters(diameter[0])
+        parts = ((1.0 - share, g, 0.0), (share, draine_g, alpha))
+        return [(Constant((a,)), Constant((b,)), Constant((c,))) for a, b, c in parts]
+
+
+def _absorption(builder: _MediumBuilder) -> None:
+    builder.add(ops.OP_ABSORPTION, builder.color("Color", 0.8), builder.number("Density", 1.0))
+
+
+def _scatter(builder: _MediumBuilder) -> None:
+    color, density = builder.color("Color", 0.8), builder.number("Density", 1.0)
+    for share, g, alpha in builder.phases():
+        weight = builder.values.arithmetic.multiply(builder.weight, share)
+        builder.add(ops.OP_SCATTER, color, density, g, alpha, weight=weight)
+
+
+def _coefficients(builder: _MediumBuilder) -> None:
+    scattering = builder.vector("Scatter Coefficients", 1.0)
+    absorption = builder.vector("Absorption Coefficients", 1.0)
+    builder.add(ops.OP_COEFFICIENTS, absorption, _BLACK, builder.vector("Emission Coefficients", 0.0), ZERO, ZERO)
+    for share, g, alpha in builder.phases():
+        weight = builder.values.arithmetic.multiply(builder.weight, share)
+        builder.add(ops.OP_COEFFICIENTS, _BLACK, scattering, _BLACK, g, alpha, weight=weight)
+
+
+def _principled(builder: _MediumBuilder) -> None:
+    share = builder.number("Blackbody Intensity", 0.0)
+    temperature = builder.number("Temperature", 1000.0)
+    hot = _BLACK if is_zero(share) else black_body(builder.values, temperature)
+    builder.add(
+        ops.OP_PRINCIPLED, builder.color("Color", 0.5), builder.number("Density", 1.0),
+        builder.color("Absorption Color", 0.0), builder.number("Anisotropy", 0.0),
+        builder.number("Emission Strength", 0.0), builder.color("Emission Color", 1.0), share,
+        builder.color("Blackbody Tint", 1.0), temperature, hot,
+    )
+
+
+def _emission(builder: _MediumBuilder) -> None:
+    builder.add(ops_closure.OP_EMISSION, builder.color("Color", 1.0), builder.number("Strength", 1.0))
+
+
+_LOWERINGS: dict[str, Callable[[_MediumBuilder], None]] = {
+    "ShaderNodeVolumeAbsorption": _absorption,
+    "ShaderNodeVolumeScatter": _scatter,
+    "ShaderNodeVolumeCoefficients": _coefficients,
+    "ShaderNodeVolumePrincipled": _principled,
+    "ShaderNodeEmission": _emission,
+}
+
+
+def lower_medium(values: NodeValues, volume: Link) -> list[int]:
+    """Append the instructions of a medium that varies to the code of `values`.
+
+    Parameters
+    ----------
+    values : NodeValues
+        Of the graph, of its own.
+    volume : Link
+        What is linked to the output.
+
+    Returns
+    -------
+    list of int
+        Those to be run in MODE_MEDIUM, by index; empty: there is nothing that could be rendered.
+    """
+    roots: list[int] = []
+    _lower(values, volume, ONE, roots, frozenset())
+    return roots
+
+
+def _lower(values: NodeValues, link: Link, weight: Value, roots: list[int], above: frozenset[int]) -> None:
+    """Append the media of what is linked, `weight` times; `above` are the nodes that lead there."""
+    if not values.exists(link, "the volume output") or is_zero(weight):
+        return
+    builder = _MediumBuilder(values, link.node, weight, roots)
+    node = builder.node
+    if link.node in above:
+        builder.notice("is part of a loop of links", "the loop is cut open there")
+    elif node.kind in nodes_closure.MIXES:
+        shares = (weight, weight)
+        if node.kind == nodes_closure.MIX_SHADER:
+            shares = values.arithmetic.mix_weights(weight, builder.number("Fac", 0.5))
+        for name, share in zip(("Shader", "Shader_001"), shares, strict=True):
+            below = node.inputs.get(name)
+            if isinstance(below, Link):
+                _lower(values, below, share, roots, above | {link.node})
+    elif node.kind in _LOWERINGS:
+        values.notice_unknown(node, NODES[node.kind].inputs, NODES[node.kind].settings)
+        _LOWERINGS[node.kind](builder)
+    else:
+        builder.notice(f"{node.kind} is not supported in a volume", LEFT_OUT)
