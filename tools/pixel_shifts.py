@@ -130,8 +130,8 @@ def _search(sequence, sets, weights, tries, seed):
 def main() -> None:
     """Search, and print the columns with the quality that they give."""
     parser = argparse.ArgumentParser(prog="python -m tools.pixel_shifts", description="Columns of pixels' shifts.")
-    parser.add_argument("--tries", type=int, default=10_000, help="for each bit of a place (default: %(default)s)")
-    parser.add_argument("--seeds", type=int, default=4, help="searches; the best is kept (default: %(default)s)")
+    parser.add_argument("--tries", type=int, default=20_000, help="for each bit of a place (default: %(default)s)")
+    parser.add_argument("--seeds", type=int, default=3, help="searches; the best is kept (default: %(default)s)")
     chosen = parser.parse_args()
     sequence, sets, weights = sobol_columns(), np.array(_SETS), np.array(_WEIGHTS)
     found = [_search(sequence, sets, weights, chosen.tries, seed) for seed in range(chosen.seeds)]
