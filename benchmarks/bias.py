@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Is a picture biased? Z-tests of means over independent seeds, and how large a bias they would have found.
 
-Standard errors come from the pixels' variances over seeds, summed: noise of different pixels is uncorrelated, also in a
-guided render, where what was learned depends on all pixels. Given what was learned, the samples of an iteration are
-independent and their mean is the pixel's value; so is the product of two pixels' errors, of one iteration or two, zero
-on average. A thousand pixels say more about the noise than a handful of seeds' means.
+Standard errors come from the pixels' variances over seeds, summed: noise of pixels of different blocks is uncorrelated,
+also in a guided render, where what was learned depends on all pixels. Given what was learned, the samples of an
+iteration are independent and their mean is the pixel's value; so is the product of two pixels' errors, of one iteration
+or two, zero on average. Within a block of 8 x 8 neighbours err in opposite directions, so that the sum errs a little
+less than is said. A thousand pixels say more about the noise than a handful of seeds' means.
 """
 
 from __future__ import annotations

@@ -168,8 +168,9 @@ def compare_cells(
 ) -> CellComparison:
     """Compare the cell means of two renderers.
 
-    The variance of a cell's mean is the sum of its pixels' variances over seeds: pixels are independent (every sampler
-    here scrambles per pixel), and hundreds of pixels give a far steadier estimate than a handful of seeds' cell means.
+    The variance of a cell's mean is the sum of its pixels' variances over seeds, as if pixels were independent:
+    hundreds of pixels give a far steadier estimate than a handful of seeds' cell means. In blue-noise order neighbours
+    err in opposite directions, so it is less than that.
     Relative to the second renderer's cell, or to `CELL_FLOOR` of its image mean if that is more: a black cell with one
     grey pixel of an edge has no relative difference worth the name.
     """

@@ -41,7 +41,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("said", "use_sample_subset"),
             *_rows("no", "sample_offset sample_subset_length", "belong to the subset of samples"),
             *_rows("works", "use_layer_samples light_sampling_threshold seed use_animated_seed"),
-            *_rows("no need", "sampling_pattern", "always Owen-scrambled Sobol numbers"),
+            *_rows("no need", "sampling_pattern", "always Owen-scrambled Sobol numbers in blue-noise order"),
             *_rows("no", "scrambling_distance preview_scrambling_distance auto_scrambling_distance"),
             *_rows("no need", "use_light_tree", "lights are always in a tree"),
             *_rows("said", "direct_light_sampling_type"),

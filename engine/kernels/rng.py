@@ -1,9 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random numbers as a pure function of (seed, pixel, sample, dimension): Owen-scrambled Sobol points.
+"""Random numbers as a pure function of (seed, pixel, sample, dimension): scrambled Sobol points in blue-noise order.
+
+The pixels of a block of 8 x 8 have one scrambled sequence, each shifted by digits of its own before it is scrambled.
+The shifts (`engine.kernels.pixel_shifts`) are such that whatever power of two of samples there is, the points of a
+quad of pixels, and of four quads, are spread about as well as the points of one pixel: neighbours err in opposite
+directions. Blocks are independent.
 
 References: Burley 2020, "Practical Hash-based Owen Scrambling": the sample index is shuffled and every coordinate
 scrambled by a hash keyed with the pixel and the dimension set; the hash is Vegdahl's 2021 refinement of Laine and
-Karras 2011. Direction numbers: Joe and Kuo 2008, first four dimensions.
+Karras 2011. Direction numbers: Joe and Kuo 2008, first four dimensions. Ahmed and Wonka 2020, "Screen-Space Blue-Noise
+Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels": why pixels that are close in a
+hierarchical order should have points of one net. There each pixel has a section of one sequence, and so many samples
+must be known beforehand.
 """
 
 from typing import Any
@@ -15,13 +23,16 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from engine.kernels.pixel_shifts import PLACE_BITS, shift_table
 from engine.runtime.jit import kernel
 
 # Named sets of four numbers. The camera uses two, each vertex of a path SETS_PER_VERTEX.
 SET_FILTER_LENS = 0
 SET_TIME = 1
 SETS_BEFORE_VERTICES = 2
-#: Offsets within a vertex: light (pick, u, v, light roulette), BSDF (pick, u, v, path roulette), stochastic shading.
+#: Offsets within a vertex: light (pick, u, v, light roulette), BSDF (u, v, pick, path roulette). The first two numbers
+#: of a set are spread best together. Which lobe is picked matters less than the direction, unlike which light
+#: (docs/decisions/blue-noise.md).
 SET_LIGHT = 0
 SET_BSDF = 1
 SETS_PER_VERTEX = 2
@@ -36,6 +47,8 @@ SET_SEGMENT_LIGHT = SET_SHADOW_MEDIUM + 1
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.
 _INDEX_BITS = 16
+#: Makes of a set's seed another one.
+_PLACE_SEED = np.uint32(0x9E3779B1)
 
 
 def _sobol_tables() -> np.ndarray:
@@ -73,6 +86,8 @@ def _sobol_tables() -> np.ndarray:
 
 
 SOBOL = _sobol_tables()
+SHIFTS = shift_table()
+_PLACE_MASK = np.uint32((1 << PLACE_BITS) - 1)
 
 
 @kernel
@@ -90,9 +105,17 @@ def hash_combine(a, b):
 
 
 @kernel
-def pixel_hash(seed, pixel):
-    """The stream of a pixel: uint32 of the render's seed and the pixel's index in the full image."""
-    return hash_combine(hash_combine(np.uint32(seed), np.uint32(0x5BD1E995)), np.uint32(pixel))
+def pixel_hash(seed, column, row):
+    """The stream of a pixel: uint32 of the render's seed and the pixel's place in the full image.
+
+    The upper 26 bits are its block's, the others say where it is in that: one bit of column and row after the other,
+    coarse ones first, from the lowest bit up.
+    """
+    block = hash_combine(hash_combine(np.uint32(seed), np.uint32(0x5BD1E995)), np.uint32(column >> 3))
+    block = hash_combine(block, np.uint32(row >> 3))
+    place = np.uint32((column & 1) << 5 | (row & 1) << 4 | (column & 2) << 2 | (row & 2) << 1)
+    place = np.uint32(place | np.uint32((column & 4) >> 1 | (row & 4) >> 2))
+    return np.uint32((block & ~_PLACE_MASK) | place)
 
 
 @kernel
@@ -123,11 +146,12 @@ def unit_float(bits):
 
 
 @intrinsic
-def _scrambled_point(typing_context: Any, table: Any, index: Any, seed: Any) -> Any:
-    """The four coordinates of Sobol point `index`, each Owen-scrambled with a seed of its own, as float32 in [0, 1).
+def _scrambled_point(typing_context: Any, table: Any, index: Any, seed: Any, shifts: Any, place: Any) -> Any:
+    """The four coordinates of Sobol point `index`, shifted, then Owen-scrambled each by its seed: float32 in [0, 1).
 
     One vector instruction for all four where a loop would take each in turn: coordinate d is `reverse_bits` of
-    `laine_karras` of the table's XOR under the seed `hash_combine(seed, d + 1)`, and its upper 24 bits are kept.
+    `laine_karras` of the table's XOR and the shift under the seed `hash_combine(seed, d + 1)`, and its upper 24 bits
+    are kept.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -147,21 +171,24 @@ def _scrambled_point(typing_context: Any, table: Any, index: Any, seed: Any) -> 
         def multiply_xor(x: Any, factor: int) -> Any:
             return builder.xor(x, builder.mul(x, constant(factor)))
 
-        data = builder.bitcast(make_array(signature.args[0])(context, builder, arguments[0]).data, pointer)
-        def look_up(groups: range) -> Any:
-            x = constant(0)
+        def row_of(position: int, row: Any) -> Any:
+            """Four words of one of the two tables, by the argument that it is."""
+            data = make_array(signature.args[position])(context, builder, arguments[position]).data
+            offset = builder.zext(builder.shl(row, ir.Constant(word, 4)), ir.IntType(64))
+            address = builder.gep(builder.bitcast(data, pointer), [offset])
+            return builder.load(builder.bitcast(address, four.as_pointer()), align=4)
+
+        def look_up(x: Any, groups: range) -> Any:
             for group in groups:
                 row = builder.and_(builder.lshr(arguments[1], ir.Constant(word, 4 * group)), ir.Constant(word, 15))
-                offset = builder.add(builder.shl(row, ir.Constant(word, 4)), ir.Constant(word, group * 256))
-                address = builder.gep(data, [builder.zext(offset, ir.IntType(64))])
-                x = builder.xor(x, builder.load(builder.bitcast(address, four.as_pointer()), align=4))
+                x = builder.xor(x, row_of(0, builder.add(row, ir.Constant(word, 16 * group))))
             return x
 
         # Indices within `_INDEX_BITS` are the rule.
-        room = cgutils.alloca_once_value(builder, look_up(range(4)))
+        room = cgutils.alloca_once_value(builder, look_up(row_of(3, arguments[4]), range(4)))
         upper = builder.lshr(arguments[1], ir.Constant(word, 16))
         with builder.if_then(builder.icmp_unsigned("!=", upper, ir.Constant(word, 0)), likely=False):
-            builder.store(builder.xor(builder.load(room), look_up(range(4, 8))), room)
+            builder.store(look_up(builder.load(room), range(4, 8)), room)
         x = builder.load(room)
 
         keys = [((d + 1) * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF for d in range(4)]
@@ -179,7 +206,7 @@ def _scrambled_point(typing_context: Any, table: Any, index: Any, seed: Any) -> 
         coordinates = [builder.extract_element(unit, ir.Constant(word, d)) for d in range(4)]
         return cgutils.pack_array(builder, coordinates)
 
-    return types.UniTuple(types.float32, 4)(table, types.uint32, types.uint32), generate
+    return types.UniTuple(types.float32, 4)(table, types.uint32, types.uint32, shifts, types.uint32), generate
 
 
 @kernel
@@ -199,13 +226,15 @@ def sample_4d(rng, sample, dimension):
     -------
     4 x float32 in [0, 1)
     """
-    seed = hash_combine(rng, np.uint32(dimension))
+    seed = hash_combine(np.uint32(rng) >> np.uint32(PLACE_BITS), np.uint32(dimension))
+    # An order of the block's pixels of each set's own, or errors of different sets would go together.
+    place = np.uint32(laine_karras(np.uint32(rng), np.uint32(seed * _PLACE_SEED)) & _PLACE_MASK)
     index = reverse_bits(laine_karras(reverse_bits(np.uint32(sample)), seed))
     # Shuffled, the first 2^16 samples share their upper bits, which only shift all points by the same digits: the
     # scrambling that follows does as much. Without them half the look-ups are enough.
     if np.uint32(sample) >> np.uint32(_INDEX_BITS) == np.uint32(0):
         index = np.uint32(index & np.uint32((1 << _INDEX_BITS) - 1))
-    return _scrambled_point(SOBOL, index, seed)
+    return _scrambled_point(SOBOL, index, seed, SHIFTS, place)
 
 
 @kernel

@@ -8,19 +8,18 @@ from typing import NamedTuple
 
 # SceneView.header
 SCENE_HANDLE = 0  # Embree's, an address
-SCENE_WIDTH = 1  # of the full image [px]
-SCENE_WORLD_PROGRAM = 2
-SCENE_WORLD_VISIBILITY = 3
-SCENE_WORLD_IS_CONSTANT = 4
-SCENE_HAS_EMITTERS = 5
-SCENE_HAS_HITTABLE_LIGHTS = 6
-SCENE_HAS_TRANSPARENT_SHADOWS = 7
-SCENE_IS_SPECTRAL = 8  # paths have wavelengths
-SCENE_WORLD_GROUP = 9  # light group, -1 = none
-SCENE_HAS_MEDIA = 10  # paths can be in media
-SCENE_HAS_BOUNDARIES = 11  # and can enter and leave them
-SCENE_HAS_VARYING_MEDIA = 12  # some of them vary in space
-SCENE_HEADER_WIDTH = 13
+SCENE_WORLD_PROGRAM = 1
+SCENE_WORLD_VISIBILITY = 2
+SCENE_WORLD_IS_CONSTANT = 3
+SCENE_HAS_EMITTERS = 4
+SCENE_HAS_HITTABLE_LIGHTS = 5
+SCENE_HAS_TRANSPARENT_SHADOWS = 6
+SCENE_IS_SPECTRAL = 7  # paths have wavelengths
+SCENE_WORLD_GROUP = 8  # light group, -1 = none
+SCENE_HAS_MEDIA = 9  # paths can be in media
+SCENE_HAS_BOUNDARIES = 10  # and can enter and leave them
+SCENE_HAS_VARYING_MEDIA = 11  # some of them vary in space
+SCENE_HEADER_WIDTH = 12
 
 # UnitView.header
 UNIT_SEED = 0

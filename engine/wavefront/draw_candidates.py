@@ -84,9 +84,9 @@ def draw_candidates(scene, unit, guidance, work, queue):
         candidates.time[vertex] = points.real[lane, POINT_TIME]
         if len(paths.channels) > RGB:
             candidates.hero[vertex] = paths.hero[lane]
-        base = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
+        u1, u2, u0, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
         for j in range(guided.candidate_count[lane]):
-            candidate, is_valid = propose(work, guide, lane, rotated(*base, j), row)
+            candidate, is_valid = propose(work, guide, lane, rotated(u0, u1, u2, u3, j), row)
             candidates.vertex[row] = vertex
             store(candidates.direction, row, candidate.wi)
             candidates.source_pdf[row] = candidate.source_pdf

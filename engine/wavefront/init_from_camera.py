@@ -17,7 +17,6 @@ from engine.state.lanes import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGRO
 from engine.state.unit import ALL_STRATA
 from engine.wavefront.columns import (
     NEXT_PATH,
-    SCENE_WIDTH,
     UNIT_DIVIDES_WAVELENGTHS,
     UNIT_PATH_COUNT,
     UNIT_RECORD_THRESHOLD,
@@ -82,7 +81,7 @@ def init_from_camera(scene, unit, work, queue):
         `work.free`, a stack; `work.active` grows.
     """
     camera, motion, shutter, filter_table = scene.camera, scene.camera_motion, scene.shutter, scene.pixel_filter
-    spectrum, full_width = scene.spectrum, scene.header[SCENE_WIDTH]
+    spectrum = scene.spectrum
     paths, log, header, pixels = work.paths, work.log, unit.header, unit.pixels
     # Without guiding only the cache learns, and has a log of its own.
     has_log = log.real.shape[0] > 1
@@ -108,7 +107,7 @@ def init_from_camera(scene, unit, work, queue):
         next_path += 1
         column = pixels[pixel, 0]
         row = pixels[pixel, 1]
-        rng = pixel_hash(seed, row * full_width + column)
+        rng = pixel_hash(seed, column, row)
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, hero, _, _ = sample_4d(rng, sample, SET_TIME)
         row_of_film = pixel

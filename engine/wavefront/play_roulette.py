@@ -56,7 +56,7 @@ def play_roulette(scene, unit, work, queue):
         ahead = lane_ahead(active, k, active_count)
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
-        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_BSDF)
+        u1, u2, u0, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_BSDF)
         paths.random[lane, 0] = u0
         paths.random[lane, 1] = u1
         paths.random[lane, 2] = u2

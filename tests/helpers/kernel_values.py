@@ -16,7 +16,7 @@ import numpy as np
 from engine.kernels.bsdf.fresnel import f82_b, fresnel_dielectric
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.lights.mapping import uniform_cone, uniform_sphere
-from engine.kernels.rng import SOBOL, hash_combine, laine_karras, pixel_hash, reverse_bits, sample_4d
+from engine.kernels.rng import SHIFTS, SOBOL, hash_combine, laine_karras, pixel_hash, reverse_bits, sample_4d
 from engine.runtime.jit import kernel
 from engine.scene.description import World
 from tests.helpers import light_probe
@@ -64,13 +64,14 @@ LAMPS = {
 
 def _point(rng, sample, dimension):
     """`sample_4d` coordinate by coordinate, where that is vector instructions which Python has not."""
-    seed = hash_combine(rng, np.uint32(dimension))
+    seed = hash_combine(np.uint32(rng) >> np.uint32(6), np.uint32(dimension))
+    place = int(laine_karras(np.uint32(rng), np.uint32(seed * np.uint32(0x9E3779B1)))) % 64
     index = reverse_bits(laine_karras(reverse_bits(np.uint32(sample)), seed))
     if sample < 1 << 16:
         index &= np.uint32(0xFFFF)
     numbers = []
     for d in range(4):
-        bits = np.uint32(0)
+        bits = SHIFTS[place, d]
         for group in range(8):
             bits ^= SOBOL[16 * group + int(index >> np.uint32(4 * group)) % 16, d]
         scrambled = reverse_bits(laine_karras(bits, hash_combine(seed, np.uint32(d + 1))))
@@ -84,7 +85,7 @@ _sample = _point if numba.config.DISABLE_JIT else sample_4d
 @kernel
 def _random(seed, out):
     for i in range(out.shape[0]):
-        numbers = _sample(pixel_hash(seed, np.int64(7 * i)), np.int64(i * i), np.int64(3 + i % 5))
+        numbers = _sample(pixel_hash(seed, np.int64(7 * i), np.int64(3 * i)), np.int64(i * i), np.int64(3 + i % 5))
         for k in range(4):
             out[i, k] = numbers[k]
 

@@ -95,7 +95,7 @@ def test_the_first_samples_of_a_pixel_lie_in_all_strata(count):
     times = np.zeros(count, np.float32)
     first = np.zeros(count, int)
     for pixel in range(2000):
-        _times(pixel_hash(3, pixel), count, times)
+        _times(pixel_hash(3, 8 * pixel, 0), count, times)
         index = (times * count).astype(int)
         assert len(set(index)) == count
         first[index[0]] += 1
