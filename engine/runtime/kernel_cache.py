@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the kernels' machine code is kept, and what happens where it cannot be.
+"""Where the kernels' machine code comes from and is kept, and what happens where it cannot be.
 
 A cache must never be what breaks a render. A folder that cannot be written is replaced by a temporary one, a disk that
 is full leaves kernels in memory, and a damaged file counts as missing; `problem` says so for the user to be told.
@@ -9,20 +9,33 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
 import os
 import shutil
+import sys
 import tempfile
+from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching, config
+import numba
+import numpy as np
+from numba.core import caching, config, sigutils
+
+from engine.runtime.kernel_library import kernel_key, kernel_library
+from engine.runtime.sources import PACKAGE
 
 #: What went wrong, in words; empty if nothing did.
 _problems: list[str] = []
 #: Set in a helper process, whose work is for nothing where it cannot be saved: it ends with the error.
 must_save = False
 _is_saving = True
+#: How many kernels of this process came from where: 'library', 'cache', 'compiled'.
+origins: Counter[str] = Counter()
+#: Called with the key and numba's result of each kernel that is compiled here, where a library is made.
+on_compiled: Callable[[str, Any], None] | None = None
 
 
 def chosen_root() -> Path:
@@ -100,39 +113,58 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 
 class KernelCache(caching.FunctionCache):
-    """Numba's cache of one kernel, for which a failure to read or write is no error.
+    """Where a kernel's machine code comes from, if it need not be compiled: the library made ahead, else the cache.
+
+    The cache is numba's, for which a failure to read or write is no error here.
 
     Parameters
     ----------
     function : callable
         The kernel, as Python.
-    folder : Path
-        Where its machine code belongs, and that of no other sources.
+    sources : str
+        Hash of what it is made of.
     """
 
     _impl_class = _Implementation
 
-    def __init__(self, function: Any, folder: Path) -> None:
+    def __init__(self, function: Any, sources: str) -> None:
+        self._function, self._sources = function, sources
+        # Beside the sources, what else makes the machine code another: what is saved refers to classes of ours by the
+        # package's name.
+        made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{sources}"
+        digest = hashlib.sha256(made_with.encode()).hexdigest()[:16]
         previous = config.CACHE_DIR
-        config.CACHE_DIR = str(folder)
+        config.CACHE_DIR = str(cache_root() / f"{function.__module__.rpartition('.')[2]}-{digest}")
         try:
             super().__init__(function)
         finally:
             config.CACHE_DIR = previous
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was saved for a signature; None, so that it is compiled, if nothing was or it is damaged."""
+        """What was compiled before for a signature; None, so that it is compiled, if nothing was or it is damaged."""
+        arguments, _returned = sigutils.normalize_signature(sig)
+        library = kernel_library()
+        if library is not None:
+            key = kernel_key(self._function, self._sources, arguments)
+            compiled = library.load(key, self._function, arguments, target_context)
+            if compiled is not None:
+                origins["library"] += 1
+                return compiled
         try:
-            return super().load_overload(sig, target_context)
+            compiled = super().load_overload(sig, target_context)
         except Exception:
             # A file cut short by a crash: unpickling may raise anything. Saving would stumble over it too.
             with contextlib.suppress(OSError):
                 os.unlink(self._cache_file._index_path)
-            return None
+            compiled = None
+        origins["cache" if compiled is not None else "compiled"] += 1
+        return compiled
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save, unless that fails; after a failure this process does not try again."""
         global _is_saving
+        if on_compiled is not None:
+            on_compiled(kernel_key(self._function, self._sources, tuple(data.signature.args)), data)
         if not _is_saving:
             return
         try:
