@@ -32,8 +32,9 @@ else:
     from elf_symbols import read_symbols
 
 ROOT = Path(__file__).resolve().parent.parent
-#: What is compiled, in this order, by as many processes as there are processors: see `engine/render/precompile.py`.
-PARTS = ("tracing", "shaders", "guiding", "spectral", "spectral_guiding")
+#: What is compiled (`engine/render/precompile.py`): parts of a row at the same time, and each row finds in the cache
+#: what those above have compiled.
+PARTS = (("tracing", "shaders"), ("guiding", "spectral"), ("spectral_guiding",))
 LEVEL = "x86-64-v3"
 
 #: A function of each name that jumps to where the table says.
@@ -114,7 +115,7 @@ def _run(python: str, arguments: Sequence[str], environment: dict[str, str]) -> 
 
 
 def build(
-    tree: Path, output: Path, *, package: str = "engine", level: str = LEVEL, parts: Sequence[str] = PARTS,
+    tree: Path, output: Path, *, package: str = "engine", level: str = LEVEL, parts: Sequence[Sequence[str]] = PARTS,
     python: str = sys.executable, processes: int = 0,
 ) -> Path:
     """Compile and link a library; returns its index, which lies beside it.
@@ -129,8 +130,8 @@ def build(
         What the engine is called: with dots if its imports are relative to more than itself.
     level : str
         Processors that the library is for, by LLVM's name.
-    parts : sequence of str
-        Of the kernels.
+    parts : sequence of sequences of str
+        Of the kernels, by row.
     python : str
         The Python that it is for, with numba.
     processes : int
@@ -145,17 +146,21 @@ def build(
             "NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": "", "PYTHONDONTWRITEBYTECODE": "1",
         }  # fmt: skip
         facts = json.loads(_run(python, [str(tree), package, "facts"], environment))
-        # A part that has another as its base finds that in the cache: kernels are compiled once, or twice at worst.
+
+
+        def compile_part(part: str) -> str:
+            return _run(python, [str(tree), package, part, str(objects)], environment)
+
         with ThreadPoolExecutor(processes or os.cpu_count() or 1) as pool:
-            for said in pool.map(lambda part: _run(python, [str(tree), package, part, str(objects)], environment), parts):
-                print(said, end="", file=sys.stderr)
+            for row in parts:
+                print(*pool.map(compile_part, row), sep="", end="", file=sys.stderr)
         entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
         exported = {name for function, wrapper, variable, _ in entries.values() for name in (function, wrapper, variable)}
         library = folder / "library.so"
         slots = link(sorted(objects.glob("*.o")), exported, facts["slots_name"], level, library)
         body = json.dumps(entries).encode()
         header = {
-            "made_for": facts["made_for"], "level": level, "parts": list(parts), "slots": slots,
+            "made_for": facts["made_for"], "level": level, "parts": [part for row in parts for part in row], "slots": slots,
             "index": hashlib.sha256(body).hexdigest(), "library": hashlib.sha256(library.read_bytes()).hexdigest(),
         }  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)

@@ -25,6 +25,7 @@ import numpy as np
 from numba.core import caching, config, sigutils
 
 from engine.runtime.kernel_library import kernel_key, kernel_library
+from engine.runtime.kernel_library import problem as library_problem
 from engine.runtime.sources import PACKAGE
 
 #: What went wrong, in words; empty if nothing did.
@@ -60,6 +61,19 @@ def cache_root() -> Path:
 def problem() -> str:
     """What is wrong with the cache, '' if nothing is."""
     return _problems[0] if _problems else ""
+
+
+def describe_kernels() -> str:
+    """Where the kernels of this process came from, in words, and why none came from a library where one lies ready."""
+    library = kernel_library()
+    sources = {
+        "library": f"made ahead for {library.level}" if library is not None else "",
+        "cache": "from the cache",
+        "compiled": "compiled here",
+    }
+    parts = [f"{origins[origin]} {words}" for origin, words in sources.items() if origins[origin]]
+    said = f"kernels: {', '.join(parts) or 'none'}"
+    return f"{said}; those made ahead are not used: {library_problem()}" if library_problem() else said
 
 
 def _reason(error: OSError) -> str:

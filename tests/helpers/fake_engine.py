@@ -117,6 +117,7 @@ class FakeSession:
         report = SimpleNamespace(
             build_seconds=0.1,
             compile_seconds=0.0,
+            kernels="kernels: none",
             prepare_seconds=0.1,
             render_seconds=1.0,
             denoise_seconds=0.5,
