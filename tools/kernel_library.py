@@ -34,7 +34,10 @@ else:
 ROOT = Path(__file__).resolve().parent.parent
 #: What is compiled (`engine/render/precompile.py`): parts of a row at the same time, and each row finds in the cache
 #: what those above have compiled.
-PARTS = (("tracing", "shaders"), ("guiding", "spectral"), ("spectral_guiding",))
+PARTS = (
+    ("tracing", "shaders"), ("guiding", "spectral"), ("spectral_guiding", "passes"), ("media", "motion"),
+    ("cache", "learning"),
+)  # fmt: skip
 LEVEL = "x86-64-v3"
 
 #: A function of each name that jumps to where the table says.

@@ -98,27 +98,26 @@ class KernelLibrary:
         header, _, body = index.read_bytes().partition(b"\n")
         try:
             facts = json.loads(header)
-            if hashlib.sha256(body).hexdigest() != facts["index"]:
-                raise ValueError("its index is damaged")
-            made, here = facts["made_for"], made_for()
-            for what, ours in here.items():
-                if made[what] != ours:
-                    raise ValueError(f"it was made for another {what} ({made[what]}, here {ours})")
-            self.level: str = facts["level"]
-            #: What of `engine.render.precompile` names it holds whole.
-            self.parts = frozenset(facts["parts"])
-            self._entries: dict[str, list[Any]] = json.loads(body)
-            slots, digest = facts["slots"], facts["library"]
-        except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise ValueError("its index is damaged") from error
-        if numba.config.CPU_NAME not in (None, self.level):
+            made, level, parts = facts["made_for"], facts["level"], facts["parts"]
+            slots, library_digest, is_whole = facts["slots"], facts["library"], _digest(body) == facts["index"]
+        except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError):
+            is_whole = False
+        if not is_whole:
+            raise ValueError("its index is damaged")
+        for what, ours in made_for().items():
+            if made.get(what) != ours:
+                raise ValueError(f"made for {what} {made.get(what)}, and here is {ours}")
+        if numba.config.CPU_NAME not in (None, level):
             raise ValueError(f"NUMBA_CPU_NAME asks for {numba.config.CPU_NAME}")
-        lacking = lacking_features(self.level)
-        if lacking:
+        if lacking := lacking_features(level):
             raise ValueError(f"this processor has no {', '.join(lacking)}")
+        self.level: str = level
+        #: What of the names in `engine.render.precompile` it holds whole.
+        self.parts: frozenset[str] = frozenset(parts)
+        self._entries: dict[str, list[Any]] = json.loads(body)
         file = index.with_suffix(".so")
-        if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-            raise ValueError("it is damaged")
+        if _digest(file.read_bytes()) != library_digest:
+            raise ValueError("the library is damaged")
         self._library = ctypes.CDLL(str(file))
         table = (ctypes.c_void_p * len(slots)).in_dll(self._library, SLOTS)
         for position, name in enumerate(slots):
@@ -168,6 +167,10 @@ class KernelLibrary:
             call_helper=None, environment=environment, lifted=(), fndesc=described, objectmode=False, metadata=None,
             reload_init=(), referenced_envs=(),
         )
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def kernel_key(function: Any, sources: str, argument_types: tuple[Any, ...]) -> str:
@@ -227,9 +230,6 @@ class _Opened:
         for level in LEVELS:
             index = folder / f"{tag}-{level}.index"
             if not index.is_file():
-                continue
-            if lacking_features(level):
-                self.problems.append(f"{index.stem}: this processor has no {', '.join(lacking_features(level))}")
                 continue
             try:
                 self.library = KernelLibrary(index)
