@@ -16,6 +16,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -39,6 +40,10 @@ PARTS = (
     ("cache", "learning"),
 )  # fmt: skip
 LEVEL = "x86-64-v3"
+#: Blender's name of the platform that libraries can be made on and for.
+PLATFORM = "linux-x64"
+#: Where a checkout keeps its library.
+OUTPUT = ROOT / "engine" / "compiled"
 
 #: A function of each name that jumps to where the table says.
 _JUMPS = """
@@ -46,6 +51,11 @@ target triple = "{triple}"
 @{table} = global [{count} x ptr] zeroinitializer
 {code}
 """
+
+
+def can_build() -> bool:
+    """Whether libraries can be made on this system."""
+    return sys.platform == "linux" and platform.machine() == "x86_64"
 
 
 def linker() -> list[str]:
@@ -150,7 +160,6 @@ def build(
         }  # fmt: skip
         facts = json.loads(_run(python, [str(tree), package, "facts"], environment))
 
-
         def compile_part(part: str) -> str:
             return _run(python, [str(tree), package, part, str(objects)], environment)
 
@@ -158,18 +167,21 @@ def build(
             for row in parts:
                 print(*pool.map(compile_part, row), sep="", end="", file=sys.stderr)
         entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
-        exported = {name for function, wrapper, variable, _ in entries.values() for name in (function, wrapper, variable)}
+        exported = {name for *names, _returned in entries.values() for name in names}
         library = folder / "library.so"
         slots = link(sorted(objects.glob("*.o")), exported, facts["slots_name"], level, library)
         body = json.dumps(entries).encode()
         header = {
-            "made_for": facts["made_for"], "level": level, "parts": [part for row in parts for part in row], "slots": slots,
-            "index": hashlib.sha256(body).hexdigest(), "library": hashlib.sha256(library.read_bytes()).hexdigest(),
+            "made_for": facts["made_for"], "level": level, "slots": slots,
+            "parts": [part for row in parts for part in row],
+            "index": hashlib.sha256(body).hexdigest(),
+            "library": hashlib.sha256(library.read_bytes()).hexdigest(),
         }  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)
         index = output / f"py{facts['made_for']['Python'].replace('.', '')}-{level}.index"
         shutil.copyfile(library, index.with_suffix(".so"))
         index.write_bytes(json.dumps(header).encode() + b"\n" + body)
+        print(f"{len(entries)} kernels, {library.stat().st_size / 2**20:.1f} MiB", file=sys.stderr)
     return index
 
 
@@ -177,8 +189,10 @@ def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--level", default=LEVEL, help="processors that the library is for, by LLVM's name")
-    parser.add_argument("--output", type=Path, default=ROOT / "engine" / "compiled")
+    parser.add_argument("--output", type=Path, default=OUTPUT)
     arguments = parser.parse_args()
+    if not can_build():
+        parser.error("libraries are made on Linux on x86-64")
     print(build(ROOT, arguments.output, level=arguments.level))
     return 0
 

@@ -106,7 +106,8 @@ def _compile_passes() -> None:
         light.light_group = 0
     glow = scene.materials[-1].graph
     assert glow is not None
-    glow.nodes.append(Node("ShaderNodeOutputAOV", "AOV", {"Color": (1.0, 1.0, 1.0, 1.0), "Value": 1.0}, {"aov_name": "A"}))
+    white = {"Color": (1.0, 1.0, 1.0, 1.0), "Value": 1.0}
+    glow.nodes.append(Node("ShaderNodeOutputAOV", "AOV", white, {"aov_name": "A"}))
     glow.aovs = [len(glow.nodes) - 1]
     scene.passes = PassSettings(aovs=(Aov("A", True),))
     mattes = [name for kind in MATTE_KINDS for name in matte_passes(kind, 2)]

@@ -201,6 +201,7 @@ def lacking_features(level: str) -> list[str]:
 
 def write_type(typ: Any) -> Any:
     """A type that kernels return, for the index; None for one that this does not know."""
+    typ = types.unliteral(typ)  # type: ignore[attr-defined]
     if typ == types.none or isinstance(typ, types.Number | types.Boolean):
         return typ.name
     if isinstance(typ, types.UniTuple | types.Tuple):
