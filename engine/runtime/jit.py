@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from inspect import signature
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -27,7 +27,6 @@ from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
 from engine.runtime.kernel_cache import KernelCache
-from engine.runtime.sources import source_hash
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
@@ -59,18 +58,18 @@ def call_type(argument: Any) -> Any:
     return types.int64 if general == types.int32 else general
 
 
-def _serve_callers(dispatcher: Any, callee: Any) -> Any:
-    """Make calls from other kernels use `callee`: the same function without what only Python needs.
+def _serve_callers(dispatcher: Any, make_callee: Callable[[], Any]) -> Any:
+    """Make calls from other kernels use the same function without what only Python needs.
 
     Numba would give every helper a Python wrapper, machine code and a file in the cache, all unused once it is inlined;
     and compile it, and all it calls, again for every value of a literal argument and for int32 beside int64.
     """
-    if numba.config.DISABLE_JIT:
-        return dispatcher
     keys: dict[Any, object] = {}
+    # Made where something is compiled, which is nowhere if all was compiled before: there are hundreds.
+    callee = cache(make_callee)
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return callee.get_call_template(
+        return callee().get_call_template(
             tuple(call_type(argument) for argument in args),
             {name: call_type(argument) for name, argument in kws.items()},
         )
@@ -79,7 +78,7 @@ def _serve_callers(dispatcher: Any, callee: Any) -> Any:
         # Numba looks a callee up by its entry point, of which one without wrapper has none: give it a name.
         arguments, _returned = sigutils.normalize_signature(signature)
         if arguments not in keys:
-            compiled = callee.overloads[arguments]
+            compiled = callee().overloads[arguments]
             keys[arguments] = object()
             compiled.target_context.insert_user_function(keys[arguments], compiled.fndesc, [compiled.library])
         return keys[arguments]
@@ -114,7 +113,6 @@ def kernel(
         if not float64_literals:
             code = target.__code__
             target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
-        module = target.__module__
         options = {
             "nogil": True,
             "error_model": "numpy",
@@ -124,9 +122,12 @@ def kernel(
             "_nrt": False,
         }
         dispatcher = numba.njit(**options)(target)
-        if not numba.config.DISABLE_JIT:
-            dispatcher._cache = KernelCache(target, source_hash(module, Path(target.__code__.co_filename)))
-        return _serve_callers(dispatcher, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target))
+        if numba.config.DISABLE_JIT:
+            return dispatcher
+        dispatcher._cache = KernelCache(target)
+        return _serve_callers(
+            dispatcher, lambda: numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target)
+        )
 
     return decorate if function is None else decorate(function)
 

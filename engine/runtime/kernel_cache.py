@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from numba.core import caching, config, sigutils
 
 from engine.runtime.kernel_library import kernel_key, kernel_library
 from engine.runtime.kernel_library import problem as library_problem
-from engine.runtime.sources import PACKAGE
+from engine.runtime.sources import PACKAGE, source_hash
 
 #: What went wrong, in words; empty if nothing did.
 _problems: list[str] = []
@@ -126,59 +126,86 @@ class _Implementation(caching.CompileResultCacheImpl):
     _locator_classes = (_Locator,)
 
 
-class KernelCache(caching.FunctionCache):
+class KernelCache(caching.NullCache):
     """Where a kernel's machine code comes from, if it need not be compiled: the library made ahead, else the cache.
 
-    The cache is numba's, for which a failure to read or write is no error here.
+    The cache is numba's, for which a failure to read or write is no error here. Sources are hashed when the kernel is
+    first needed: most kernels are only called by others.
 
     Parameters
     ----------
     function : callable
         The kernel, as Python.
-    sources : str
-        Hash of what it is made of.
     """
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    @cached_property
+    def _sources(self) -> str:
+        return source_hash(self._function.__module__, Path(self._function.__code__.co_filename))
+
+    @cached_property
+    def _saved(self) -> _SavedKernels:
+        # Beside the sources, what else makes the machine code another: what is saved refers to classes of ours by the
+        # package's name.
+        made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{self._sources}"
+        digest = hashlib.sha256(made_with.encode()).hexdigest()[:16]
+        return _SavedKernels(self._function, cache_root() / f"{self._function.__module__.rpartition('.')[2]}-{digest}")
+
+    @property
+    def cache_path(self) -> str:
+        """The kernel's folder in the cache."""
+        path: str = self._saved.cache_path
+        return path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was compiled before for a signature; None, so that it is compiled, if nothing was or it is damaged."""
+        library = kernel_library()
+        if library is not None:
+            arguments, _returned = sigutils.normalize_signature(sig)
+            key = kernel_key(self._function, self._sources, arguments)
+            compiled = library.load(key, self._function, arguments, target_context)
+            if compiled is not None:
+                origins["library"] += 1
+                return compiled
+        compiled = self._saved.load_overload(sig, target_context)
+        origins["cache" if compiled is not None else "compiled"] += 1
+        return compiled
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save what was compiled."""
+        if on_compiled is not None:
+            on_compiled(kernel_key(self._function, self._sources, tuple(data.signature.args)), data)
+        self._saved.save_overload(sig, data)
+
+
+class _SavedKernels(caching.FunctionCache):
+    """Numba's cache of one kernel, in a folder of no other sources."""
 
     _impl_class = _Implementation
 
-    def __init__(self, function: Any, sources: str) -> None:
-        self._function, self._sources = function, sources
-        # Beside the sources, what else makes the machine code another: what is saved refers to classes of ours by the
-        # package's name.
-        made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{sources}"
-        digest = hashlib.sha256(made_with.encode()).hexdigest()[:16]
+    def __init__(self, function: Any, folder: Path) -> None:
         previous = config.CACHE_DIR
-        config.CACHE_DIR = str(cache_root() / f"{function.__module__.rpartition('.')[2]}-{digest}")
+        config.CACHE_DIR = str(folder)
         try:
             super().__init__(function)
         finally:
             config.CACHE_DIR = previous
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was compiled before for a signature; None, so that it is compiled, if nothing was or it is damaged."""
-        arguments, _returned = sigutils.normalize_signature(sig)
-        library = kernel_library()
-        if library is not None:
-            key = kernel_key(self._function, self._sources, arguments)
-            compiled = library.load(key, self._function, arguments, target_context)
-            if compiled is not None:
-                origins["library"] += 1
-                return compiled
+        """What was saved for a signature; None if nothing was or it is damaged."""
         try:
-            compiled = super().load_overload(sig, target_context)
+            return super().load_overload(sig, target_context)
         except Exception:
             # A file cut short by a crash: unpickling may raise anything. Saving would stumble over it too.
             with contextlib.suppress(OSError):
                 os.unlink(self._cache_file._index_path)
-            compiled = None
-        origins["cache" if compiled is not None else "compiled"] += 1
-        return compiled
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save, unless that fails; after a failure this process does not try again."""
         global _is_saving
-        if on_compiled is not None:
-            on_compiled(kernel_key(self._function, self._sources, tuple(data.signature.args)), data)
         if not _is_saving:
             return
         try:
