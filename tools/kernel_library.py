@@ -24,13 +24,14 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import llvmlite.binding as llvm
 
 if __package__:
-    from .elf_symbols import read_symbols
+    from .elf_symbols import read_symbols, with_own_functions
 else:
-    from elf_symbols import read_symbols
+    from elf_symbols import read_symbols, with_own_functions
 
 ROOT = Path(__file__).resolve().parent.parent
 #: What is compiled (`engine/render/precompile.py`): parts of a row at the same time, and each row finds in the cache
@@ -93,7 +94,13 @@ def make_jumps(names: Sequence[str], table: str, level: str) -> bytes:
 
 
 def link(objects: Sequence[Path], exported: Iterable[str], table: str, level: str, target: Path) -> list[str]:
-    """Link objects into a shared library that needs no other; returns the names of its table of addresses, in order."""
+    """Link objects, named by their kernels' keys, into a shared library that needs no other.
+
+    Returns
+    -------
+    list of str
+        The names of its table of addresses, in order.
+    """
     symbols = [read_symbols(path.read_bytes()) for path in objects]
     defined = frozenset().union(*(one.defined for one in symbols))
     undefined = frozenset().union(*(one.undefined for one in symbols)) - defined
@@ -105,7 +112,10 @@ def link(objects: Sequence[Path], exported: Iterable[str], table: str, level: st
         jumps.write_bytes(make_jumps(slots, table, level))
         names = "".join(f' "{name}";' for name in sorted({*exported, table}))
         versions.write_text(f"{{ global:{names} local: *; }};", encoding="ascii")
-        listed.write_text("\n".join(f'"{path}"' for path in [*objects, jumps]), encoding="utf-8")
+        own = [folder / path.name for path in objects]
+        for path, copy in zip(objects, own, strict=True):
+            copy.write_bytes(with_own_functions(path.read_bytes(), f"of_{path.stem}"))
+        listed.write_text("\n".join(f'"{path}"' for path in [*own, jumps]), encoding="utf-8")
         options = ["-shared", "-nostdlib", "-Wl,-Bsymbolic", "-Wl,-z,noexecstack", "-Wl,-s", "-Wl,--build-id=none"]
         command = [*linker(), *options, f"-Wl,--version-script={versions}", f"@{listed}", "-o", str(target)]
         subprocess.run(command, check=True)
@@ -166,22 +176,28 @@ def build(
         with ThreadPoolExecutor(processes or os.cpu_count() or 1) as pool:
             for row in parts:
                 print(*pool.map(compile_part, row), sep="", end="", file=sys.stderr)
-        entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
-        exported = {name for *names, _returned in entries.values() for name in names}
-        library = folder / "library.so"
-        slots = link(sorted(objects.glob("*.o")), exported, facts["slots_name"], level, library)
-        body = json.dumps(entries).encode()
-        header = {
-            "made_for": facts["made_for"], "level": level, "slots": slots,
-            "parts": [part for row in parts for part in row],
-            "index": hashlib.sha256(body).hexdigest(),
-            "library": hashlib.sha256(library.read_bytes()).hexdigest(),
-        }  # fmt: skip
-        output.mkdir(parents=True, exist_ok=True)
-        index = output / f"py{facts['made_for']['Python'].replace('.', '')}-{level}.index"
-        shutil.copyfile(library, index.with_suffix(".so"))
-        index.write_bytes(json.dumps(header).encode() + b"\n" + body)
-        print(f"{len(entries)} kernels, {library.stat().st_size / 2**20:.1f} MiB", file=sys.stderr)
+        names = [part for row in parts for part in row]
+        return pack(objects, facts["made_for"], names, facts["slots_name"], level, output)
+
+
+def pack(
+    objects: Path, made_for: dict[str, Any], parts: Sequence[str], table: str, level: str, output: Path
+) -> Path:
+    """Link a folder of objects and write library and index; returns the index."""
+    entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
+    exported = {name for *names, _returned in entries.values() for name in names}
+    output.mkdir(parents=True, exist_ok=True)
+    index = output / f"py{made_for['Python'].replace('.', '')}-{level}.index"
+    library = index.with_suffix(".so")
+    slots = link([objects / f"{key}.o" for key in entries], exported, table, level, library)
+    body = json.dumps(entries).encode()
+    header = {
+        "made_for": made_for, "level": level, "slots": slots, "parts": list(parts),
+        "index": hashlib.sha256(body).hexdigest(),
+        "library": hashlib.sha256(library.read_bytes()).hexdigest(),
+    }  # fmt: skip
+    index.write_bytes(json.dumps(header).encode() + b"\n" + body)
+    print(f"{len(entries)} kernels, {library.stat().st_size / 2**20:.1f} MiB", file=sys.stderr)
     return index
 
 
