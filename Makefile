@@ -11,7 +11,7 @@ BENCH_RIVALS ?= cycles cycles-guided OFF AUTO VMM NEURAL_RIS
 BENCH_OUT ?= out/bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow test-3.13 lint bench gallery extension clean
+.PHONY: help demo test slow test-3.13 lint bench gallery kernels extension clean
 
 help: ## Show what there is
 	@grep -E '^[a-z0-9.-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -53,8 +53,12 @@ bench: .venv/installed ## Speed against accuracy beside Cycles, on a page of cha
 gallery: .venv/installed ## Contact sheet: ours, Cycles', difference
 	$(PYTHON) -m benchmarks gallery
 
+kernels: .venv/installed ## Compile all kernels ahead, for this checkout (minutes; on Linux)
+	$(PYTHON) tools/kernel_library.py
+
+# With .venv-3.13 (`make .venv-3.13/installed`), kernels are compiled ahead for Blender 5.1 and later too.
 extension: .venv/installed ## Build the Blender extension into dist/, for all Blenders and platforms
 	$(PYTHON) tools/build_extension.py
 
 clean: ## Remove what was built
-	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build dist out engine/compiled .pytest_cache .mypy_cache .ruff_cache

@@ -64,6 +64,8 @@ def outcomes_since(count: int) -> list[Outcome]:
 
 #: Notices shown since the render job began, so that each is shown once, however many frames have it.
 _shown_notices: set[Notice] = set()
+#: What the log says of kernels by now.
+_said_of_kernels = ""
 
 
 class NeuralGuideRenderEngine(bpy.types.RenderEngine):
@@ -377,6 +379,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             logger.info(f"denoised in {format_duration(report.denoise_seconds)}")
         for line in report.guiding.lines:
             logger.info(line)
+        self._say_kernels(report.kernels)
         if report.reject_count:
             text = f"{report.reject_count} samples were NaN or infinite and were left out"
             logger.warning(text)
@@ -390,6 +393,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             ("denoise_time", f"{report.denoise_seconds:.3f}"),
             ("build_time", f"{report.build_seconds:.3f}"),
             ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
+            ("kernels", report.kernels),
             ("rays", str(ray_count)),
             ("rejects", str(report.reject_count)),
             ("rejected_records", str(report.record_reject_count)),
@@ -400,6 +404,14 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         ):
             # Only the full result's fields reach the file, not those of the part being rendered.
             self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)
+
+    @staticmethod
+    def _say_kernels(said: str) -> None:
+        """Say where kernels came from, the first time and whenever there are more."""
+        global _said_of_kernels
+        if said != _said_of_kernels:
+            _said_of_kernels = said
+            logger.info(said)
 
     def _stamp_mattes(self, layer: bpy.types.ViewLayer, description: SceneDescription) -> None:
         """Write into the file's metadata whose ids are in Cryptomattes."""

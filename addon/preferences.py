@@ -24,7 +24,7 @@ class NeuralGuidePreferences(bpy.types.AddonPreferences):
 
         column = self.layout.column()
         column.prop(self, "show_experiments")
-        column.label(text="Kernels are compiled at the first render, once for each version of the add-on, and kept in:")
+        column.label(text="Kernels that the add-on does not bring are compiled at the first render, and kept in:")
         column.label(text=str(cache_root()))
         column.operator("neuralguide.clear_kernel_cache")
 

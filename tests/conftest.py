@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
+# Kernels are those of the sources that are tested, compiled here: a library that lies in the checkout is left alone.
+os.environ.setdefault("NEURALGUIDE_KERNEL_LIBRARIES", "")
 
 
 @pytest.fixture

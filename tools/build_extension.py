@@ -7,6 +7,9 @@ Blender's rules for extensions forbid entries on `sys.path` and top-level module
 therefore copied with their imports of each other made relative, and live inside the extension's own package. numba,
 llvmlite, embreex and onnxruntime travel as wheels at the versions of the lock file for that Blender's Python; Blender
 brings numpy, and what else onnxruntime names as its needs it does without when it runs a network.
+
+Kernels are compiled ahead (tools/kernel_library.py), for which that Python has to be here with numba: this one, or that
+of `.venv-3.13`. Zips for other systems, and for a Python that is not here, go without, and compile at the first render.
 """
 
 from __future__ import annotations
@@ -24,8 +27,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 if __package__:
+    from . import kernel_library
     from .blender_ranges import RANGES, ROOT, BlenderRange, pinned, range_of
 else:
+    import kernel_library
     from blender_ranges import RANGES, ROOT, BlenderRange, pinned, range_of
 
 PACKAGES = ("addon", "engine")
@@ -96,7 +101,7 @@ def stage_sources(target: Path) -> None:
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*")):
             relative = path.relative_to(ROOT)
-            if not path.is_file() or "__pycache__" in relative.parts:
+            if not path.is_file() or "__pycache__" in relative.parts or path.is_relative_to(kernel_library.OUTPUT):
                 continue
             destination = target / relative
             destination.parent.mkdir(parents=True, exist_ok=True)
@@ -159,8 +164,39 @@ def blender_extension_tool() -> Path:
     return found[-1]
 
 
-def build(blenders: BlenderRange, platform: str, output: Path) -> Path | None:
-    """Build and check the zip for a range of Blenders on one platform; None where there are no wheels for it."""
+def python_with_numba(version: str) -> str | None:
+    """The Python of that version here that can compile kernels, None if there is none."""
+    if version == f"{sys.version_info.major}.{sys.version_info.minor}":
+        return sys.executable
+    python = ROOT / f".venv-{version}" / "bin" / "python"
+    if not python.is_file():
+        return None
+    done = subprocess.run([str(python), "-c", "import numba"], capture_output=True, check=False)
+    return str(python) if done.returncode == 0 else None
+
+
+def add_kernels(stage: Path, blenders: BlenderRange, platform: str, parts: Sequence[Sequence[str]]) -> None:
+    """Compile the kernels of staged sources ahead, where that is possible; else say why not."""
+    if platform != kernel_library.PLATFORM or not kernel_library.can_build():
+        return
+    python = python_with_numba(blenders.python)
+    if python is None:
+        print(f"{blenders.name}: no Python {blenders.python} with numba is here, so it compiles kernels at the first "
+              f"render (`make .venv-{blenders.python}/installed` gets one)", file=sys.stderr)  # fmt: skip
+        return
+    kernel_library.build(
+        stage, stage / kernel_library.OUTPUT.relative_to(ROOT), package=f"{stage.name}.engine", parts=parts,
+        python=python,
+    )
+
+
+def build(
+    blenders: BlenderRange, platform: str, output: Path, parts: Sequence[Sequence[str]] = kernel_library.PARTS
+) -> Path | None:
+    """Build and check the zip for a range of Blenders on one platform; None where there are no wheels for it.
+
+    `parts` of the kernels are compiled ahead where that is possible.
+    """
     wheels = download_wheels(blenders.python, platform, ROOT / "build" / "wheels" / blenders.python / platform)
     if not wheels:
         print(f"{blenders.name} on {platform}: there are no wheels for it", file=sys.stderr)
@@ -170,6 +206,8 @@ def build(blenders: BlenderRange, platform: str, output: Path) -> Path | None:
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / "neuralguide"
         stage_sources(stage)
+        if parts:
+            add_kernels(stage, blenders, platform, parts)
         write_manifest(stage, blenders, platform, wheels)
         version = tomllib.loads((stage / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
         target = output / f"neuralguide-{version}-{blenders.name}-{platform}.zip"
@@ -201,9 +239,11 @@ def main() -> int:
         help="only the zips that this Blender takes, as in `--blender 4.5`; default: all",
     )
     parser.add_argument("--output", type=Path, default=ROOT / "dist")
+    parser.add_argument("--no-kernels", action="store_true", help="leave it to the first render to compile kernels")
     arguments = parser.parse_args()
+    parts = () if arguments.no_kernels else kernel_library.PARTS
     built = [
-        build(blenders, platform, arguments.output)
+        build(blenders, platform, arguments.output, parts)
         for blenders in dict.fromkeys(arguments.blender or RANGES)
         for platform in dict.fromkeys(arguments.platform or PLATFORMS)
     ]

@@ -20,10 +20,12 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
+import numpy as np
 
 from engine.processes.interpreter import find_interpreter
-from engine.runtime.jit import source_hash
 from engine.runtime.kernel_cache import cache_root
+from engine.runtime.kernel_library import engine_sources, kernel_library
+from engine.runtime.sources import PACKAGE
 
 try:
     import fcntl
@@ -37,9 +39,10 @@ GUIDED_PARTS = ("guiding",)
 #: And for renders with wavelengths.
 SPECTRAL_PARTS = ("spectral",)
 SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
+#: What libraries made ahead hold too, and what is compiled by its first call where there is none: for all passes,
+#: media, things that move, the radiance cache, and what learns.
+AHEAD_PARTS = ("passes", "media", "motion", "cache", "learning")
 
-#: The engine's own name: a part of Blender's packages in an extension.
-_PACKAGE = __package__.rpartition(".")[0]
 _POLL_SECONDS = 0.05
 
 # Inside Blender the engine is a package within packages that are Blender's to make: stand-ins are enough.
@@ -58,15 +61,18 @@ importlib.import_module(package + ".render.precompile_worker").compile_part(part
 
 def stamp_file(part: str) -> Path:
     """File that says that `part` is in the cache, for these sources and this processor."""
-    sources = source_hash(f"{_PACKAGE}.render.precompile_worker", Path(__file__).with_name("precompile_worker.py"))
+    made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{engine_sources()}"
     processor = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()  # type: ignore[no-untyped-call]
-    digest = hashlib.sha256((sources + processor).encode()).hexdigest()[:16]
+    digest = hashlib.sha256((made_with + processor).encode()).hexdigest()[:16]
     return cache_root() / f"{part}-{digest}.complete"
 
 
 def is_cold(parts: Sequence[str] = PARTS) -> bool:
     """Whether kernels are to be compiled before the first render."""
-    return not numba.config.DISABLE_JIT and not all(stamp_file(part).is_file() for part in parts)
+    library = kernel_library()
+    if numba.config.DISABLE_JIT or (library is not None and library.parts.issuperset(parts)):
+        return False
+    return not all(stamp_file(part).is_file() for part in parts)
 
 
 def compile_ahead(
@@ -127,7 +133,7 @@ def exclusive(part: str) -> Iterator[None]:
 
 def _start(python: str, part: str) -> subprocess.Popen:
     folder = Path(__file__).resolve().parents[2]
-    arguments = json.dumps([sys.path, _PACKAGE, str(folder), part])
+    arguments = json.dumps([sys.path, PACKAGE, str(folder), part])
     return subprocess.Popen(
         [python, "-I", "-S", "-B", "-c", _BOOTSTRAP, arguments],
         stdin=subprocess.DEVNULL,

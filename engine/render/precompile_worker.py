@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,11 @@ def compile_part(part: str) -> None:
                 "guiding": _compile_guiding,
                 "spectral": _compile_spectral,
                 "spectral_guiding": _compile_spectral_guiding,
+                "passes": _compile_passes,
+                "media": _compile_media,
+                "motion": _compile_motion,
+                "cache": _compile_cache,
+                "learning": _compile_learning,
             }[part]()
             stamp.touch()
 
@@ -87,17 +92,77 @@ def _compile_spectral_guiding() -> None:
     _render("TABLE_RIS", spectral="ON")
 
 
-def _render(guiding_method: str, spectral: str = "OFF", roulette: str = "AUTO") -> None:
+def _compile_passes() -> None:
+    from engine.render.film import PASS_NAMES
+    from engine.render.light_passes import group_pass
+    from engine.scene.pass_names import MATTE_KINDS, matte_passes
+
+    scene = small_scene()
+    scene.light_groups = ("Group",)
+    scene.instances.light_group = np.zeros(len(scene.instances.name), np.int32)
+    for light in scene.lights:
+        light.light_group = 0
+    mattes = [name for kind in MATTE_KINDS for name in matte_passes(kind, 2)]
+    # AOVs are not among them: lanes are wider by each, which makes every kernel another.
+    passes = (*PASS_NAMES, group_pass("Group"), *mattes)
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, passes=passes, spectral=spectral)
+    scene.world = World("grey", "Grey", None)
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, passes=passes, spectral=spectral)
+    scene.instances.is_shadow_catcher = np.arange(len(scene.instances.name)) == 1
+    _render("OFF", scene=scene, passes=passes)
+
+
+def _compile_media() -> None:
+    scene = small_scene()
+    fog = NodeGraph([Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1})], volume=Link(0, "Volume"))
+    scene.materials[0].graph = fog
+    for method in ("OFF", "VMM"):
+        _render(method, scene=scene, passes=("Combined", "Volume Direct", "Volume Indirect"))
+
+
+def _compile_motion() -> None:
+    scene = small_scene()
+    scene.shutter = (-0.25, 0.25)
+    ends = np.stack([scene.instances.transform[0]] * 2)
+    ends[1, 0, 3] += 0.1
+    scene.instances.motion = {0: ends}
+    mesh = scene.meshes[0]
+    mesh.motion_vertices = np.stack([mesh.vertices, mesh.vertices + np.float32(0.01)])
+    for method in ("OFF", "VMM_RIS"):
+        _render(method, scene=scene, passes=("Combined", "Vector"))
+
+
+def _compile_cache() -> None:
+    for kind in ("CONVERGING", "FAST"):
+        for method in ("OFF", "VMM"):
+            _render(method, radiance_cache=kind)
+
+
+def _compile_learning() -> None:
+    from engine.settings import LEAST_GUIDED_SAMPLES
+
+    # Choosing looks at all methods in turn, and the network's records are packed for the process that trains it.
+    _render("AUTO", samples=4 * LEAST_GUIDED_SAMPLES)
+    _render("AUTO", samples=4 * LEAST_GUIDED_SAMPLES, spectral="ON")
+    _render("NEURAL_RIS", samples=4 * LEAST_GUIDED_SAMPLES)
+    _render("OFF", use_adaptive_sampling=True, use_denoising=True)
+
+
+def _render(
+    guiding_method: str, scene: SceneDescription | None = None, passes: Sequence[str] = ("Combined", "Normal"),
+    samples: int = 3, **settings: Any,
+) -> None:
     from engine.builder.scene import SceneCache, build_scene
     from engine.render.session import Session
     from engine.settings import RenderSettings
 
-    settings = RenderSettings(
-        samples=3, threads=1, guiding_method=guiding_method, spectral=spectral, roulette=roulette
-    )
-    session = Session(settings)
-    session.scene = build_scene(small_scene(), settings, SceneCache(), threads=1)
-    session.render(passes=("Combined", "Normal"))
+    chosen = RenderSettings(samples=samples, threads=1, guiding_method=guiding_method, **settings)
+    session = Session(chosen)
+    # Not by `load`, which has kernels compiled by processes such as this.
+    session.scene = build_scene(scene or small_scene(), chosen, SceneCache(), threads=1)
+    session.render(passes=passes)
 
 
 def _nothing_in_place_of(name: str) -> Callable[..., None]:

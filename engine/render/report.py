@@ -53,7 +53,8 @@ class RenderReport:
     notices: list[Notice] = field(default_factory=list)
     build_seconds: float = 0.0
     compile_seconds: float = 0.0  # kernels, the first time ever
-    prepare_seconds: float = 0.0  # kernels: loading from the cache
+    prepare_seconds: float = 0.0  # kernels: loading those that were compiled before
+    kernels: str = ""  # where all of this process came from
     render_seconds: float = 0.0
     denoise_seconds: float = 0.0  # after the render's end, not part of `render_seconds`
     sample_count: float = 0.0  # mean per pixel

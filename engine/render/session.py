@@ -29,6 +29,7 @@ from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
 from engine.render.tracer import Tracer
+from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
@@ -412,6 +413,7 @@ class Session:
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
+            kernels=describe_kernels(),
             render_seconds=job.render_seconds,
             sample_count=float(film.sums.count.mean()) if film.sums.count.size else 0.0,
             path_count=total.path_count,

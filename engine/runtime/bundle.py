@@ -16,6 +16,7 @@ with constant strides: only elements can be read and written, and indices must n
 
 from __future__ import annotations
 
+import hashlib
 import operator
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
@@ -129,7 +130,9 @@ class BundleType(types.Type):
         self.class_name = name
         self.fields = fields
         self.index = {field: k for k, (field, _) in enumerate(fields)}
-        super().__init__(name=f"{name}({fields})")
+        # Short, since it is a part of the names of all machine code that takes such a bundle.
+        digest = hashlib.blake2b(repr(fields).encode(), digest_size=10).hexdigest()
+        super().__init__(name=f"{name}_{digest}")
 
     def field_type(self, name: str) -> types.Type | None:
         """Numba type of a field, None if there is no such field."""

@@ -8,20 +8,16 @@
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
-- the cache on disk is keyed by the sources a kernel is made of, imports included: numba's own cache does not see
-  an edited callee in another file.
+- it may have been compiled ahead of time, and what was compiled here is kept by the sources a kernel is made of,
+  imports included (`kernel_cache.py`): numba's own cache does not see an edited callee in another file.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from inspect import signature
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -30,83 +26,11 @@ import numpy as np
 from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
-from engine.runtime.kernel_cache import KernelCache, cache_root
+from engine.runtime.kernel_cache import KernelCache
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
 SAFE_FASTMATH = frozenset({"contract", "reassoc", "arcp", "nsz", "afn"})
-
-_PACKAGE = __package__.rpartition(".")[0]
-_ROOT = Path(__file__).resolve().parents[1]
-
-
-@cache
-def _module_file(name: str) -> Path | None:
-    """Source file of `name` if it belongs to the engine, else None."""
-    if not name.startswith(_PACKAGE):
-        return None
-    parts = name.removeprefix(_PACKAGE).strip(".")
-    base = _ROOT.joinpath(*parts.split(".")) if parts else _ROOT
-    for file in (base.with_suffix(".py"), base / "__init__.py"):
-        if file.is_file():
-            return file
-    return None
-
-
-#: Import statements, in functions too; text of a docstring that reads like one does no harm.
-_IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
-_COMMENT = re.compile(r"#[^\n]*")
-
-
-@cache
-def imported_modules(name: str, file: Path) -> frozenset[str]:
-    """Engine modules that module `name` imports, read from its source without running it.
-
-    By regular expression: to parse all sources at every start would take longer than to load all kernels.
-    """
-    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    found: set[str] = set()
-    for source, names in _IMPORT.findall(_text(file).decode()):
-        imported = [item.split()[0] for item in _COMMENT.sub("", names).strip("() \t").split(",") if item.split()]
-        if not source:
-            found.update(imported)
-            continue
-        base = importlib.util.resolve_name(source, package) if source.startswith(".") else source
-        found.add(base)
-        found.update(f"{base}.{item}" for item in imported)
-    if file.name == "__init__.py" and b"import_module(" in _text(file):
-        # A package that looks its modules up by name.
-        found.update(f"{name}.{module.stem}" for module in file.parent.glob("*.py") if module != file)
-    return frozenset(module for module in found if _module_file(module) is not None)
-
-
-@cache
-def _text(file: Path) -> bytes:
-    return file.read_bytes()
-
-
-@cache
-def source_hash(name: str, file: Path) -> str:
-    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed.
-
-    The module itself may lie outside the engine (tests and benchmarks have kernels too).
-    """
-    seen: dict[str, Path] = {}
-    pending = [(name, file)]
-    while pending:
-        module, module_file = pending.pop()
-        if module not in seen:
-            seen[module] = module_file
-            for imported in imported_modules(module, module_file):
-                imported_file = _module_file(imported)
-                if imported_file is not None:
-                    pending.append((imported, imported_file))
-    # The package's own name, since what is saved refers to classes of ours by theirs.
-    digest = hashlib.sha256(f"{_PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}".encode())
-    for module in sorted(seen):
-        digest.update(_text(seen[module]))
-    return digest.hexdigest()[:16]
-
 
 class _ConstantTuple(tuple):
     """A tuple that numpy scalars do not compare with elementwise: numba compares constants with ==."""
@@ -134,18 +58,18 @@ def call_type(argument: Any) -> Any:
     return types.int64 if general == types.int32 else general
 
 
-def _serve_callers(dispatcher: Any, callee: Any) -> Any:
-    """Make calls from other kernels use `callee`: the same function without what only Python needs.
+def _serve_callers(dispatcher: Any, make_callee: Callable[[], Any]) -> Any:
+    """Make calls from other kernels use the same function without what only Python needs.
 
     Numba would give every helper a Python wrapper, machine code and a file in the cache, all unused once it is inlined;
     and compile it, and all it calls, again for every value of a literal argument and for int32 beside int64.
     """
-    if numba.config.DISABLE_JIT:
-        return dispatcher
     keys: dict[Any, object] = {}
+    # Made where something is compiled, which is nowhere if all was compiled before: there are hundreds.
+    callee = cache(make_callee)
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return callee.get_call_template(
+        return callee().get_call_template(
             tuple(call_type(argument) for argument in args),
             {name: call_type(argument) for name, argument in kws.items()},
         )
@@ -154,7 +78,7 @@ def _serve_callers(dispatcher: Any, callee: Any) -> Any:
         # Numba looks a callee up by its entry point, of which one without wrapper has none: give it a name.
         arguments, _returned = sigutils.normalize_signature(signature)
         if arguments not in keys:
-            compiled = callee.overloads[arguments]
+            compiled = callee().overloads[arguments]
             keys[arguments] = object()
             compiled.target_context.insert_user_function(keys[arguments], compiled.fndesc, [compiled.library])
         return keys[arguments]
@@ -189,7 +113,6 @@ def kernel(
         if not float64_literals:
             code = target.__code__
             target.__code__ = code.replace(co_consts=tuple(_float32_constants(value) for value in code.co_consts))
-        module = target.__module__
         options = {
             "nogil": True,
             "error_model": "numpy",
@@ -199,10 +122,12 @@ def kernel(
             "_nrt": False,
         }
         dispatcher = numba.njit(**options)(target)
-        if not numba.config.DISABLE_JIT:
-            sources = source_hash(module, Path(target.__code__.co_filename))
-            dispatcher._cache = KernelCache(target, cache_root() / f"{module.rpartition('.')[2]}-{sources}")
-        return _serve_callers(dispatcher, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target))
+        if numba.config.DISABLE_JIT:
+            return dispatcher
+        dispatcher._cache = KernelCache(target)
+        return _serve_callers(
+            dispatcher, lambda: numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target)
+        )
 
     return decorate if function is None else decorate(function)
 

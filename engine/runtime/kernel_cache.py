@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the kernels' machine code is kept, and what happens where it cannot be.
+"""Where the kernels' machine code comes from and is kept, and what happens where it cannot be.
 
 A cache must never be what breaks a render. A folder that cannot be written is replaced by a temporary one, a disk that
 is full leaves kernels in memory, and a damaged file counts as missing; `problem` says so for the user to be told.
@@ -9,20 +9,34 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
 import os
 import shutil
+import sys
 import tempfile
-from functools import cache
+from collections import Counter
+from collections.abc import Callable
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching, config
+import numba
+import numpy as np
+from numba.core import caching, config, sigutils
+
+from engine.runtime.kernel_library import kernel_key, kernel_library
+from engine.runtime.kernel_library import problem as library_problem
+from engine.runtime.sources import PACKAGE, source_hash
 
 #: What went wrong, in words; empty if nothing did.
 _problems: list[str] = []
 #: Set in a helper process, whose work is for nothing where it cannot be saved: it ends with the error.
 must_save = False
 _is_saving = True
+#: How many kernels of this process came from where: 'library', 'cache', 'compiled'.
+origins: Counter[str] = Counter()
+#: Called with the key and numba's result of each kernel that is compiled here, where a library is made.
+on_compiled: Callable[[str, Any], None] | None = None
 
 
 def chosen_root() -> Path:
@@ -47,6 +61,19 @@ def cache_root() -> Path:
 def problem() -> str:
     """What is wrong with the cache, '' if nothing is."""
     return _problems[0] if _problems else ""
+
+
+def describe_kernels() -> str:
+    """Where the kernels of this process came from, in words, and why none came from a library where one lies ready."""
+    library = kernel_library()
+    sources = {
+        "library": f"made ahead for {library.level}" if library is not None else "",
+        "cache": "from the cache",
+        "compiled": "compiled here",
+    }
+    parts = [f"{origins[origin]} {words}" for origin, words in sources.items() if origins[origin]]
+    said = f"kernels: {', '.join(parts) or 'none'}"
+    return f"{said}; those made ahead are not used: {library_problem()}" if library_problem() else said
 
 
 def _reason(error: OSError) -> str:
@@ -99,16 +126,62 @@ class _Implementation(caching.CompileResultCacheImpl):
     _locator_classes = (_Locator,)
 
 
-class KernelCache(caching.FunctionCache):
-    """Numba's cache of one kernel, for which a failure to read or write is no error.
+class KernelCache(caching.NullCache):
+    """Where a kernel's machine code comes from, if it need not be compiled: the library made ahead, else the cache.
+
+    The cache is numba's, for which a failure to read or write is no error here. Sources are hashed when the kernel is
+    first needed: most kernels are only called by others.
 
     Parameters
     ----------
     function : callable
         The kernel, as Python.
-    folder : Path
-        Where its machine code belongs, and that of no other sources.
     """
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    @cached_property
+    def _sources(self) -> str:
+        return source_hash(self._function.__module__, Path(self._function.__code__.co_filename))
+
+    @cached_property
+    def _saved(self) -> _SavedKernels:
+        # Beside the sources, what else makes the machine code another: what is saved refers to classes of ours by the
+        # package's name.
+        made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{self._sources}"
+        digest = hashlib.sha256(made_with.encode()).hexdigest()[:16]
+        return _SavedKernels(self._function, cache_root() / f"{self._function.__module__.rpartition('.')[2]}-{digest}")
+
+    @property
+    def cache_path(self) -> str:
+        """The kernel's folder in the cache."""
+        path: str = self._saved.cache_path
+        return path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was compiled before for a signature; None, so that it is compiled, if nothing was or it is damaged."""
+        library = kernel_library()
+        if library is not None:
+            arguments, _returned = sigutils.normalize_signature(sig)
+            key = kernel_key(self._function, self._sources, arguments)
+            compiled = library.load(key, self._function, arguments, target_context)
+            if compiled is not None:
+                origins["library"] += 1
+                return compiled
+        compiled = self._saved.load_overload(sig, target_context)
+        origins["cache" if compiled is not None else "compiled"] += 1
+        return compiled
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save what was compiled."""
+        if on_compiled is not None:
+            on_compiled(kernel_key(self._function, self._sources, tuple(data.signature.args)), data)
+        self._saved.save_overload(sig, data)
+
+
+class _SavedKernels(caching.FunctionCache):
+    """Numba's cache of one kernel, in a folder of no other sources."""
 
     _impl_class = _Implementation
 
@@ -121,7 +194,7 @@ class KernelCache(caching.FunctionCache):
             config.CACHE_DIR = previous
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was saved for a signature; None, so that it is compiled, if nothing was or it is damaged."""
+        """What was saved for a signature; None if nothing was or it is damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:

@@ -10,6 +10,7 @@ In Python the table's attributes are the stages, so that the same loop runs ther
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -29,7 +30,9 @@ class StageTableType(types.Type):
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.index = {name: k for k, name in enumerate(names)}
-        super().__init__(name=f"StageTable({names})")
+        # Short, as of bundles.
+        digest = hashlib.blake2b(repr(names).encode(), digest_size=10).hexdigest()
+        super().__init__(name=f"StageTable_{digest}")
 
 
 class StageType(types.Callable):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -305,3 +306,14 @@ def test_the_worker_goes_with_the_add_on(monkeypatch: Any) -> None:
         assert calls == ["dismiss"]
     finally:
         addon.register()
+
+
+def test_where_kernels_came_from_is_said_once(
+    cube_scene: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: Any
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(logging.getLogger("neuralguide"), "info", said.append)
+    fake.kernels = "kernels: 3 made ahead for x86-64-v3"
+    for _ in range(2):
+        render(cube_scene, tmp_path)
+    assert [line for line in said if line.startswith("kernels")] == ["kernels: 3 made ahead for x86-64-v3"]

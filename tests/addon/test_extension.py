@@ -17,17 +17,19 @@ import sys
 import tomllib
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from tools import kernel_library
 from tools.blender_ranges import RANGES, ROOT, BlenderRange
 from tools.build_extension import absolute_imports, build, relative_imports
 
 #: Runs as a user's Blender would: no repository, and no packages but Blender's own and those it brings, numpy for one.
 USER_SESSION = """
-import json, os, sys
+import json, os, sys, time
 zip_path, wrong_zip_path, image_path = sys.argv[1:]
 assert not any(os.path.exists(os.path.join(path, "numba")) for path in sys.path), sys.path
 import bpy
@@ -50,7 +52,9 @@ scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_pe
 scene.render.filepath = image_path
 scene.render.image_settings.file_format = "OPEN_EXR"
 scene.neuralguide.samples = 4
+started = time.monotonic()
 bpy.ops.render.render(write_still=True)
+facts["seconds"] = time.monotonic() - started
 
 import numpy as np
 image = bpy.data.images.load(image_path)
@@ -62,8 +66,10 @@ facts["centre"] = float(pixels[12, 12, 0])
 facts["corner"] = float(pixels[1, 1, 0])
 facts["kernel_cache"] = os.environ["NEURALGUIDE_KERNEL_CACHE"]
 facts["kernels"] = sum(name.endswith(".nbc") for _, _, files in os.walk(facts["kernel_cache"]) for name in files)
-facts["stamps"] = len([name for name in os.listdir(facts["kernel_cache"]) if name.endswith(".complete")])
+cached = os.listdir(facts["kernel_cache"]) if os.path.isdir(facts["kernel_cache"]) else []
+facts["stamps"] = len([name for name in cached if name.endswith(".complete")])
 facts["numba"] = sys.modules["numba"].__file__
+facts["origins"] = sys.modules["bl_ext.user_default.neuralguide.engine.runtime.kernel_cache"].describe_kernels()
 
 from importlib import import_module
 networks = "bl_ext.user_default.neuralguide.engine.guiding.networks."
@@ -103,7 +109,8 @@ print("FACTS" + json.dumps(facts))
 @pytest.fixture(scope="module")
 def extension_zips(tmp_path_factory: pytest.TempPathFactory) -> dict[BlenderRange, Path]:
     """Fresh zips for Linux; validated by Blender's own checker while they are built."""
-    paths = {blenders: build(blenders, "linux-x64", tmp_path_factory.mktemp("dist")) for blenders in RANGES}
+    folder = tmp_path_factory.mktemp("dist")
+    paths = {blenders: build(blenders, "linux-x64", folder, parts=()) for blenders in RANGES}
     assert all(paths.values()), "the package index has no wheels of the pinned versions"
     return paths
 
@@ -188,11 +195,10 @@ def test_the_zip_holds_what_it_should(extension_zips: dict[BlenderRange, Path], 
         ast.parse(text)
 
 
-@pytest.mark.slow
-@each_range
-def test_a_user_can_install_render_and_remove(
+def run_user_session(
     extension_zips: dict[BlenderRange, Path], blenders: BlenderRange, tmp_path: Path
-) -> None:
+) -> tuple[dict[str, Any], Path, str]:
+    """What the session found, its profile's folder, and all that was said."""
     python = fitting_python(blenders)
     site = tmp_path / "site"
     site.mkdir()
@@ -214,7 +220,15 @@ def test_a_user_can_install_render_and_remove(
     )
     output = done.stdout + done.stderr
     assert "FACTS" in output, output[-5000:]
-    facts = json.loads(output.partition("FACTS")[2].partition("\n")[0])
+    return json.loads(output.partition("FACTS")[2].partition("\n")[0]), profile, output
+
+
+@pytest.mark.slow
+@each_range
+def test_a_user_can_install_render_and_remove(
+    extension_zips: dict[BlenderRange, Path], blenders: BlenderRange, tmp_path: Path
+) -> None:
+    facts, profile, output = run_user_session(extension_zips, blenders, tmp_path)
     assert blenders.holds(facts["blender"].partition(" ")[0])
     refusal = r"This Blender version \([0-9.]+\) (doesn't meet the minimum|must be less than the maximum)"
     assert re.search(refusal, output), output[-5000:]
@@ -236,3 +250,24 @@ def test_a_user_can_install_render_and_remove(
     assert facts["policy"] == {}, "Blender lists violations of its rules for extensions"
     assert "Traceback" not in output
     assert ROOT.as_posix() not in facts["numba"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not kernel_library.can_build(), reason="kernels are compiled ahead on Linux on x86-64")
+def test_with_kernels_made_ahead_the_first_render_compiles_nothing(
+    extension_zips: dict[BlenderRange, Path], tmp_path: Path
+) -> None:
+    blenders = next(one for one in RANGES if one.python == f"{sys.version_info.major}.{sys.version_info.minor}")
+    path = build(blenders, "linux-x64", tmp_path / "dist", parts=kernel_library.PARTS[:1])
+    assert path is not None
+    with zipfile.ZipFile(path) as archive:
+        made = [item for item in archive.infolist() if item.filename.startswith("engine/compiled/")]
+    assert sorted(Path(item.filename).suffix for item in made) == [".index", ".so"]
+    assert sum(item.file_size for item in made) < 10 * 2**20
+    facts, _, output = run_user_session({**extension_zips, blenders: path}, blenders, tmp_path)
+    assert facts["origins"].startswith("kernels: ") and facts["origins"].endswith("made ahead for x86-64-v3")
+    assert (facts["kernels"], facts["stamps"]) == (0, 0), "something was compiled"
+    assert facts["centre"] > 0.01 and facts["corner"] > 0.01
+    assert facts["seconds"] < 15.0, "for an idle machine the target is 3 s"
+    assert facts["policy"] == {}, "Blender lists violations of its rules for extensions"
+    assert facts["removed"] and "Traceback" not in output

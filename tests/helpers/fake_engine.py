@@ -34,6 +34,7 @@ class FakeEngine:
         self.caches: list[Any] = []
         self.asked_passes: list[set[str]] = []
         self.learned: Any = None
+        self.kernels = "kernels: none"
         self.started_from: list[Any] = []
         self.exported: list[tuple[str, int]] = []
         session = ModuleType("engine.render.session")
@@ -117,6 +118,7 @@ class FakeSession:
         report = SimpleNamespace(
             build_seconds=0.1,
             compile_seconds=0.0,
+            kernels=self.fake.kernels,
             prepare_seconds=0.1,
             render_seconds=1.0,
             denoise_seconds=0.5,

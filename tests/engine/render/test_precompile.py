@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -46,6 +47,13 @@ def test_a_cold_cache_is_noticed(cold: Path) -> None:
     assert precompile.is_cold()
     for part in precompile.PARTS:
         precompile.stamp_file(part).touch()
+    assert not precompile.is_cold()
+    assert precompile.is_cold(precompile.GUIDED_PARTS)
+
+
+def test_what_a_library_holds_is_not_compiled(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library = SimpleNamespace(parts=frozenset(precompile.PARTS))
+    monkeypatch.setattr(precompile, "kernel_library", lambda: library)
     assert not precompile.is_cold()
     assert precompile.is_cold(precompile.GUIDED_PARTS)
 

@@ -15,7 +15,7 @@ from types import ModuleType
 import pytest
 
 from engine.render import session
-from engine.runtime import jit, kernel_cache
+from engine.runtime import kernel_cache, sources
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from tests.helpers.small_scenes import floor_scene
@@ -176,11 +176,11 @@ def test_imports_are_those_that_the_parser_finds() -> None:
         # A package that looks its modules up by name has all of them.
         by_name = file.name == "__init__.py" and "import_module" in {name.split(".")[-1] for name in expected}
         expected |= {f"{name}.{module.stem}" for module in file.parent.glob("*.py") if by_name and module != file}
-        found = jit.imported_modules(name, file)
+        found = sources.imported_modules(name, file)
         assert found == {module for module in expected if is_of_the_engine(module)}, name
         count += len(found)
     assert count > 300
-    assert "engine.guiding.sources.sdtree" in jit.imported_modules(
+    assert "engine.guiding.sources.sdtree" in sources.imported_modules(
         "engine.guiding.sources", ROOT / "engine" / "guiding" / "sources" / "__init__.py"
     )
 
