@@ -182,8 +182,21 @@ def test_passes_of_volumes_and_surfaces_add_up_to_the_picture():
     assert np.allclose(sum_of_passes(images), images["Combined"][..., :3], rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("anisotropy", [0.0, pytest.param(0.8, marks=pytest.mark.slow)])
-def test_guided_renders_of_media_have_the_same_mean(anisotropy):
+def test_guided_renders_of_media_have_the_same_mean():
+    fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5)
+    white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Floor", Density=0.0)
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(1.0, 0.0, 4.0)), (1.0, 1.0, 1.0), 200.0, size_x=1.0)
+    around = [placed((3.0, 3.0, 2.0), (0.0, 0.0, 2.0)), placed((4.0, 4.0, 0.5), (0.0, 0.0, -0.6))]
+    scene = media_scene([fog, white], around, lights=[lamp], world=(0.0, 0.0, 0.0))
+    plain = means_by_seed(scene, samples=63, volume_bounces=4)
+    guided = means_by_seed(scene, samples=63, volume_bounces=4, guiding_method="VMM")
+    error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
+    assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anisotropy, seen_bias", [(0.0, 0.02), (0.5, 0.05)])
+def test_guiding_where_fog_scatters_keeps_the_mean(anisotropy, seen_bias):
     """Fog in a room whose lamp stands behind a wall: most of its light comes round it, by surfaces and by fog."""
     fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5, Anisotropy=anisotropy)
     white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Wall", Density=0.0)
@@ -195,7 +208,7 @@ def test_guided_renders_of_media_have_the_same_mean(anisotropy):
         *(placed((4.0, 0.5, 3.0), (0.0, side, 2.0)) for side in (-4.4, 4.4)),
     ]  # fmt: skip
     scene = media_scene(
-        [fog, *[white] * 7], around, lights=[lamp], world=(0.0, 0.0, 0.0), height=3.9, size=(12, 12)
+        [fog, *[white] * 7], around, lights=[lamp], world=(0.0, 0.0, 0.0), height=3.9, size=(16, 16)
     )
     scene.camera.lens = 20.0
     settings = {"samples": 511, "volume_bounces": 12, "max_bounces": 12, "diffuse_bounces": 8}
@@ -203,8 +216,8 @@ def test_guided_renders_of_media_have_the_same_mean(anisotropy):
     guided = means_by_seed(scene, guiding_method="VMM", guiding_trial=False, **settings)
     error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
     assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
-    # And the test sees a bias of 2%.
-    assert (SIGMAS * error < 0.02 * plain.mean(axis=0)).all()
+    # And the test sees a bias.
+    assert (SIGMAS * error < seen_bias * plain.mean(axis=0)).all()
 
 
 @pytest.mark.parametrize("density", [1e-6, 1e6])
