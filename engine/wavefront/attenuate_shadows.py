@@ -258,7 +258,8 @@ def dim_shadows(scene, unit, work, queue):
     for k in range(queue.count[0]):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]
-        if not read_medium(scene, paths, lane, work.light_shaded, row, sums):
+        instance = work.light_points.integer[row, POINT_INSTANCE]
+        if not read_medium(scene, paths, lane, work.light_shaded, row, instance, sums):
             work.counts[MEDIUM_REJECTS] += 1
         majorant = tracking.majorant[own]
         is_denser = False
