@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import integrate
 
 from engine.builder import media as media_builder
 from engine.scene.description import Light, Link, Material, Node, NodeGraph
@@ -87,7 +88,7 @@ def test_emission_is_collected_along_the_ray():
     scene = media_scene([glow, grey], [placed(), placed((1.5, 1.5, 1.5))], world=(0.0, 0.0, 0.0))
     # Over z from 1 down to 0, behind what lies above: z exp(-0.5 (1.5 - z)).
     z = np.linspace(0.0, 1.0, 20_001)
-    expected = np.trapezoid(z * np.exp(-0.5 * (1.5 - z)), z) * np.array([1.0, 2.0, 3.0])
+    expected = integrate.trapezoid(z * np.exp(-0.5 * (1.5 - z)), z) * np.array([1.0, 2.0, 3.0])
     means = means_by_seed(scene, samples=256)
     assert is_mean(means, expected)
     assert not is_mean(1.02 * means, expected)
@@ -170,7 +171,7 @@ def test_a_grid_gives_the_density_of_a_principled_volume():
     values[:, :, :, 0] = np.linspace(0.0, 1.0, 21) ** 2
     means = means_by_seed(_with_grid(values, 1.5, **black), samples=64)
     # Straight lines between the values: the trapezoidal rule, over 2 m.
-    expected = np.exp(-1.5 * np.trapezoid(values[0, 0, :, 0], dx=0.1))
+    expected = np.exp(-1.5 * integrate.trapezoid(values[0, 0, :, 0], dx=0.1))
     assert is_mean(means, np.full(3, expected))
     # A grid of another name: the node's own number, everywhere.
     image = picture(_with_grid(values, 1.5, name="smoke", **black))
