@@ -37,14 +37,14 @@ _RESOLUTION = 32
 #: And of the world's grid, whose cells grow with the distance.
 _WORLD_RESOLUTION = 40
 #: Points that are looked up in a cell, and how far beyond it they lie, in cells.
-_POINTS = 16
+_POINTS = 8
 _PADDING = 0.25
 #: How much is added to the largest extinction that was found in a cell: this share of how much it varies there.
 _SPREAD = 0.5
 #: Where there are voxels, of which those of most and least have been looked up.
 _SPREAD_OF_GRIDS = 0.1
 #: A cell's bound is at least this share of those around it, so that what was overlooked is met sooner or later.
-_OF_NEIGHBOURS = 0.1
+_OF_NEIGHBOURS = 0.02
 #: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
 #: at any other.
 _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 32.0, 4.0

@@ -55,6 +55,8 @@ from engine.state.tracking import GRID_LOWER, GRID_MEDIUM, GRID_RESOLUTION, GRID
 
 #: How far behind a boundary between cells the next one is looked up, in cells: further than rounding may err.
 _BEYOND = np.float32(1e-4)
+#: How much more than the largest channel of a colour its smooth spectrum has somewhere; more only if it is saturated.
+_SPECTRAL_MARGIN = np.float32(1.5)
 #: Cells that a ray may cross between two possible collisions.
 _MOST_CELLS = 1 << 16
 #: Share of the light from which on a ray is followed by chance.
@@ -161,7 +163,7 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
 
 
 @kernel
-def next_collision(scene, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
+def next_collision(scene, paths, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
     """Where the media of a row may collide next, behind `t` and before `end`.
 
     Parameters
@@ -175,6 +177,7 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
     entry : int, of the row's media, -1: nowhere
     majorant : float32 [m^-1], of that medium
     """
+    margin = _SPECTRAL_MARGIN if len(paths.channels) > RGB else 1.0
     depth = -math.log(1.0 - u_distance)
     for _ in range(_MOST_CELLS):
         total = 0.0
@@ -185,7 +188,7 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
             majorant, further = majorant_at(
                 scene, media.instance[row, k], media.medium[row, k], origin, direction, time, t
             )
-            total += majorant
+            total += margin * majorant
             ahead = min(ahead, further)
         if depth < total * ahead:
             rest = u_choice * total
@@ -199,10 +202,10 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
                 )
                 if majorant > 0.0:
                     chosen = k
-                    bound = majorant
-                    if rest < majorant:
+                    bound = margin * majorant
+                    if rest < bound:
                         break
-                    rest -= majorant
+                    rest -= bound
             return min(t + depth / total, end), chosen, bound
         depth -= total * ahead
         t += ahead

@@ -147,7 +147,8 @@ def find_collisions(scene, unit, work, queue):
                 paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, step
             )
             t, entry, majorant = next_collision(
-                scene, media, lane, origin, direction, time, start, tracking.end[lane], u_distance, u_choice, True
+                scene, paths, media, lane, origin, direction, time, start, tracking.end[lane], u_distance, u_choice,
+                True,
             )
             _pass_leg(scene, work, lane, start, t)
             if entry < 0:

@@ -38,12 +38,13 @@ def ink(factor=1.0, **settings):
 
 def test_absorption_follows_beers_law_with_the_density_along_the_ray():
     # Twice as large: 2 m of a density from 0 to 1.5.
-    means = means_by_seed(media_scene([ink(1.5)], [placed((2.0, 2.0, 2.0))], height=20.0), samples=64)
+    means = means_by_seed(media_scene([ink(1.5)], [placed((2.0, 2.0, 2.0))], height=20.0), seeds=4, samples=64)
     expected = np.exp(-0.5 * 2.0 * 1.5 * (1.0 - COLOR))
     assert is_mean(means, expected)
     assert not is_mean(1.02 * means, expected)
 
 
+@pytest.mark.slow
 def test_varying_media_add_up_with_each_other_and_with_uniform_ones():
     grey = medium("Absorption", name="Grey", Color=(0.0, 0.0, 0.0, 1.0), Density=0.25)
     other = varying("Absorption", "Density", -0.8, name="Other", Color=(0.3, 0.3, 0.3, 1.0))
@@ -52,6 +53,7 @@ def test_varying_media_add_up_with_each_other_and_with_uniform_ones():
     assert is_mean(means_by_seed(scene, samples=64), expected)
 
 
+@pytest.mark.slow
 def test_a_camera_inside_and_a_world_whose_fog_varies():
     # 0.9 m of the upper half, from the clip distance of 0.1 m on.
     inside = media_scene([ink(2.0, space="World")], [placed((4.0, 4.0, 4.0))], height=1.0)
@@ -59,6 +61,16 @@ def test_a_camera_inside_and_a_world_whose_fog_varies():
     fog = ink(0.01, space="World").graph
     world = media_scene([], np.zeros((0, 4, 4)), fog=fog)
     assert is_mean(means_by_seed(world, samples=64), np.exp(-0.01 * 0.5 * 9.9**2 * (1.0 - COLOR)))
+
+
+@pytest.mark.slow
+def test_with_wavelengths_the_furnace_is_as_if_nothing_were_there():
+    """Every path has its wavelengths, of which one alone is no white: the same paths are compared."""
+    fog = varying("Scatter", "Density", 2.0, Color=(1.0, 0.4, 0.1, 1.0), Anisotropy=0.4)
+    settings = {"volume_bounces": 1024, "max_bounces": 1024, "samples": 64, "spectral": "ON"}
+    empty = picture(media_scene([], np.zeros((0, 4, 4))), **settings)
+    image = picture(media_scene([fog], [placed()]), **settings)
+    assert np.allclose(image.mean(axis=(0, 1)), empty.mean(axis=(0, 1)), atol=0.02)
 
 
 @pytest.mark.parametrize("density", [0.5, 8.0])
@@ -109,6 +121,7 @@ def test_a_lamp_is_seen_through_what_lies_before_it():
     assert is_mean(means_by_seed(scene, samples=256), expected)
 
 
+@pytest.mark.slow
 def test_light_sampling_and_scattering_alone_agree():
     fog = varying("Scatter", "Density", 2.0, Color=(0.9, 0.5, 0.2, 1.0), Anisotropy=0.3)
     lamp = Light("lamp", "Lamp", "AREA", placed(offset=(0.0, 0.0, 3.0)), (1.0, 1.0, 1.0), 100.0, size_x=4.0)
@@ -128,11 +141,12 @@ def test_a_medium_denser_than_its_bound_is_named_and_the_picture_stays_right(mon
 
     monkeypatch.setattr(media_builder, "build_majorants", too_low)
     scene = media_scene([ink(3.0)], [placed()])
-    assert is_mean(means_by_seed(scene, samples=64), np.exp(-1.5 * (1.0 - COLOR)))
+    assert is_mean(means_by_seed(scene, seeds=4, samples=64), np.exp(-1.5 * (1.0 - COLOR)))
     notices = render(scene).report.notices
     assert any(notice.subject == "Volumes" and "denser" in notice.problem for notice in notices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("density", [1e-6, 1e6])
 def test_extreme_media_leave_no_pixel_that_is_not_finite(density):
     fog = varying("Scatter", "Density", density, Color=(0.9999, 0.5, 0.0, 1.0), Anisotropy=0.999)
