@@ -344,10 +344,10 @@ def vdb_fire() -> None:
     def fire(nodes: Nodes) -> Any:
         burning = nodes("VolumeInfo", output="Flame")
         smoke = nodes(
-            "VolumePrincipled", Color=(0.6, 0.6, 0.6), Density=4.0, Blackbody_Intensity=1.0, Temperature=1200.0,
+            "VolumePrincipled", Color=(0.6, 0.6, 0.6), Density=4.0, Blackbody_Intensity=1.0, Temperature=1900.0,
             inputs={"Color Attribute": "color"},
         )
-        strength = nodes("Math", {"operation": "MULTIPLY"}, {0: burning, 1: 1.5})
+        strength = nodes("Math", {"operation": "MULTIPLY"}, {0: burning, 1: 4.0})
         glow = nodes("Emission", Color=(0.2, 0.4, 1.0), Strength=strength)
         return nodes("AddShader", inputs={0: smoke, 1: glow})
 

@@ -144,7 +144,11 @@ def _points_of(filled: Filled, cells: np.ndarray, slab: int, random: np.random.G
     corner = np.stack(np.meshgrid(np.arange(cells[1]), np.arange(cells[0]), indexing="ij"), axis=-1)
     corner = np.concatenate([corner[..., ::-1], np.full((*corner.shape[:2], 1), slab)], axis=-1)
     within = random.random((cells[1], cells[0], _POINTS, 3)) * (1.0 + 2.0 * _PADDING) - _PADDING
-    place = np.clip((corner[:, :, None] + within) / cells, 0.0, 1.0)
+    return _in_object(filled, np.clip((corner[:, :, None] + within) / cells, 0.0, 1.0))
+
+
+def _in_object(filled: Filled, place: np.ndarray) -> np.ndarray:
+    """Places from 0 to 1 along each edge of the grid, (..., 3), in the space of the object."""
     if filled.instance == WORLD:
         return WORLD_UNIT * np.sinh((2.0 * place - 1.0) * WORLD_REACH)
     return filled.lower + place * (filled.upper - filled.lower)
@@ -210,24 +214,41 @@ def _meet_voxels(
                 np.maximum.at(bright, (z, y, x), emission)
 
 
+def _at_times(
+    filled: Filled, lookup: _Lookup, local: np.ndarray, flags: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extinction and emission at points in the space of the object, (..., 3), each at some time of the shutter."""
+    step = random.integers(len(filled.to_world), size=local.shape[:-1])
+    matrix = filled.to_world[step]
+    world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
+    times = step.ravel() / max(len(filled.to_world) - 1, 1)
+    extinction, emission = lookup(
+        filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags
+    )
+    return extinction.reshape(local.shape[:-1]), emission.reshape(local.shape[:-1])
+
+
 def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
     shape = tuple(cells[::-1])
     largest, smallest, bright = np.zeros(shape), np.full(shape, np.inf), np.zeros(shape)
-    for slab in range(cells[2]):
-        local = _points_of(filled, cells, slab, random)
-        step = random.integers(len(filled.to_world), size=local.shape[:-1])
-        matrix = filled.to_world[step]
-        world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
-        times = step.ravel() / max(len(filled.to_world) - 1, 1)
-        for flags in rays:
-            found = lookup(filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags)
-            extinction, emission = (values.reshape(local.shape[:-1]) for values in found)
+    for flags in rays:
+        for slab in range(cells[2]):
+            extinction, emission = _at_times(filled, lookup, _points_of(filled, cells, slab, random), flags, random)
             largest[slab] = np.maximum(largest[slab], extinction.max(axis=-1))
             smallest[slab] = np.minimum(smallest[slab], extinction.min(axis=-1))
             bright[slab] = np.maximum(bright[slab], emission.max(axis=-1))
+        # What grows steadily is largest at a corner, which cells share.
+        ticks = [np.arange(count + 1) / count for count in cells]
+        corners = np.stack(np.meshgrid(*ticks[::-1], indexing="ij"), axis=-1)[..., ::-1]
+        extinction, emission = _at_times(filled, lookup, _in_object(filled, corners), flags, random)
+        for corner in np.ndindex(2, 2, 2):
+            part = tuple(slice(at, at + count) for at, count in zip(corner, shape, strict=True))
+            np.maximum(largest, extinction[part], out=largest)
+            np.minimum(smallest, extinction[part], out=smallest)
+            np.maximum(bright, emission[part], out=bright)
     if filled.grids:
         _meet_voxels(filled, lookup, rays, cells, largest, bright)
     bound = largest + (_SPREAD_OF_GRIDS if filled.grids else _SPREAD) * (largest - smallest)

@@ -116,3 +116,20 @@ def test_what_is_wrong_with_files_and_grids_is_named(scene: Any, openvdb: Any, t
     odd_ones = [notice.problem for notice in description.notices if notice.subject == "Odd / density"]
     assert any("2 voxels are no numbers" in problem for problem in odd_ones)
     assert any("1 voxels have a negative density" in problem for problem in odd_ones)
+
+
+def test_a_volume_of_geometry_nodes_is_read_though_it_has_no_file(scene: Any, openvdb: Any) -> None:
+    import bpy
+
+    bpy.ops.mesh.primitive_cube_add()
+    tree = bpy.data.node_groups.new("Volume", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    cube, output = tree.nodes.new("GeometryNodeVolumeCube"), tree.nodes.new("NodeGroupOutput")
+    tree.links.new(cube.outputs[0], output.inputs[0])
+    bpy.context.object.modifiers.new("Nodes", "NODES").node_group = tree
+    description = export()
+    assert description.notices == []
+    # Without a material it is what Cycles shows then: a Principled Volume.
+    assert [material.name for material in description.materials] == ["default volume"]
+    assert description.meshes[0].grids["density"].voxels.size > 0
