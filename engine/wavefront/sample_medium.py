@@ -17,7 +17,7 @@ from engine.kernels.media import (
 )
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_emission
+from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
 from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import load, store
@@ -40,6 +40,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_MEDIA,
     SCENE_WORLD_GROUP,
     UNIT_FOLLOWS,
+    UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
 )
 
@@ -71,10 +72,12 @@ def _add_emission(scene, unit, work, lane):
     group = scene.header[SCENE_WORLD_GROUP]
     if media.instance[lane, 0] >= 0:
         group = scene.geometry.instance_table[media.instance[lane, 0], INSTANCE_LIGHT_GROUP]
-    add_emission(
+    share = add_emission(
         scene.options, scene.spectrum, paths, work.passes, lane, emission, 1.0, group, unit.film, FEATURE_EMISSION,
         unit.header[UNIT_USE_FEATURES] != 0,
     )
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        add_seen(scene.spectrum, paths, work.features, lane, emission, share, unit.film)
 
 
 @kernel

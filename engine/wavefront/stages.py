@@ -147,12 +147,12 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
+    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     varies = header[SCENE_HAS_VARYING_MEDIA]
     add(_TRACKING, plain, varies)
     add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
-    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS] and not varies)
-    add(_TRACKED_SHADOWS, plain, varies and header[SCENE_HAS_EMITTERS])
-    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
+    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows and not varies)
+    add(_TRACKED_SHADOWS, plain, varies and has_shadows)
     add(_SHADOWS, plain, has_shadows)
     add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])

@@ -275,6 +275,8 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if unit.header[UNIT_USE_OCCLUSION] != 0:
             stages.aim_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
+            if has_media:
+                _attenuate_shadows(stages, scene, unit, work)
             _trace_shadows(stages, scene, unit, work)
             stages.keep_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
