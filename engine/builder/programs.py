@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,8 +90,10 @@ class Programs:
         width = world.map_resolution if world.sampling == "MANUAL" else self._map_width()
         return int(np.clip(width, 4, _LARGEST_MAP_WIDTH))
 
-    def background_grid(self, width: int, geometry: GeometryArrays, tables: BsdfTables) -> Float32Array:
-        """The world's radiance by direction, float32 (width / 2, width, 3).
+    def background_grid(
+        self, width: int, geometry: GeometryArrays, tables: BsdfTables, threads: int = 1
+    ) -> Float32Array:
+        """The world's radiance by direction, float32 (width / 2, width, 3), computed by so many threads.
 
         Rows go from z = -1 to 1, columns along longitude as Blender's environment textures.
         """
@@ -106,6 +109,18 @@ class Programs:
             axis=-1,
         ).reshape(-1, 3)
         radiance = np.empty((len(directions), 3), np.float32)
+        # A whole number of batches for each thread.
+        size = -(-len(directions) // (threads * LANE_COUNT)) * LANE_COUNT
+        parts = [slice(start, start + size) for start in range(0, len(directions), size)]
+        with ThreadPoolExecutor(threads, thread_name_prefix="background") as pool:
+            list(pool.map(lambda part: self._look_at(directions[part], geometry, tables, radiance[part]), parts))
+        radiance[~np.isfinite(radiance)] = 0.0
+        return radiance.reshape(height, width, 3)
+
+    def _look_at(
+        self, directions: np.ndarray, geometry: GeometryArrays, tables: BsdfTables, radiance: Float32Array
+    ) -> None:
+        """Write the world's radiance in directions, (N, 3), to `radiance`, float32 (N, 3)."""
         points, closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
         lanes = np.arange(LANE_COUNT, dtype=np.int32)
         memory = allocate_memory(self.arrays)
@@ -123,8 +138,6 @@ class Programs:
                 self.arrays, geometry, tables, points, closures, lanes, count, memory, MODE_EMISSION
             )
             radiance[start : start + count] = closures.emission[:count, :3]
-        radiance[~np.isfinite(radiance)] = 0.0
-        return radiance.reshape(height, width, 3)
 
     def _map_width(self) -> int:
         """As wide as the widest image the world shows; small ones are interpolated and turned, and need more."""

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -141,7 +143,7 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
 
 
 def _build_environment(
-    cache: SceneCache, programs: Programs, geometry: GeometryArrays, tables: BsdfTables
+    cache: SceneCache, programs: Programs, geometry: GeometryArrays, tables: BsdfTables, threads: int
 ) -> EnvironmentMap | None:
     """The map by which the world is sampled: the one at hand while its program, and what that sees, is the same."""
     width = programs.background_width
@@ -151,7 +153,7 @@ def _build_environment(
     seen = programs.arrays.camera.tobytes() if program.sees_camera else b""
     return cache.environment.get(
         (program, cache.programs.images.version, width, seen),
-        lambda: build_environment_map(programs.background_grid(width, geometry, tables)),
+        lambda: build_environment_map(programs.background_grid(width, geometry, tables, threads)),
     )
 
 
@@ -215,7 +217,7 @@ def build_scene(
     cache : SceneCache
         Updated: what has not changed is not built again, and comes as the same objects.
     threads : int
-        For Embree's build, 0 = all.
+        For what more than one can do, 0 = all.
     check_cancel : callable
         Called between steps; what it raises ends the build.
 
@@ -243,9 +245,11 @@ def build_scene(
     tables = load_tables()
     media = _build_media(cache, description, programs, geometry, tables)
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
-    accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
-    check_cancel()
-    environment = _build_environment(cache, programs, geometry, tables)
+    with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
+        # At the same time: neither needs the other, and they are most of the work.
+        begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
+        accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
+        environment = begun.result()
     check_cancel()
     lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)
     notices += light_notices

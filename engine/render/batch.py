@@ -246,6 +246,8 @@ class Batch:
         work.counts[:] = 0
         work.clock[:] = 0
         work.closures.aovs[:] = 0.0
+        # Stays where nobody learns which lights to sample.
+        work.samples.cluster[:] = -1
         self._guide_none()
         begin(work.clock)
 

@@ -24,6 +24,11 @@ LARGEST_TASK_SAMPLES = 64
 #: A tile's successive tasks grow by this factor: the first should show soon, and each costs a start and an end with few
 #: paths in flight.
 _TASK_GROWTH = 4
+#: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
+#: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
+_LAST_TILES = 32
+_LAST_PARTS = 4
+_LEAST_DIVIDED = 32
 
 
 def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[int, int]]:
@@ -35,6 +40,15 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
         first += count
         count = min(_TASK_GROWTH * count, LARGEST_TASK_SAMPLES)
     return ranges
+
+
+def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The same tasks, the last of them in parts."""
+    first, count = ranges[-1]
+    if count < _LEAST_DIVIDED:
+        return ranges
+    size = -(-count // _LAST_PARTS)
+    return ranges[:-1] + [(first + part, min(size, count - part)) for part in range(0, count, size)]
 
 
 @dataclass(frozen=True)
@@ -80,7 +94,7 @@ class Schedule(Protocol):
 
 
 class PlainSchedule:
-    """All samples of each tile, in tasks that grow.
+    """All samples of each tile, in tasks that grow; those at the very end are small again.
 
     Parameters
     ----------
@@ -92,9 +106,14 @@ class PlainSchedule:
     """
 
     def __init__(self, tile_count: int, samples: int, first: int = 0, count: int = 1, stratum: int = 0) -> None:
-        self._ranges = sample_ranges(samples, first, count)
+        ranges = sample_ranges(samples, first, count)
+        divided_count = min(_LAST_TILES, tile_count) if ranges else 0
+        #: By tile.
+        self._ranges = [ranges] * (tile_count - divided_count)
+        if divided_count:
+            self._ranges += [_with_last_divided(ranges)] * divided_count
         self._stratum = stratum
-        self._waiting = deque((tile, 0) for tile in range(tile_count) if self._ranges)
+        self._waiting = deque((tile, 0) for tile in range(tile_count) if ranges)
 
     @property
     def has_task(self) -> bool:
@@ -102,18 +121,18 @@ class PlainSchedule:
 
     @property
     def lacks_first_tasks(self) -> bool:
-        return any(self._ranges[step][0] == 0 for _, step in self._waiting)
+        return any(self._ranges[tile][step][0] == 0 for tile, step in self._waiting)
 
     def take(self) -> Task:
         tile, step = self._waiting.popleft()
-        first, count = self._ranges[step]
+        first, count = self._ranges[tile][step]
         return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
 
     def clear(self) -> None:
         self._waiting.clear()
 
     def finish(self, task: Task) -> bool:
-        if task.step + 1 < len(self._ranges):
+        if task.step + 1 < len(self._ranges[task.tile]):
             self._waiting.append((task.tile, task.step + 1))
         return False
 

@@ -68,6 +68,7 @@ from engine.wavefront.columns import (
     UNIT_GUIDES_MEDIA,
     UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
+    UNIT_LEARNS_LIGHTS,
     UNIT_MEASURE_THRESHOLD,
     UNIT_PATH_COUNT,
     UNIT_PREDICTS,
@@ -401,6 +402,7 @@ class Tracer:
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_PREDICTS] = guidance is not None and guidance.reflected is not None
+        header[UNIT_LEARNS_LIGHTS] = self._guidance is not None and self._guidance.lights is not None
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)

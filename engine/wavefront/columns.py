@@ -42,8 +42,9 @@ UNIT_CATCHES = 15  # the scene has shadow catchers
 UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera's ray meets
 UNIT_SHOWS_BACKGROUND = 17  # the Environment pass is asked for: it has what a transparent film leaves out
 UNIT_PREDICTS = 18  # roulette goes by what surfaces were found to send back
-UNIT_GUIDES_MEDIA = 19  # recorded paths make records of collisions with media, and guided ones are guided there
-UNIT_HEADER_WIDTH = 20
+UNIT_LEARNS_LIGHTS = 19  # recorded paths say which lights they have sampled
+UNIT_GUIDES_MEDIA = 20  # recorded paths make records of collisions with media, and guided ones are guided there
+UNIT_HEADER_WIDTH = 21
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0

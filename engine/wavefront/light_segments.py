@@ -93,7 +93,7 @@ def _share_of_scattering(lights, collision_share, sample, p, normal):
 
     0 where nothing but light sampling finds the light, -1 where it is left to scattering.
     """
-    pdf, pmf, emitter, kind, wi, _, _, _, _, _, _, _, _, _, _, _, _, use_mis, _ = sample
+    pdf, emitter, kind, wi, _, _, _, _, _, _, _, _, _, _, _, _, use_mis, _, pmf = sample
     if not use_mis:
         return 0.0 * pmf
     row = selection_row(lights, p)
@@ -172,7 +172,7 @@ def light_segments(scene, unit, work, queue):
         sample = sample_emitter(
             lights, geometry, emitter, pmf, -1, p, normal, True, False, paths.time[lane], u0, u1
         )
-        pdf, _, _, _, wi, _, _, _, _, _, instance, _, _, _, visibility, _, max_bounces, _, _ = sample
+        pdf, _, _, wi, _, _, _, _, _, instance, _, _, _, visibility, _, max_bounces, _, _, _ = sample
         if not pdf > 0.0 or paths.depth[lane] > max_bounces or not visibility & RAY_VOLUME:
             continue
         if follows and instance >= 0:

@@ -30,7 +30,13 @@ from engine.state.lanes import (
     RAY_TRANSMIT,
     RAY_VOLUME,
 )
-from engine.wavefront.columns import SCENE_WORLD_GROUP, SHADOW_ROWS, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
+from engine.wavefront.columns import (
+    SCENE_WORLD_GROUP,
+    SHADOW_ROWS,
+    UNIT_FOLLOWS,
+    UNIT_LEARNS_LIGHTS,
+    UNIT_SPLITS_LIGHT,
+)
 
 _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
@@ -48,6 +54,7 @@ def choose_lights(scene, unit, work, queue):
     lit, programs = work.lit.lanes, work.programs.lanes
     tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
+    learns_lights = unit.header[UNIT_LEARNS_LIGHTS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     lit_count = 0
     program_count = 0
@@ -59,7 +66,7 @@ def choose_lights(scene, unit, work, queue):
         ask_for_closures(closures, ahead)
         prefetch(points.real, ahead)
         prefetch(samples.direction, ahead)
-        is_recorded = log.is_recording[lane] != 0
+        is_recorded = learns_lights and log.is_recording[lane] != 0
         if is_recorded:
             samples.cluster[lane] = -1
         if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
@@ -76,7 +83,7 @@ def choose_lights(scene, unit, work, queue):
         leaves_dim = finds_all(lights, closures, lane, ng)
         sample = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
         (
-            pdf, pmf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _,
+            pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
         ) = sample  # fmt: skip
         if is_recorded and pdf > 0.0:
             cluster, cluster_pmf, tree_pmf = cluster_choice(

@@ -96,8 +96,8 @@ def build(
 def _draw(lights, geometry, p, n, has_transmission, leaves_dim, time, u, out):
     for i in range(u.shape[0]):
         (
-            pdf, _pmf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance,
-            _visibility, _cast_shadow, _max_bounces, use_mis, _back,
+            pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance,
+            _visibility, _cast_shadow, _max_bounces, use_mis, _back, _pmf,
         ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
                          has_transmission, leaves_dim, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
         out[i, PDF] = pdf

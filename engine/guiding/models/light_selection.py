@@ -102,7 +102,8 @@ class LightSelectionModel:
         self.tree_moment = np.zeros(region_count)
         self.known = np.zeros(region_count)
         self._update_count = 0
-        self._is_over = False
+        #: Nothing is learned any more.
+        self.is_over = False
 
     def update(self, model: VmmModel, records: VertexRecords, leaf: Int32Array) -> None:
         """Learn from the records that the model's last update took.
@@ -112,7 +113,7 @@ class LightSelectionModel:
         leaf : int32 (R,)
             Region of each record, -1 = none.
         """
-        if self._is_over:
+        if self.is_over:
             return
         for name in ("sums", "drawn", "tree_moment", "known"):
             setattr(self, name, model.inherited(DECAY * getattr(self, name), share=0.5))
@@ -141,12 +142,12 @@ class LightSelectionModel:
 
     def selection(self, model: VmmModel) -> LightSelection:
         """What kernels choose by; ask once an update."""
-        if self._is_over:
+        if self.is_over:
             return no_selection()
         probability, pays = self.probabilities()
         self._update_count += 1
         if not pays.any():
-            self._is_over = self._update_count >= _LAST_UPDATE
+            self.is_over = self._update_count >= _LAST_UPDATE
             return no_selection()
         table = np.full(len(pays), -1, np.int32)
         table[pays] = np.arange(int(pays.sum()))

@@ -19,7 +19,7 @@ from engine.guiding.models.light_share import LightShareModel
 from engine.guiding.models.selection import SelectionModel
 from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.ris.orca import VarianceDeltas, mean_by_region
-from engine.state.lights import LightSelection, no_selection
+from engine.state.lights import LightSelection
 
 #: Estimates of what resampling saves that a state holds, at most.
 _KEPT_DELTAS = 1 << 16
@@ -163,11 +163,12 @@ class RegionModels:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
 
-    def choose_lights(self) -> LightSelection:
-        """How likely regions choose each cluster of lights."""
+    def choose_lights(self) -> LightSelection | None:
+        """How likely regions choose each cluster of lights; None once nothing is learned about lights any more."""
         if self._light_selection is None:
-            return no_selection()
-        return self._light_selection.selection(self.mixture)
+            return None
+        selection = self._light_selection.selection(self.mixture)
+        return None if self._light_selection.is_over else selection
 
     def variance_deltas(self) -> Float32Array:
         """Mean of the deltas by region, float32 (R,); NaN where there are too few."""

@@ -39,7 +39,8 @@ class Guidance:
     reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
     table : TableField or None; network : NetworkField or None. Without both the mixture predicts
     network_session : RadianceSession or None, what asks the same network if not the kernel
-    lights : LightSelection or None, which lights to sample, of guided and unguided paths alike
+    lights : LightSelection or None, which lights to sample, of guided and unguided paths alike; None: the light tree
+        chooses, and recorded paths do not say which they have sampled
     """
 
     settings: RenderSettings

@@ -46,7 +46,7 @@ from engine.ris.orca import image_variance, make_allocation, pixel_weights
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
-from engine.state.lights import LightSelection
+from engine.state.lights import LightSelection, no_selection
 from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
 #: Least share of all samples that the last iteration must have to be learned from once the render is over.
@@ -90,7 +90,8 @@ class Learner:
     ) -> None:
         self.settings = settings
         self._light_clusters = light_clusters
-        self._lights: LightSelection | None = None
+        #: None: nothing is learned about them.
+        self._lights: LightSelection | None = None if light_clusters is None else no_selection()
         self.notices: list[Notice] = []
         self.sink = sink
         self._thread_count = thread_count
@@ -217,7 +218,7 @@ class Learner:
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            return self._completed(Guidance(self.settings, self._budget.threshold(1)))
+            return self._completed(Guidance(self.settings, self._budget.threshold(1), lights=self._lights))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
         return self._guidance(
@@ -376,7 +377,8 @@ class Learner:
             )
         if self._light_clusters is not None:
             self._lights = regions.choose_lights()
-            self.report.lights_share = len(self._lights.cumulative) / regions.mixture.region_count
+            selected_count = 0 if self._lights is None else len(self._lights.cumulative)
+            self.report.lights_share = selected_count / regions.mixture.region_count
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:

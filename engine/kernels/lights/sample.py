@@ -108,7 +108,6 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     Returns
     -------
     pdf : float [sr^-1], 0 = no sample
-    pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
     emitter, kind : int, row of `lights.emitters` and LIGHT_*
     wi : unit direction towards the light
     distance : float, DISTANT for suns and the background
@@ -122,6 +121,7 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     max_bounces : int, the light takes no part beyond this depth
     use_mis : bool, False: weight 1, nothing else finds this light
     shows_back : bool, of a triangle: the receiver sees its back
+    pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
     """
     emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u_pick)
     return sample_emitter(
@@ -233,7 +233,6 @@ def sample_emitter(
             )
     return (
         pdf * pmf,
-        pmf,
         emitter,
         kind,
         wi,
@@ -251,6 +250,7 @@ def sample_emitter(
         max_bounces,
         use_mis,
         shows_back,
+        pmf,
     )
 
 

@@ -51,9 +51,19 @@ def test_unguided_tasks_grow_and_cover_all_samples(samples: int, workers: int) -
     done = run(PlainSchedule(TILES, samples), workers)
     check_samples(done, samples)
     counts = [task.part.sample_count for task in done if task.tile == 3]
-    assert counts[:-1] == [1, 4, 16, 64, 64, 64][: len(counts) - 1]
+    assert counts == [1, 4, 16, 64, 64, 13, 13, 13, 12][: len(counts)]
     assert [task.is_first for task in done if task.tile == 3] == [True] + [False] * (len(counts) - 1)
     assert {task.part.arm for task in done} == {CURRENT}
+
+
+def test_only_the_last_tiles_end_in_small_tasks() -> None:
+    schedule, counts = PlainSchedule(50, 64), [[] for _ in range(50)]
+    while schedule.has_task:
+        task = schedule.take()
+        counts[task.tile].append(task.part.sample_count)
+        schedule.finish(task)
+    assert counts[:18] == [[1, 4, 16, 43]] * 18 and counts[18:] == [[1, 4, 16, 11, 11, 11, 10]] * 32
+    assert task.tile == 49
 
 
 def test_first_tasks_are_handed_out_before_any_second() -> None:
@@ -106,13 +116,13 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
 
     done = run(iterations, workers, learn)
     check_samples(done, samples)
-    assert [task.part.sample_count for task in done if task.tile == 0] == [1, 2, 4, 8, 64, 64, 57]
+    assert [task.part.sample_count for task in done if task.tile == 0] == [1, 2, 4, 8, 64, 64, 15, 15, 15, 12]
     assert not any(task.is_first for task in done if task.part.first_sample)
 
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
-    """Tasks of the first step, up to the first look, grow as an unguided render's; later steps are one task."""
+    """Tasks of the first step, up to the first look, are an unguided render's; later steps are one task."""
     steps = Steps(120, lambda samples: max(80, samples + 16))
     steps.begin(TILES)
     ends, tile_counts = [], []
@@ -129,7 +139,7 @@ def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
     assert ends == [80, 96, 112, 120]
     check_samples([task for task in done if task.part.first_sample < 80], 80)
     counts = [task.part.sample_count for task in done if task.tile == 0]
-    assert counts == [1, 4, 16, 59, 16, 16, 8]
+    assert counts == [1, 4, 16, 15, 15, 15, 14, 16, 16, 8]
     assert [sum(task.part.first_sample == end for task in done) for end in ends[:-1]] == tile_counts[:-1]
 
 

@@ -66,3 +66,13 @@ def test_regions_that_see_all_lights_alike_stay_with_the_tree() -> None:
 
 def test_nothing_is_learned_in_the_dark() -> None:
     assert learn([0.0] * CLUSTERS, [0.0] * CLUSTERS) == [None, None]
+
+
+def test_learning_ends_after_updates_in_vain() -> None:
+    vmm = VmmModel([[-1, -1, -1], [1, 1, 1]], VmmSettings(10))
+    model = LightSelectionModel(np.ones(CLUSTERS, np.bool_))
+    ended = []
+    for _ in range(7):
+        assert len(model.selection(vmm).cumulative) == 0
+        ended.append(model.is_over)
+    assert ended == [False] * 5 + [True] * 2
