@@ -25,7 +25,7 @@ def _rows(verdict: str, names: str, note: str = "", is_newer: bool = False) -> I
 
 _GUIDING = "NeuralGuide guides by its own settings (panel Guiding)"
 #: Of volumes that are the same everywhere, which are rendered without steps.
-_VOLUMES = "volumes are the same everywhere, and need no steps"
+_VOLUMES = "rays are followed without bias, and need no steps"
 _SAMPLING = "distances are drawn by the transmittance"
 _GPU = "only the CPU renders"
 
@@ -168,7 +168,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         (
             *_rows("works", "emission_sampling use_bump_map_correction"),
             *_rows("no need", "volume_sampling", _SAMPLING),
-            *_rows("no need", "volume_interpolation volume_step_rate", _VOLUMES),
+            *_rows("said", "volume_interpolation"),
+            *_rows("no need", "volume_step_rate", _VOLUMES),
         ),
     ),
     (
@@ -178,7 +179,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("said", "is_caustics_light"),
             *_rows("works", "use_shadows", is_newer=True),
             *_rows("no need", "volume_sampling", _SAMPLING),
-            *_rows("no need", "volume_interpolation volume_step_size", _VOLUMES),
+            *_rows("no need", "volume_interpolation", "a world has no voxels"),
+            *_rows("no need", "volume_step_size", _VOLUMES),
         ),
     ),
 )  # fmt: skip

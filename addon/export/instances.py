@@ -42,7 +42,6 @@ _RAY_VISIBILITY = (
 
 #: Object types nothing is made of yet. Curves, text, surfaces and metaballs appear a second time, as meshes.
 _UNSUPPORTED = {
-    "VOLUME": "volume objects are",
     "POINTCLOUD": "point clouds are",
     "CURVES": "hair curves are",
     "GPENCIL": "grease pencil is",
@@ -61,8 +60,10 @@ class Appearance:
     """What all instances of one object by one instancer have in common."""
 
     name: str
-    #: Mesh to show, None for lights.
+    #: Mesh to show, None for lights and volumes.
     mesh: bpy.types.Mesh | None
+    #: Volume to show.
+    volume: bpy.types.Volume | None
     #: Light object to show, None for meshes.
     light: bpy.types.Object | None
     #: The object whose evaluation made the mesh.
@@ -180,22 +181,23 @@ def _classify(
         _notice_hair(context, shown)
     if not item.show_self:
         return -1
-    is_mesh = isinstance(shown.data, bpy.types.Mesh)
-    if not is_mesh and shown.type != "LIGHT":
+    is_mesh, is_volume = isinstance(shown.data, bpy.types.Mesh), isinstance(shown.data, bpy.types.Volume)
+    has_shape = is_mesh or is_volume
+    if not has_shape and shown.type != "LIGHT":
         if shown.type in _UNSUPPORTED:
             context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
         return -1
-    if is_mesh and not context.view_layer.use_solid:
+    if is_mesh and not context.view_layer.use_solid or is_volume and not context.view_layer.use_volumes:
         return -1
     window = context.window
     if window is not None:
-        if not window.is_shown(item.parent if item.is_instance else shown) or not (is_mesh or window.use_lights):
+        if not window.is_shown(item.parent if item.is_instance else shown) or not (has_shape or window.use_lights):
             return -1
     owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
     parent = item.parent if item.is_instance else shown
     visibility = _ray_visibility(shown)
     is_holdout = False
-    if is_mesh:
+    if has_shape:
         if item.is_instance:
             visibility &= _ray_visibility(parent)
         is_holdout = parent.is_holdout or parent.holdout_get(view_layer=context.view_layer)
@@ -207,13 +209,16 @@ def _classify(
         context.notice(shown.name, "smoke and fire are not supported", "it is left out")
         return -1
     notice_object(context, shown)
-    slots = _slots(context, materials, shown) if is_mesh else ()
+    slots = _slots(context, materials, shown) if has_shape else ()
+    if is_volume:
+        slots = tuple(materials.default_volume() if slot < 0 else slot for slot in slots)
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
     kinds.append(
         Appearance(
             name=shown.name,
             mesh=shown.data if is_mesh else None,
-            light=None if is_mesh else owner,
+            volume=shown.data if is_volume else None,
+            light=None if has_shape else owner,
             owner=owner,
             visibility=visibility,
             pass_index=shown.pass_index,
@@ -222,7 +227,7 @@ def _classify(
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,
             light_group=_light_group(context, shown, parent),
-            is_shadow_catcher=is_mesh and (shown.is_shadow_catcher or parent.is_shadow_catcher),
+            is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
             properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )

@@ -19,6 +19,9 @@ from .images import ImageExporter
 from .nodes import GraphExporter
 from .unsupported import notice_material
 
+#: Inputs of a Principled Volume that name attributes.
+_VOLUME_ATTRIBUTES = ("Density Attribute", "Color Attribute", "Temperature Attribute")
+
 
 @dataclass(frozen=True)
 class AttributeRequest:
@@ -55,6 +58,7 @@ class MaterialExporter:
     materials: list[Material] = field(default_factory=list)
     requests: list[Any] = field(default_factory=list)
     _indices: dict[int, int] = field(default_factory=dict)
+    _default_volume: int = -1
 
     def index_of(self, material: bpy.types.Material | None, user: str) -> int:
         """Index into `materials`, -1 for an empty slot.
@@ -73,6 +77,17 @@ class MaterialExporter:
             self.materials.append(kept.material)
             self.requests.append(kept.request)
         return self._indices[address]
+
+    def default_volume(self) -> int:
+        """Index of what a volume without a material is made of."""
+        if self._default_volume < 0:
+            named = {"Density Attribute": "density", "Temperature Attribute": "temperature"}
+            node = Node("ShaderNodeVolumePrincipled", "Principled Volume", named)
+            graph = NodeGraph([node], volume=Link(0, "Volume"))
+            self._default_volume = len(self.materials)
+            self.materials.append(Material("default volume", "default volume", graph))
+            self.requests.append(attribute_request(graph))
+        return self._default_volume
 
     @property
     def _state(self) -> Hashable:
@@ -155,6 +170,10 @@ def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
                 names.add(node.properties["attribute_name"])
             elif kind in ("OBJECT", "INSTANCER"):
                 properties.add(f"{kind.lower()}:{node.properties['attribute_name']}")
+        elif node.kind == "ShaderNodeVolumePrincipled":
+            names.update(str(name) for key in _VOLUME_ATTRIBUTES if (name := node.inputs.get(key)))
+        elif node.kind == "ShaderNodeVolumeInfo":
+            names.update(("density", "color", "flame", "temperature"))
         elif node.kind == "ShaderNodeVertexColor":
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":

@@ -26,6 +26,7 @@ from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .studio_light import export_studio_light
 from .unsupported import notice_scene
+from .volumes import export_volume, medium_density
 from .world import export_world
 
 
@@ -180,7 +181,8 @@ def _export_instances(
     kinds = appearances.kinds
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
-    addresses = [0 if kind.mesh is None else kind.mesh.as_pointer() for kind in kinds]
+    shapes = [kind.mesh or kind.volume for kind in kinds]
+    addresses = [0 if shape is None else shape.as_pointer() for shape in shapes]
     for address, kind in zip(addresses, kinds, strict=True):
         request = requests.get(address, AttributeRequest())
         for index in kind.materials:
@@ -193,10 +195,12 @@ def _export_instances(
     rows: dict[tuple[int, object], int] = {}
     mesh_of_kind: list[int] = []
     for address, kind in zip(addresses, kinds, strict=True):
-        if address not in exported and kind.mesh is not None:
+        if address not in exported:
             context.check_cancel()
-            assert kind.mesh is not None
-            exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
+            if kind.volume is not None:
+                exported[address] = export_volume(context, kind.volume, kind.owner, requests[address])
+            elif kind.mesh is not None:
+                exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
         mesh = exported[address]
         variant = (address, kind.properties)
         if mesh is None:
@@ -242,11 +246,23 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        medium_density=_medium_density(kinds, kind_of, transform),
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
         light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
     )
     return meshes, instances, chosen
+
+
+def _medium_density(kinds: list[Appearance], kind_of: np.ndarray, transform: np.ndarray) -> np.ndarray | None:
+    """`Instances.medium_density`."""
+    factors = None
+    for row, kind in enumerate(kinds):
+        if kind.volume is not None:
+            factors = np.ones(len(kind_of), np.float32) if factors is None else factors
+            mine = kind_of == row
+            factors[mine] = medium_density(kind.volume, transform[mine])
+    return factors
 
 
 def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:

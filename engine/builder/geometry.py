@@ -300,6 +300,7 @@ def _assemble(
     values[:, layout.VALUE_UV : layout.VALUE_UV + 2] = instances.dupli_uv
     if instances.terminator_offset is not None:
         values[:, layout.VALUE_TERMINATOR] = instances.terminator_offset
+    values[:, layout.VALUE_DENSITY] = 1.0 if instances.medium_density is None else instances.medium_density
 
     mesh_table = shapes.mesh_table.copy()
     mesh_table[:, [layout.MESH_DEFAULT_UV, layout.MESH_DEFAULT_COLOR]] = attributes.default_slots
@@ -321,6 +322,7 @@ def _assemble(
         attribute_count=attributes.count,
         motion_table=shapes.motion_table,
         motion_transforms=_joined_keys(motion_keys),
+        grids=attributes.grids,
     )
 
 

@@ -13,6 +13,7 @@ from engine.kernels.bsdf import BsdfTables
 from engine.kernels.shader import ops_input
 from engine.kernels.shader.opcodes import CLOSURE_FIRST
 from engine.scene.description import Mesh
+from engine.scene.grids import TILE, Grid, unpack_values
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import geometry as geometry_layout
 from engine.state import lanes as lane_layout
@@ -20,29 +21,44 @@ from engine.state.geometry import GeometryArrays
 from engine.state.lanes import CLOSURE_WEIGHT, LANE_COUNT, allocate_closures, allocate_points
 from engine.state.media import WORLD
 from engine.state.shaders import MODE_MEDIUM, ShaderArrays, allocate_memory
-from engine.state.tracking import GRID_WIDTH, SPACE_WIDTH, MajorantGrids, no_majorants
+from engine.state.tracking import (
+    GRID_WIDTH,
+    SPACE_WIDTH,
+    WORLD_REACH,
+    WORLD_SIZE,
+    WORLD_UNIT,
+    MajorantGrids,
+    no_majorants,
+)
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 
 #: Cells along the longest edge of what a medium fills.
 _RESOLUTION = 32
+#: And of the world's grid, whose cells grow with the distance.
+_WORLD_RESOLUTION = 40
 #: Points that are looked up in a cell, and how far beyond it they lie, in cells.
-_POINTS = 16
+_POINTS = 8
 _PADDING = 0.25
 #: How much is added to the largest extinction that was found in a cell: this share of how much it varies there.
 _SPREAD = 0.5
+#: Where there are voxels, of which those of most and least have been looked up.
+_SPREAD_OF_GRIDS = 0.1
 #: A cell's bound is at least this share of those around it, so that what was overlooked is met sooner or later.
-_OF_NEIGHBOURS = 0.1
+_OF_NEIGHBOURS = 0.02
 #: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
 #: at any other.
 _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 32.0, 4.0
-#: Half the edge [m] of what the world's medium fills, as far as it varies; as in Cycles.
-_WORLD_SIZE = 10_000.0
+#: Edge, in voxels, of the blocks of which only the voxels of most and least are looked up; and how many voxels around
+#: it one matters to.
+_BLOCK = 4
+_REACH = 1.0
 
 #: Instructions that give the same wherever the object stands, and for every ray.
 _LOCAL = frozenset({
-    ops_input.OP_GENERATED, ops_input.OP_OBJECT_COORDINATE, ops_input.OP_ATTRIBUTE, ops_input.OP_TRANSFORM_POINT,
-    ops_input.OP_MAPPING, ops_input.OP_MULTIPLY, ops_input.OP_ADD, ops_input.OP_MIX_WEIGHTS, ops_input.OP_DOT,
-    ops_input.OP_SATURATE, ops_input.OP_COLOR_TO_FLOAT, ops_input.OP_VECTOR_TO_FLOAT, ops_input.OP_FLOAT_TO_VECTOR,
+    ops_input.OP_GRID, ops_input.OP_GENERATED, ops_input.OP_OBJECT_COORDINATE, ops_input.OP_ATTRIBUTE,
+    ops_input.OP_TRANSFORM_POINT, ops_input.OP_MAPPING, ops_input.OP_MULTIPLY, ops_input.OP_ADD,
+    ops_input.OP_MIX_WEIGHTS, ops_input.OP_DOT, ops_input.OP_SATURATE, ops_input.OP_COLOR_TO_FLOAT,
+    ops_input.OP_VECTOR_TO_FLOAT, ops_input.OP_FLOAT_TO_VECTOR,
 })  # fmt: skip
 #: Kinds of rays that a program may tell apart.
 _RAYS = (
@@ -58,6 +74,7 @@ class Filled:
 
     lower, upper : float64 (3,), corners in the space of the object
     to_world : float64 (S, 3, 4), at times from the shutter's opening to its closing; one where it stands still
+    grids : voxels that a program may read
     """
 
     instance: int
@@ -66,6 +83,7 @@ class Filled:
     lower: np.ndarray
     upper: np.ndarray
     to_world: np.ndarray
+    grids: tuple[Grid, ...] = ()
 
 
 class _Lookup:
@@ -102,6 +120,9 @@ class _Lookup:
             total = closures.transparency[:count, :3] + np.where(in_use, weights, 0.0).sum(axis=1)
             extinction[start:end] = total.max(axis=1)
             emission[start:end] = closures.emission[:count, :3].max(axis=1)
+        if filled.instance != WORLD:
+            density = self._read[1].instance_values[filled.instance, geometry_layout.VALUE_DENSITY]
+            extinction, emission = extinction * density, emission * density
         for values in (extinction, emission):
             np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         return extinction, emission
@@ -109,6 +130,8 @@ class _Lookup:
 
 def _resolution(filled: Filled) -> np.ndarray:
     """Cells along x, y and z: about cubes in the world."""
+    if filled.instance == WORLD:
+        return np.full(3, _WORLD_RESOLUTION)
     edges = np.linalg.norm(filled.to_world[0, :, :3], axis=0) * (filled.upper - filled.lower)
     longest = edges.max()
     if not longest > 0.0:
@@ -121,7 +144,13 @@ def _points_of(filled: Filled, cells: np.ndarray, slab: int, random: np.random.G
     corner = np.stack(np.meshgrid(np.arange(cells[1]), np.arange(cells[0]), indexing="ij"), axis=-1)
     corner = np.concatenate([corner[..., ::-1], np.full((*corner.shape[:2], 1), slab)], axis=-1)
     within = random.random((cells[1], cells[0], _POINTS, 3)) * (1.0 + 2.0 * _PADDING) - _PADDING
-    place = np.clip((corner[:, :, None] + within) / cells, 0.0, 1.0)
+    return _in_object(filled, np.clip((corner[:, :, None] + within) / cells, 0.0, 1.0))
+
+
+def _in_object(filled: Filled, place: np.ndarray) -> np.ndarray:
+    """Places from 0 to 1 along each edge of the grid, (..., 3), in the space of the object."""
+    if filled.instance == WORLD:
+        return WORLD_UNIT * np.sinh((2.0 * place - 1.0) * WORLD_REACH)
     return filled.lower + place * (filled.upper - filled.lower)
 
 
@@ -138,26 +167,93 @@ def _largest_around(values: np.ndarray) -> np.ndarray:
     return values
 
 
+def _extremes(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the voxels of most and of least in each block, and of the blocks' corners, both int64 (2 N, 3)."""
+    places = np.argwhere(grid.tiles >= 0)
+    order = grid.tiles[tuple(places.T)]
+    values = unpack_values(grid).sum(axis=2)[order]
+    parts = TILE // _BLOCK
+    blocks = values.reshape(-1, parts, _BLOCK, parts, _BLOCK, parts, _BLOCK).transpose(0, 1, 3, 5, 2, 4, 6)
+    blocks = blocks.reshape(len(places), parts**3, _BLOCK**3)
+    of_part = np.stack(np.unravel_index(np.arange(parts**3), (parts,) * 3), axis=1) * _BLOCK
+    corners = (grid.first + places * TILE)[:, None] + of_part
+    found = [
+        corners + np.stack(np.unravel_index(chosen, (_BLOCK,) * 3), axis=-1)
+        for chosen in (blocks.argmax(axis=2), blocks.argmin(axis=2))
+    ]
+    return np.concatenate(found).reshape(-1, 3), np.concatenate([corners, corners]).reshape(-1, 3)
+
+
+def _meet_voxels(
+    filled: Filled, lookup: _Lookup, rays: Sequence[int], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray
+) -> None:
+    """Raise what was found by cell to what is at voxels: between them there is nothing larger.
+
+    Of programs that read several grids, or want the values in between, points at random find the rest.
+    """
+    for grid in filled.grids:
+        voxels, corners = _extremes(grid)
+        to_object = np.linalg.inv(grid.to_index.astype(np.float64))
+        local = voxels @ to_object[:3, :3].T + to_object[:3, 3]
+        world = local @ filled.to_world[0, :, :3].T + filled.to_world[0, :, 3]
+        half = 0.5 * (_BLOCK - 1) + _REACH
+        middle = (corners + 0.5 * (_BLOCK - 1)) @ to_object[:3, :3].T + to_object[:3, 3]
+        extent = np.abs(to_object[:3, :3]) @ np.full(3, half)
+        scale = cells / np.maximum(filled.upper - filled.lower, 1e-30)
+        low, high = (
+            np.clip(np.floor((middle + sign * extent - filled.lower) * scale), 0, cells - 1).astype(np.int64)
+            for sign in (-1.0, 1.0)
+        )
+        for flags in rays:
+            extinction, emission = lookup(
+                filled, world.astype(np.float32), np.zeros(len(world), np.float32), flags
+            )
+            for step in np.ndindex(*(high - low).max(axis=0, initial=0) + 1):
+                x, y, z = np.minimum(low + np.array(step), high).T
+                np.maximum.at(largest, (z, y, x), extinction)
+                np.maximum.at(bright, (z, y, x), emission)
+
+
+def _at_times(
+    filled: Filled, lookup: _Lookup, local: np.ndarray, flags: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extinction and emission at points in the space of the object, (..., 3), each at some time of the shutter."""
+    step = random.integers(len(filled.to_world), size=local.shape[:-1])
+    matrix = filled.to_world[step]
+    world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
+    times = step.ravel() / max(len(filled.to_world) - 1, 1)
+    extinction, emission = lookup(
+        filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags
+    )
+    return extinction.reshape(local.shape[:-1]), emission.reshape(local.shape[:-1])
+
+
 def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
     shape = tuple(cells[::-1])
     largest, smallest, bright = np.zeros(shape), np.full(shape, np.inf), np.zeros(shape)
-    for slab in range(cells[2]):
-        local = _points_of(filled, cells, slab, random)
-        step = random.integers(len(filled.to_world), size=local.shape[:-1])
-        matrix = filled.to_world[step]
-        world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
-        times = step.ravel() / max(len(filled.to_world) - 1, 1)
-        for flags in rays:
-            found = lookup(filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags)
-            extinction, emission = (values.reshape(local.shape[:-1]) for values in found)
+    for flags in rays:
+        for slab in range(cells[2]):
+            extinction, emission = _at_times(filled, lookup, _points_of(filled, cells, slab, random), flags, random)
             largest[slab] = np.maximum(largest[slab], extinction.max(axis=-1))
             smallest[slab] = np.minimum(smallest[slab], extinction.min(axis=-1))
             bright[slab] = np.maximum(bright[slab], emission.max(axis=-1))
-    bound = largest + _SPREAD * (largest - smallest)
-    bound = np.maximum(bound, _OF_NEIGHBOURS * _largest_around(bound))
+        # What grows steadily is largest at a corner, which cells share.
+        ticks = [np.arange(count + 1) / count for count in cells]
+        corners = np.stack(np.meshgrid(*ticks[::-1], indexing="ij"), axis=-1)[..., ::-1]
+        extinction, emission = _at_times(filled, lookup, _in_object(filled, corners), flags, random)
+        for corner in np.ndindex(2, 2, 2):
+            part = tuple(slice(at, at + count) for at, count in zip(corner, shape, strict=True))
+            np.maximum(largest, extinction[part], out=largest)
+            np.minimum(smallest, extinction[part], out=smallest)
+            np.maximum(bright, emission[part], out=bright)
+    if filled.grids:
+        _meet_voxels(filled, lookup, rays, cells, largest, bright)
+    bound = largest + (_SPREAD_OF_GRIDS if filled.grids else _SPREAD) * (largest - smallest)
+    # Rounding makes constants differ a little from place to place.
+    bound = np.maximum(bound * (1.0 + 1e-4), _OF_NEIGHBOURS * _largest_around(bound))
     bright = _largest_around(bright)
     if bright.any():
         way = np.linalg.norm(filled.to_world[0, :, :3] @ (filled.upper - filled.lower))
@@ -188,7 +284,7 @@ def filled_by_media(
         By medium.
     """
     if world_program >= 0 and of_program[world_program] >= 0 and varies[of_program[world_program]]:
-        size = np.full(3, _WORLD_SIZE)
+        size = np.full(3, WORLD_SIZE)
         yield Filled(WORLD, int(of_program[world_program]), world_program, -size, size, np.eye(4)[None, :3])
     table = geometry.instance_table
     bounds: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -210,7 +306,8 @@ def filled_by_media(
         matrices = geometry.motion_transforms[first : first + count] if count else geometry.transforms[instance]
         to_world = np.asarray(matrices, np.float64).reshape(-1, 3, 4)
         for program in programs:
-            yield Filled(instance, int(of_program[program]), program, *bounds[mesh], to_world)
+            grids = tuple(meshes[mesh].grids.values())
+            yield Filled(instance, int(of_program[program]), program, *bounds[mesh], to_world, grids)
 
 
 def build_majorants(

@@ -197,6 +197,6 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
             sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT"))
     arrays, attribute_names, notices = compile_programs(
         sources, description.images, camera_matrices(description.camera, description.frame), description.to_xyz,
-        cache,
+        cache, frozenset(name for mesh in description.meshes for name in mesh.grids),
     )
     return Programs(arrays, attribute_names, notices, default_program, world_program, light_programs, description)

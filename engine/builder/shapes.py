@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
+from engine.builder.grids import build_grids
 from engine.builder.motion import MOST_KEYS
 from engine.scene.description import Mesh, Notice
 from engine.state import geometry as layout
+from engine.state.grids import GridArrays
 
 _DOMAINS = {
     "POINT": layout.DOMAIN_POINT,
@@ -68,6 +70,7 @@ class Attributes:
     data: Float32Array
     count: Int64Array
     default_slots: Int32Array
+    grids: GridArrays
 
 
 def _usable_triangles(mesh: Mesh, vertices: np.ndarray, notices: list[Notice]) -> np.ndarray | None:
@@ -235,6 +238,9 @@ def build_attributes(
     default_slots = np.zeros((max(len(meshes), 1), 2), np.int32)
     parts: list[np.ndarray] = []
     total = 0
+    grids, grid_numbers = build_grids(meshes, slot_of)
+    for (index, name), number in grid_numbers.items():
+        table[index * count + slot_of[name]] = (layout.DOMAIN_GRID, meshes[index].grids[name].width, number)
     for index, (mesh, keep) in enumerate(zip(meshes, kept_triangles, strict=True)):
         default_slots[index] = slot_of.get(mesh.default_uv, -1), slot_of.get(mesh.default_color, -1)
         for name, attribute in mesh.attributes.items():
@@ -249,4 +255,6 @@ def build_attributes(
             table[index * count + slot] = (_DOMAINS[attribute.domain], data.shape[1], total)
             parts.append(data.reshape(-1, 1))
             total += data.size
-    return Attributes(table, _joined(parts, 1, np.float32).reshape(-1), np.array([count], np.int64), default_slots)
+    return Attributes(
+        table, _joined(parts, 1, np.float32).reshape(-1), np.array([count], np.int64), default_slots, grids
+    )

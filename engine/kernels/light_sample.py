@@ -66,8 +66,8 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
     paths, samples = work.paths, work.samples
     (
-        pdf, emitter, kind, wi, distance, q, q_ng, a, b, instance, triangle, program, radiance, visibility,
-        cast_shadow, _max_bounces, use_mis, back, _pmf,
+        pdf, emitter, kind, wi, distance, q, q_ng, a, b, instance, triangle, program, radiance, visibility, cast_shadow,
+        _max_bounces, use_mis, back, _pmf,
     ) = sample  # fmt: skip
     store(samples.direction, lane, wi)
     samples.pdf[lane] = pdf

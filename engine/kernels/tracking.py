@@ -21,6 +21,7 @@ from engine.kernels.path_depths import store_depths
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import add, scale
 from engine.runtime.jit import kernel
+from engine.state.geometry import VALUE_DENSITY
 from engine.state.lanes import (
     CLOSURE_WEIGHT,
     POINT_FLAGS,
@@ -50,10 +51,12 @@ from engine.state.media import (
     SCATTERING,
     WORLD,
 )
-from engine.state.tracking import GRID_LOWER, GRID_MEDIUM, GRID_RESOLUTION, GRID_SCALE
+from engine.state.tracking import GRID_LOWER, GRID_MEDIUM, GRID_RESOLUTION, GRID_SCALE, WORLD_REACH, WORLD_UNIT
 
 #: How far behind a boundary between cells the next one is looked up, in cells: further than rounding may err.
 _BEYOND = np.float32(1e-4)
+#: How much more than the largest channel of a colour its smooth spectrum has somewhere; more only if it is saturated.
+_SPECTRAL_MARGIN = np.float32(1.5)
 #: Cells that a ray may cross between two possible collisions.
 _MOST_CELLS = 1 << 16
 #: Share of the light from which on a ray is followed by chance.
@@ -83,6 +86,40 @@ def _within_cell(x, v, count):
 
 
 @kernel
+def _warped(x, count):
+    """Cell coordinate of a coordinate of the world [m]: cells grow with their distance from the origin."""
+    return 0.5 * np.float32(count) * (1.0 + np.float32(math.asinh(x / WORLD_UNIT)) / WORLD_REACH)
+
+
+@kernel
+def _within_world(x, d, count):
+    """As `_within_cell`, of the world's grid and in metres; and whether the coordinate is in the grid."""
+    place = _warped(x, count)
+    cell = min(max(int(math.floor(place + math.copysign(_BEYOND, d))), 0), count - 1)
+    leave = INFINITY
+    if d != 0.0:
+        side = np.float32(cell + 1) if d > 0.0 else np.float32(cell)
+        plane = WORLD_UNIT * np.float32(math.sinh((2.0 * side / np.float32(count) - 1.0) * WORLD_REACH))
+        leave = (plane - x) / d
+    return cell, leave if leave > 0.0 else INFINITY, 0.0 <= place <= np.float32(count)
+
+
+@kernel
+def _world_majorant(grids, row, p, d):
+    """As `majorant_at`, of the world; there is nothing outside of its grid."""
+    nx = grids.table[row, GRID_RESOLUTION]
+    ny = grids.table[row, GRID_RESOLUTION + 1]
+    nz = grids.table[row, GRID_RESOLUTION + 2]
+    i, along_x, in_x = _within_world(p[0], d[0], nx)
+    j, along_y, in_y = _within_world(p[1], d[1], ny)
+    k, along_z, in_z = _within_world(p[2], d[2], nz)
+    ahead = max(min(along_x, along_y, along_z), _BEYOND * (WORLD_UNIT + abs(p[0]) + abs(p[1]) + abs(p[2])))
+    if not (in_x and in_y and in_z):
+        return 0.0 * ahead, ahead
+    return grids.values[grids.offset[row] + i + nx * (j + ny * np.int64(k))], ahead
+
+
+@kernel
 def majorant_at(scene, instance, medium, origin, direction, time, t):
     """Bound on the extinction of a medium at a point of a ray, and how much further it holds.
 
@@ -101,10 +138,10 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
     if row >= end:
         return 0.0 * t, INFINITY
     p = add(origin, scale(direction, t))
-    d = direction
-    if instance != WORLD:
-        p = point_to_object(scene.geometry, instance, time, p)
-        d = direction_to_object(scene.geometry, instance, time, d)
+    if instance == WORLD:
+        return _world_majorant(grids, row, p, direction)
+    p = point_to_object(scene.geometry, instance, time, p)
+    d = direction_to_object(scene.geometry, instance, time, direction)
     x = (p[0] - grids.space[row, GRID_LOWER]) * grids.space[row, GRID_SCALE]
     y = (p[1] - grids.space[row, GRID_LOWER + 1]) * grids.space[row, GRID_SCALE + 1]
     z = (p[2] - grids.space[row, GRID_LOWER + 2]) * grids.space[row, GRID_SCALE + 2]
@@ -122,13 +159,11 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
     ahead = min(along_x, along_y, along_z)
     if fastest > 0.0:
         ahead = max(ahead, _BEYOND / fastest)
-    if instance == WORLD and (x < 0.0 or y < 0.0 or z < 0.0 or x > nx or y > ny or z > nz):
-        return 0.0 * t, ahead
     return grids.values[grids.offset[row] + i + nx * (j + ny * np.int64(k))], ahead
 
 
 @kernel
-def next_collision(scene, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
+def next_collision(scene, paths, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
     """Where the media of a row may collide next, behind `t` and before `end`.
 
     Parameters
@@ -142,6 +177,7 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
     entry : int, of the row's media, -1: nowhere
     majorant : float32 [m^-1], of that medium
     """
+    margin = _SPECTRAL_MARGIN if len(paths.channels) > RGB else 1.0
     depth = -math.log(1.0 - u_distance)
     for _ in range(_MOST_CELLS):
         total = 0.0
@@ -152,7 +188,7 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
             majorant, further = majorant_at(
                 scene, media.instance[row, k], media.medium[row, k], origin, direction, time, t
             )
-            total += majorant
+            total += margin * majorant
             ahead = min(ahead, further)
         if depth < total * ahead:
             rest = u_choice * total
@@ -166,10 +202,10 @@ def next_collision(scene, media, row, origin, direction, time, t, end, u_distanc
                 )
                 if majorant > 0.0:
                     chosen = k
-                    bound = majorant
-                    if rest < majorant:
+                    bound = margin * majorant
+                    if rest < bound:
                         break
-                    rest -= majorant
+                    rest -= bound
             return min(t + depth / total, end), chosen, bound
         depth -= total * ahead
         t += ahead
@@ -224,8 +260,13 @@ def _to_channels(scene, paths, lane, sums, largest_kind):
 
 
 @kernel
-def read_medium(scene, paths, lane, closures, row, sums):
+def read_medium(scene, paths, lane, closures, row, instance, sums):
     """Write into `sums` what a program has left of a medium in row `row` of `closures`, in RGB.
+
+    Parameters
+    ----------
+    instance : int
+        That the medium is inside of, which may make it denser.
 
     Returns
     -------
@@ -233,13 +274,16 @@ def read_medium(scene, paths, lane, closures, row, sums):
         Whether they were numbers; else all are 0.
     """
     total = 0.0
+    density = 1.0
+    if instance >= 0:
+        density = scene.geometry.instance_values[instance, VALUE_DENSITY]
     for c in range(RGB):
         scattering = 0.0
         for i in range(closures.count[row]):
             scattering += closures.param[row, i, CLOSURE_WEIGHT + c]
-        sums[EXTINCTION, c] = closures.transparency[row, c]
-        sums[SCATTERING, c] = scattering
-        sums[EMISSION, c] = max(closures.emission[row, c], 0.0)
+        sums[EXTINCTION, c] = density * closures.transparency[row, c]
+        sums[SCATTERING, c] = density * scattering
+        sums[EMISSION, c] = density * max(closures.emission[row, c], 0.0)
         total += closures.transparency[row, c] + scattering + closures.emission[row, c]
     is_finite = math.isfinite(total)
     if not is_finite:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
+from engine.scene.grids import Grid
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -186,6 +187,8 @@ class Mesh:
         where the mesh keeps its shape. `vertices` are those at the middle.
     motion_normals : float32 (S, T, 3, 3) or None
         `corner_normals` at these times; None where every face is flat.
+    grids : dict
+        Of volumes, voxels by the name that Attribute nodes have for them; the triangles are a box around them.
     """
 
     key: Hashable
@@ -200,6 +203,7 @@ class Mesh:
     texture_space: Float32Array | None = None
     motion_vertices: Float32Array | None = None
     motion_normals: Float32Array | None = None
+    grids: dict[str, Grid] = field(default_factory=dict)
 
 
 @dataclass
@@ -230,6 +234,8 @@ class Instances:
     #: (N,) index into `SceneDescription.light_groups` of what they emit, -1 = none; None = -1 for all.
     light_group: Int32Array | None = None
     is_shadow_catcher: npt.NDArray[np.bool_] | None = None  # (N,); None = none
+    #: (N,) factor on the density of media inside that vary (volumes that grow thinner with their size); None = 1.
+    medium_density: Float32Array | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ def compile_programs(
     camera: Float32Array | None = None,
     to_xyz: Float32Array | None = None,
     cache: ProgramCache | None = None,
+    grid_names: frozenset[str] = frozenset(),
 ) -> tuple[ShaderArrays, list[str], list[Notice]]:
     """Compile one program per source, in their order.
 
@@ -38,6 +39,8 @@ def compile_programs(
         From the working space to CIE XYZ (D65); None for Rec.709.
     cache : ProgramCache, optional
         Updated: programs and images that have not changed are not made again.
+    grid_names : frozenset of str
+        Grids that any volume of the scene has.
 
     Returns
     -------
@@ -50,7 +53,7 @@ def compile_programs(
         What is not supported, with `'name / node'` as subject.
     """
     cache = ProgramCache() if cache is None else cache
-    pools = ScenePools(images, to_xyz)
+    pools = ScenePools(images, to_xyz, grid_names)
     with _recursion():
         compiled = cache.compile(pools, sources)
     camera = identity_camera() if camera is None else camera

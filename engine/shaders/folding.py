@@ -14,6 +14,7 @@ from engine.kernels.shader.interpreter import evaluate_shaders
 from engine.shaders.program import Constant, Instruction
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
+from engine.state.grids import no_grids
 from engine.state.lanes import (
     POINT_INSTANCE,
     POINT_LIGHT,
@@ -81,6 +82,7 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
         attribute_count=np.array([count], np.int64),
         motion_table=np.zeros((1, layout.MOTION_WIDTH), np.int32),
         motion_transforms=np.zeros((1, 12), np.float32),
+        grids=no_grids(),
     )
 
 

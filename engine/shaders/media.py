@@ -174,8 +174,17 @@ def _coefficients(reader: _NodeReader, weight: float) -> Medium:
     )
 
 
+def attributes_of(node: Node) -> tuple[str, str, str]:
+    """Names of a Principled Volume's attributes of density, colour and temperature; '' = none."""
+    defaults = {"Density Attribute": "density", "Color Attribute": "", "Temperature Attribute": "temperature"}
+    density, color, temperature = (str(node.inputs.get(name, default)) for name, default in defaults.items())
+    return density, color, temperature
+
+
 def _principled(reader: _NodeReader, weight: float) -> Medium:
-    """Attributes of grids are on no mesh: the node's numbers stand alone, as in Cycles."""
+    """Without grids of the attributes' names the node's numbers stand alone, as in Cycles."""
+    if any(reader.builder.has_grid(name) for name in attributes_of(reader.node)):
+        raise VaryingError
     density = weight * max(reader.number("Density", 1.0), 0.0)
     absorption = BLACK
     lobes: tuple[PhaseLobe, ...] = ()

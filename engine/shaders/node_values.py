@@ -30,10 +30,17 @@ def gives_values(kind: str) -> bool:
 
 
 class NodeValues:
-    """Values of one graph."""
+    """Values of one graph.
 
-    def __init__(self, name: str, graph: NodeGraph, pools: ScenePools) -> None:
+    Parameters
+    ----------
+    is_inside : bool
+        Whether they are wanted at points within a volume.
+    """
+
+    def __init__(self, name: str, graph: NodeGraph, pools: ScenePools, *, is_inside: bool = False) -> None:
         self.name = name
+        self.is_inside = is_inside
         self.graph = graph
         self.pools = pools
         self.arithmetic = Arithmetic(pools)
@@ -207,6 +214,15 @@ class NodeBuilder:
     def attribute_slot(self, name: str) -> int:
         """Slot of a mesh attribute."""
         return self._values.pools.attribute_slot(name)
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the point is within a volume, where attributes are grids."""
+        return self._values.is_inside
+
+    def has_grid(self, name: str) -> bool:
+        """Whether any volume of the scene has a grid of this name."""
+        return self._values.pools.has_grid(name)
 
     def image(self, index: int) -> tuple[int, Image] | None:
         """Row of an image and what it is but for its pixels, None if it is missing."""

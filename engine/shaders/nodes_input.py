@@ -138,7 +138,26 @@ def _attribute(node: Node, builder: Any) -> Operation:
         return Operation(-1, inputs, outputs)
     if kind in ("OBJECT", "INSTANCER"):
         name = f"{kind.lower()}:{name}"
+    if builder.is_inside:
+        return grid(builder, name, outputs)
     return attribute(builder, builder.attribute_slot(name) if name else -3, outputs)
+
+
+def grid(builder: Any, name: str, outputs: tuple[Socket, ...], default: float = 0.0) -> Operation:
+    """What a volume's grid holds at a point inside, else `default`: outputs are a colour, its mean, alpha."""
+    slot = builder.attribute_slot(name)
+    return Operation(ops.OP_GRID, (Socket("", FLOAT, default),), outputs, (slot,), is_varying=True)
+
+
+def _volume_info(name: str, type_: SocketType) -> Callable[[Node, Any], Operation]:
+    """An output of the Volume Info node; there is nothing on surfaces."""
+
+    def lower(node: Node, builder: Any) -> Operation:
+        if not builder.is_inside:
+            return constant(0.0 if type_ is FLOAT else (0.0, 0.0, 0.0), type_)
+        return grid(builder, name, (Socket("", type_), Socket("\0fac", FLOAT), Socket("\0alpha", FLOAT)))
+
+    return lower
 
 
 def _color_attribute(node: Node, builder: Any) -> Operation:
@@ -384,6 +403,14 @@ OUTPUTS: dict[str, Outputs] = {
             "Size": _zero(FLOAT, _PARTICLE),
             "Velocity": _zero(VECTOR, _PARTICLE),
             "Angular Velocity": _zero(VECTOR, _PARTICLE),
+        }
+    ),
+    "ShaderNodeVolumeInfo": Outputs(
+        {
+            "Color": _volume_info("color", COLOR),
+            "Density": _volume_info("density", FLOAT),
+            "Flame": _volume_info("flame", FLOAT),
+            "Temperature": _volume_info("temperature", FLOAT),
         }
     ),
     "ShaderNodeHairInfo": Outputs(

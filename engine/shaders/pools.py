@@ -21,8 +21,11 @@ _NO_PIXELS = np.zeros((0, 0, 4), np.uint8)
 class ScenePools:
     """Pools shared by all programs."""
 
-    def __init__(self, images: Sequence[Image], to_xyz: Float32Array | None) -> None:
+    def __init__(
+        self, images: Sequence[Image], to_xyz: Float32Array | None, grid_names: frozenset[str] = frozenset()
+    ) -> None:
         self._images = images
+        self._grid_names = grid_names
         self.to_xyz = to_xyz
         #: Luminance of the working space's primaries, and the matrix to it from Rec.709; None where it is Rec.709.
         self.luminance: tuple[float, ...] | None = None
@@ -70,6 +73,12 @@ class ScenePools:
         slot = self.attribute_names.index(name)
         self._asked.append(("attribute_slot", name, slot))
         return slot
+
+    def has_grid(self, name: str) -> bool:
+        """Whether any volume of the scene has a grid of this name."""
+        answer = name in self._grid_names
+        self._asked.append(("has_grid", name, answer))
+        return answer
 
     def add_table(self, values: npt.ArrayLike) -> int:
         """Index of the table's first float in the pool."""

@@ -62,13 +62,16 @@ class SurfaceCompiler:
     def _inside(self, program: CompiledProgram, volume: Link) -> None:
         """The medium inside, as numbers where it is the same everywhere, else as code."""
         try:
-            program.medium = fold_medium(NodeValues(self.source.name, self._graph, self._pools), volume)
+            program.medium = fold_medium(self._values_inside(), volume)
         except VaryingError:
-            values = NodeValues(self.source.name, self._graph, self._pools)
+            values = self._values_inside()
             program.medium_roots = lower_medium(values, volume)
             program.medium_instructions = values.arithmetic.code.instructions
             if program.medium_roots:
                 program.medium = Medium(varies=True)
+
+    def _values_inside(self) -> NodeValues:
+        return NodeValues(self.source.name, self._graph, self._pools, is_inside=True)
 
     @property
     def _is_boundary(self) -> bool:

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from engine.kernels.shader import ops_closure
+from engine.kernels.shader import ops_closure, ops_math
 from engine.kernels.shader import ops_volume as ops
 from engine.scene.description import Link
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
-from engine.shaders.media import LEFT_OUT, NODES, black_body, mie_parameters, phase_of
+from engine.shaders.media import LEFT_OUT, NODES, attributes_of, black_body, mie_parameters, phase_of
 from engine.shaders.node_values import NodeBuilder, NodeValues
+from engine.shaders.nodes_input import grid
+from engine.shaders.nodes_texture_math import COMPONENT_OPERATIONS, MATH_OPERATIONS
 from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Socket
 
@@ -48,6 +50,18 @@ class _MediumBuilder(NodeBuilder):
         """Append an instruction with the node's weight, or another."""
         instruction = Instruction(opcode, (self.weight if weight is None else weight, *operands), ())
         self._roots.append(self.values.arithmetic.code.append_effect(instruction))
+
+    def times_grid(self, value: Value, name: str) -> Value:
+        """A number or colour times what the volume's grid of this name holds; without it the value alone."""
+        if not name or not self.has_grid(name):
+            return value
+        outputs = (Socket("", COLOR), Socket("\0fac", FLOAT), Socket("\0alpha", FLOAT))
+        color, mean, _alpha = self.values.emit(grid(self, name, outputs, default=1.0), self)
+        if value.width == 1:
+            return self.values.arithmetic.multiply(value, mean)
+        multiply = MATH_OPERATIONS.index(COMPONENT_OPERATIONS["MULTIPLY"])
+        instruction = Instruction(ops_math.OP_VECTOR_COMPONENTS, (value, color, _BLACK), (3, 1), (multiply,))
+        return self.append(instruction, is_varying=True)[0]
 
     def phases(self) -> list[tuple[Value, Value, Value]]:
         """Phase functions that the node is set to: their shares, mean cosines and alphas."""
@@ -88,11 +102,13 @@ def _coefficients(builder: _MediumBuilder) -> None:
 
 
 def _principled(builder: _MediumBuilder) -> None:
+    density_name, color_name, temperature_name = attributes_of(builder.node)
     share = builder.number("Blackbody Intensity", 0.0)
-    temperature = builder.number("Temperature", 1000.0)
+    temperature = builder.times_grid(builder.number("Temperature", 1000.0), temperature_name)
     hot = _BLACK if is_zero(share) else black_body(builder.values, temperature)
     builder.add(
-        ops.OP_PRINCIPLED, builder.color("Color", 0.5), builder.number("Density", 1.0),
+        ops.OP_PRINCIPLED, builder.times_grid(builder.color("Color", 0.5), color_name),
+        builder.times_grid(builder.number("Density", 1.0), density_name),
         builder.color("Absorption Color", 0.0), builder.number("Anisotropy", 0.0),
         builder.number("Emission Strength", 0.0), builder.color("Emission Color", 1.0), share,
         builder.color("Blackbody Tint", 1.0), temperature, hot,

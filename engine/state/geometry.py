@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.runtime.bundle import Bundle
+from engine.state.grids import GridArrays
 
 # Columns of GeometryArrays.instance_table
 INSTANCE_MESH = 0
@@ -30,6 +31,8 @@ VALUE_GENERATED = 5
 VALUE_UV = 8
 #: Cosine below which shadow rays start off a smooth surface, 0 = never.
 VALUE_TERMINATOR = 10
+#: Factor on the density of media inside that vary.
+VALUE_DENSITY = 11
 VALUE_WIDTH = 12
 
 #: Vertices of this instance's mesh are stored in world space (its only user): hits need no transform.
@@ -65,10 +68,10 @@ MOTION_FIRST_NORMAL = 2
 MOTION_WIDTH = 4
 
 # Columns of GeometryArrays.attribute_table: one row per (mesh, attribute slot), row = mesh * attribute_count + slot.
-#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh
+#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh, 5 voxels
 ATTRIBUTE_DOMAIN = 0
 ATTRIBUTE_COMPONENTS = 1
-#: First float in `attribute_data`
+#: First float in `attribute_data`, or row of `grids.table`
 ATTRIBUTE_OFFSET = 2
 ATTRIBUTE_WIDTH = 3
 
@@ -77,6 +80,7 @@ DOMAIN_POINT = 1
 DOMAIN_FACE = 2
 DOMAIN_CORNER = 3
 DOMAIN_MESH = 4
+DOMAIN_GRID = 5
 
 
 class GeometryArrays(Bundle):
@@ -99,6 +103,7 @@ class GeometryArrays(Bundle):
     attribute_count : int64 (1,), A
     motion_table : int32 (X, MOTION_WIDTH)
     motion_transforms : float32 (K, 12), object to world of what moves, at evenly spaced times
+    grids : voxels
     """
 
     vertices: Float32Array
@@ -117,3 +122,4 @@ class GeometryArrays(Bundle):
     attribute_count: Int64Array
     motion_table: Int32Array
     motion_transforms: Float32Array
+    grids: GridArrays

@@ -19,6 +19,12 @@ GRID_SCALE = 3  # cells a metre
 SPACE_WIDTH = 6
 
 
+#: The world's grid: half its edge [m], as in Cycles; its cells are even in asinh(x / WORLD_UNIT), up to WORLD_REACH.
+WORLD_SIZE = 10_000.0
+WORLD_UNIT = np.float32(2.0)
+WORLD_REACH = np.float32(np.arcsinh(WORLD_SIZE / 2.0))
+
+
 class MajorantGrids(Bundle):
     """Bounds of the extinction of media that vary, by cell of a grid over what they are in.
 

@@ -5,7 +5,14 @@ They go along the shadow rays from boundary to boundary, whatever stands between
 Where media vary in space this takes turns, as in `engine.wavefront.track_media`.
 """
 
-from engine.accel import MASK_MEDIUM, read_hit, trace_closest
+from engine.accel import (
+    CATCHER_MASK_SHIFT,
+    MASK_MEDIUM,
+    MASK_SHADOW_OPAQUE,
+    read_hit,
+    trace_closest,
+    trace_occluded,
+)
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import real_3
@@ -144,8 +151,9 @@ def _start_leg(scene, work, row, own):
 
 @kernel
 def begin_shadows(scene, unit, work, queue):
-    """Put the shadow rays into the queue that have light and shadows; runs in place of `attenuate_shadows` where media
-    vary.
+    """Put the shadow rays into the queue that have light and nothing opaque in their way.
+
+    Runs in place of `attenuate_shadows` where media vary.
 
     Parameters
     ----------
@@ -154,6 +162,7 @@ def begin_shadows(scene, unit, work, queue):
     """
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
+    opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
@@ -161,6 +170,12 @@ def begin_shadows(scene, unit, work, queue):
             continue
         own = first + row
         direction = load(shadows.direction, row)
+        # Following a ray costs far more than finding out that something hides the light.
+        if trace_occluded(
+            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
+            direction, 0.0, shadows.distance[row], paths.time[lane], opaque,
+        ):
+            continue
         _leave_point(scene, work, lane, own, direction)
         store(tracking.origin, own, load(shadows.origin, row))
         tracking.rest[own] = shadows.distance[row]
@@ -203,8 +218,8 @@ def find_shadow_collisions(scene, unit, work, queue):
         while True:
             origin = load(tracking.origin, own)
             t, entry, majorant = next_collision(
-                scene, media, own, origin, direction, time, tracking.position[own], tracking.end[own], u_distance,
-                u_choice, False,
+                scene, paths, media, own, origin, direction, time, tracking.position[own], tracking.end[own],
+                u_distance, u_choice, False,
             )
             if entry >= 0:
                 tracking.position[own] = t
@@ -258,7 +273,8 @@ def dim_shadows(scene, unit, work, queue):
     for k in range(queue.count[0]):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]
-        if not read_medium(scene, paths, lane, work.light_shaded, row, sums):
+        instance = work.light_points.integer[row, POINT_INSTANCE]
+        if not read_medium(scene, paths, lane, work.light_shaded, row, instance, sums):
             work.counts[MEDIUM_REJECTS] += 1
         majorant = tracking.majorant[own]
         is_denser = False

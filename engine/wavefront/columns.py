@@ -42,7 +42,8 @@ UNIT_FOLLOWS = 16  # paths see catchers only, from the first one that the camera
 UNIT_SHOWS_BACKGROUND = 17  # the Environment pass is asked for: it has what a transparent film leaves out
 UNIT_PREDICTS = 18  # roulette goes by what surfaces were found to send back
 UNIT_LEARNS_LIGHTS = 19  # recorded paths say which lights they have sampled
-UNIT_HEADER_WIDTH = 20
+UNIT_GUIDES_MEDIA = 20  # recorded paths make records of collisions with media, and guided ones are guided there
+UNIT_HEADER_WIDTH = 21
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0
@@ -100,6 +101,7 @@ class ClockEntries(NamedTuple):
     attenuate_shadows: int
     intersect_shadow: int
     occlusion: int
+    guide_collisions: int
     scatter: int
     sample_source: int
     draw_candidates: int

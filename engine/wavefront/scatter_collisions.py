@@ -6,19 +6,18 @@ Between the two, collisions lie behind the surfaces in `work.surface`, so that o
 
 import math
 
-from engine.guiding.records.vertices import MAX_VERTICES, VERTEX_SCALE, Scattering, log_vertex
-from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, sample_phase
+from engine.guiding.records.vertices import Scattering, log_collision
+from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, mean_cosine, sample_phases
 from engine.kernels.collision import add_lobes, place_collision
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.spectrum import to_rgb
-from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_NORMAL
-from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, FEATURES_DONE, POINT_NG, POINT_WO, RGB
+from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, FEATURES_DONE, POINT_WO, RGB
 from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING
-from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
+from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, UNIT_GUIDES_MEDIA, UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
 
 
 @kernel
@@ -134,7 +133,8 @@ def prepare_collisions(scene, unit, work, queue):
 def scatter_collisions(scene, unit, work, queue):
     """Send paths on from collisions by the phase functions, and take them from `work.surface` again.
 
-    Nothing of them is learned yet: vertices of recorded paths note only how far the light behind them is.
+    Those that `guide_collisions` has sent on are gone by now. Recorded paths make records of them, if they are to be
+    guided by these.
 
     Parameters
     ----------
@@ -142,28 +142,14 @@ def scatter_collisions(scene, unit, work, queue):
         `work.collided`.
     """
     options, paths, points, closures, f_cos = scene.options, work.paths, work.points, work.closures, work.f_cos
-    log, media = work.log, work.media
+    log, media, guides_media = work.log, work.media, unit.header[UNIT_GUIDES_MEDIA] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     work.surface.count[0] -= lane_count
     for k in range(lane_count):
         lane = lanes[k]
         work.samples.weight[lane] = 1.0
-        total = 0.0
-        for i in range(closures.count[lane]):
-            total += closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-        rest = paths.random[lane, 0] * total
-        chosen = 0
-        for i in range(closures.count[lane]):
-            chosen = i
-            weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-            if rest < weight:
-                break
-            rest -= weight
         wo = real_3(points, lane, POINT_WO)
-        ng = real_3(points, lane, POINT_NG)
-        wi = normalize(
-            sample_phase(closures.param, lane, chosen, ng, wo, paths.random[lane, 1], paths.random[lane, 2])
-        )
+        wi = sample_phases(closures, lane, wo, paths.random[lane, 0], paths.random[lane, 1], paths.random[lane, 2])
         pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
         largest = 0.0
         for c in range(len(paths.channels)):
@@ -177,13 +163,9 @@ def scatter_collisions(scene, unit, work, queue):
             continue
         paths.survival[lane] = -1.0
         paths.dimension[lane] += SETS_PER_VERTEX
-        vertex = log.count[lane]
-        if log.is_recording[lane] != 0 and vertex < MAX_VERTICES:
-            # Regions learn which lights surfaces see.
-            work.samples.cluster[lane] = -1
-            # A roughness of 0 makes no record; with a scale of 0 what is seen here is as far away as here.
-            log_vertex(
-                log, paths, points, closures, work.samples, lane, Scattering(wi, pdf, 0.0, 1.0, NAN, NAN, NAN), f_cos
-            )
-            log.real[lane * MAX_VERTICES + vertex, VERTEX_SCALE] = 0.0
+        if log.is_recording[lane] != 0:
+            # A roughness of 0 makes no record.
+            roughness = 1.0 - abs(mean_cosine(closures, lane)) if guides_media else 0.0
+            scattering = Scattering(wi, pdf, roughness, 1.0, NAN, NAN, NAN)
+            log_collision(log, paths, points, closures, work.samples, lane, scattering, f_cos)
         leave_collision(options, paths, points, media, lane, wi, pdf)

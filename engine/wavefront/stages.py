@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from engine.guiding.fields.vmm.field import GuideLobes
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
 from engine.wavefront.attenuate_shadows import (
@@ -34,6 +35,7 @@ from engine.wavefront.columns import (
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
 from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.wavefront.guide_collisions import guide_collisions
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
@@ -94,7 +96,7 @@ _WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
 _RECORDS = _by_name(collect_records)
 #: Take scene, unit, guidance, work and a queue.
 _GUIDED = _by_name(prepare_guides, guide_lights, draw_candidates, guide_resample, sample_source)
-_GUIDED_FEATURES = _by_name(write_guiding)
+_GUIDED_FEATURES, _GUIDED_MEDIA = _by_name(write_guiding), _by_name(guide_collisions)
 #: Take what they need.
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
@@ -105,7 +107,7 @@ _PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture
 #: Every stage.
 STAGES: _Stages = {
     **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
-    **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_SHADERS,
+    **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_GUIDED_MEDIA, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
     **_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
@@ -145,10 +147,10 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
+    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     varies = header[SCENE_HAS_VARYING_MEDIA]
     add(_TRACKING, plain, varies)
     add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
-    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows and not varies)
     add(_TRACKED_SHADOWS, plain, varies and has_shadows)
     add(_SHADOWS, plain, has_shadows)
@@ -157,6 +159,7 @@ def stage_arguments(
     add(_RECORDS, plain, records)
     add(_GUIDED, guided, is_guided)
     add(_GUIDED_FEATURES, guided, is_guided and use_features)
+    add(_GUIDED_MEDIA, guided, is_guided and header[SCENE_HAS_MEDIA] and isinstance(guidance.guide, GuideLobes))
     shading = (scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes)
     add(_SHADERS, (*shading, 0, work.registers, MODE_CLOSURES))
     add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])

@@ -19,6 +19,7 @@ from engine.wavefront.columns import (
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
     UNIT_FOLLOWS,
+    UNIT_GUIDES_MEDIA,
     UNIT_IS_GUIDED,
     UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
@@ -266,6 +267,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, unit, guidance, work)
         if has_media:
+            if unit.header[UNIT_GUIDES_MEDIA] != 0 and unit.header[UNIT_IS_GUIDED] != 0:
+                stages.guide_collisions(scene, unit, guidance, work, work.collided)
+                mark(clock, CLOCK.guide_collisions)
             stages.scatter_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_USE_OCCLUSION] != 0:

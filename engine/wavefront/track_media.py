@@ -23,7 +23,12 @@ from engine.kernels.tracking import (
 )
 from engine.kernels.vector import add, load, scale
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_CATCHER_HIT, RAY_TERMINATE_AFTER_TRANSPARENT, RAY_TERMINATE_ON_NEXT_SURFACE
+from engine.state.lanes import (
+    POINT_INSTANCE,
+    RAY_CATCHER_HIT,
+    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_TERMINATE_ON_NEXT_SURFACE,
+)
 from engine.state.lights import HEADER_HITTABLE
 from engine.state.media import EMISSION, EXTINCTION
 from engine.wavefront.columns import (
@@ -142,7 +147,8 @@ def find_collisions(scene, unit, work, queue):
                 paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, step
             )
             t, entry, majorant = next_collision(
-                scene, media, lane, origin, direction, time, start, tracking.end[lane], u_distance, u_choice, True
+                scene, paths, media, lane, origin, direction, time, start, tracking.end[lane], u_distance, u_choice,
+                True,
             )
             _pass_leg(scene, work, lane, start, t)
             if entry < 0:
@@ -191,7 +197,8 @@ def meet_media(scene, unit, work, queue):
     lanes, kept = queue.lanes, 0
     for k in range(queue.count[0]):
         lane = lanes[k]
-        if not read_medium(scene, paths, lane, work.light_shaded, lane, sums):
+        instance = work.light_points.integer[lane, POINT_INSTANCE]
+        if not read_medium(scene, paths, lane, work.light_shaded, lane, instance, sums):
             work.counts[MEDIUM_REJECTS] += 1
         majorant = tracking.majorant[lane]
         is_denser = False

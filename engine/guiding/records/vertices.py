@@ -224,6 +224,27 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
 
 
 @kernel
+def log_collision(log, paths, points, closures, samples, lane, scattering, before):
+    """`log_vertex` for a scattering within a medium, which has no normal and has sampled no light.
+
+    Where the path was going stands for the normal. Regions learn from surfaces alone which lights they see. With a
+    scale of 0, what is seen from here is as far away as here for those that see it through something narrow.
+    """
+    vertex = log.count[lane]
+    if vertex >= MAX_VERTICES:
+        return
+    samples.cluster[lane] = -1
+    log_vertex(log, paths, points, closures, samples, lane, scattering, before)
+    row = lane * MAX_VERTICES + vertex
+    wo = real_3(points, lane, POINT_WO)
+    for c in range(3):
+        log.real[row, VERTEX_NS + c] = -wo[c]
+    for c in range(len(paths.channels)):
+        log.real[row, VERTEX_ARRIVAL + c] = NAN
+    log.real[row, VERTEX_SCALE] = 0.0
+
+
+@kernel
 def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, records, record_count):
     """Turn the vertices of ended paths among `lanes` into records; call before their lanes are freed.
 

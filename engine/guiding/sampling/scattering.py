@@ -23,8 +23,8 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_NG, POINT_WO, RGB
 
 #: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
-_LEAST_UNGUIDED = 1e-6
-_MOST_UNGUIDED = 1e6
+LEAST_UNGUIDED = np.float32(1e-6)
+MOST_UNGUIDED = np.float32(1e6)
 #: Roulette lets a path go on for sure where it is expected to bring a quarter of its pixel's value, less often where it
 #: brings less. What is expected is uncertain, and ending paths that mattered costs more than tracing some that do not
 #: (docs/decisions/roulette-and-light-sampling.md).
@@ -151,7 +151,7 @@ def send_on(scene, unit, guide, work, lane, candidate, weight, benefit):
             share_densities(paths, lane, source_pdf, f_cos, row)
     if bsdf_pdf > 0.0:
         unguided = paths.unguided[lane] / (weight * bsdf_pdf)
-        paths.unguided[lane] = min(max(unguided, _LEAST_UNGUIDED), _MOST_UNGUIDED)
+        paths.unguided[lane] = min(max(unguided, LEAST_UNGUIDED), MOST_UNGUIDED)
     paths.dimension[lane] += SETS_PER_VERTEX
     # What the path is expected to bring to its pixel, over the pixel's value.
     expected = predict_guide(guide, lane, wi, guide_pdf) * math.sqrt(unit.pixel_weight[paths.pixel[lane]])

@@ -17,7 +17,7 @@ import numpy as np
 from engine.kernels.bsdf.kinds import BUMP, PHASE
 from engine.kernels.bsdf.lobe import Lobe
 from engine.kernels.constants import INV_FOUR_PI, TWO_PI
-from engine.kernels.vector import add, dot, negate, orthonormal_basis, scale
+from engine.kernels.vector import add, dot, negate, normalize, orthonormal_basis, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
 
@@ -86,6 +86,35 @@ def eval_phases(closures, lane, wo, wi, out, row):
         total += weight
         pdf += weight * eval_phase(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
     return pdf / total if total > 0.0 else 0.0 * pdf
+
+
+@kernel
+def mean_cosine(closures, lane):
+    """Of the angle by which a lane's phase functions scatter, all together."""
+    total = 0.0
+    mean = 0.0
+    for i in range(closures.count[lane]):
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        mean += weight * closures.param[lane, i, PHASE_G]
+    return mean / total if total > 0.0 else 0.0 * mean
+
+
+@kernel
+def sample_phases(closures, lane, wo, u0, u1, u2):
+    """Direction, unit, by one of a lane's phase functions; see `eval_phases`."""
+    total = 0.0
+    for i in range(closures.count[lane]):
+        total += closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+    rest = u0 * total
+    chosen = 0
+    for i in range(closures.count[lane]):
+        chosen = i
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        if rest < weight:
+            break
+        rest -= weight
+    return normalize(sample_phase(closures.param, lane, chosen, wo, wo, u1, u2))
 
 
 @kernel

@@ -19,6 +19,7 @@ from engine.state.geometry import (
     DOMAIN_ABSENT,
     DOMAIN_CORNER,
     DOMAIN_FACE,
+    DOMAIN_GRID,
     DOMAIN_MESH,
     DOMAIN_POINT,
     INSTANCE_FLAG_BAKED,
@@ -139,8 +140,8 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     row = mesh * geometry.attribute_count[0] + slot
     domain = geometry.attribute_table[row, ATTRIBUTE_DOMAIN]
-    # A point inside is on no triangle.
-    if domain == DOMAIN_ABSENT or (triangle < 0 and domain != DOMAIN_MESH):
+    # A point inside is on no triangle, and voxels are inside.
+    if domain == DOMAIN_ABSENT or domain == DOMAIN_GRID or (triangle < 0 and domain != DOMAIN_MESH):
         return 0.0, 0.0, 0.0, 0.0, 0
     components = geometry.attribute_table[row, ATTRIBUTE_COMPONENTS]
     offset = geometry.attribute_table[row, ATTRIBUTE_OFFSET]

@@ -195,23 +195,20 @@ def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
     assert found[0].problem == "Thin Wall is not supported"
 
 
-@pytest.mark.parametrize("where", ["material", "world"])
-def test_volumes_that_vary_are_named(scene: Any, where: str) -> None:
-    import bpy
-
-    if where == "world":
-        scene.world = bpy.data.worlds.new("Fog")
-        scene.world.use_nodes = True
-    tree = scene.world.node_tree if where == "world" else scene.objects["Plane"].data.materials[0].node_tree
+def test_what_a_volume_cannot_do_is_named(scene: Any) -> None:
+    material = scene.objects["Plane"].data.materials[0]
+    tree = material.node_tree
     output = next(item for item in tree.nodes if item.bl_idname.startswith("ShaderNodeOutput"))
-    volume = tree.nodes.new("ShaderNodeVolumePrincipled")
+    volume = tree.nodes.new("ShaderNodeVolumeScatter")
     tree.links.new(volume.outputs[0], output.inputs["Volume"])
-    assert notices(scene) == []
     noise = tree.nodes.new("ShaderNodeTexNoise")
     tree.links.new(noise.outputs[0], volume.inputs["Density"])
-    found = notices(scene)
-    assert len(found) == 1 and "Density" in found[0].problem and found[0].fallback == "no volume"
-    assert found[0].subject == f"{'world Fog' if where == 'world' else 'Plane / Paint'} / {volume.name}"
+    material.cycles.volume_interpolation = "CUBIC"
+    assert [notice.subject for notice in notices(scene)] == ["Plane / Paint"]
+    volume.phase = "MIE"
+    tree.links.new(noise.outputs[0], volume.inputs["Diameter"])
+    found = {notice.subject: notice.problem for notice in notices(scene)}
+    assert "Diameter" in found[f"Plane / Paint / {volume.name}"] and "cubic" in found["Plane / Paint"]
 
 
 def test_an_ies_lamp_is_named(scene: Any) -> None:

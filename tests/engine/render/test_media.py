@@ -11,41 +11,13 @@ import pytest
 from scipy import integrate
 
 from engine.render.light_passes import LIGHT_PASSES
-from engine.render.session import Session
 from engine.scene.description import Light
-from engine.settings import RenderSettings
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
+from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
 
-SIGMAS = 4.0
 GLASS = "ShaderNodeBsdfRefraction"
-
-
-def render(description, passes=("Combined",), **settings):
-    defaults = {"samples": 4, "threads": 1, "guiding_method": "OFF", "filter_glossy": 0.0}
-    session = Session(RenderSettings(**{**defaults, **settings}))
-    session.load(description)
-    result = session.render(passes=passes)
-    session.close()
-    assert result.report.reject_count == 0
-    return result
-
-
-def picture(description, **settings):
-    return render(description, **settings).passes["Combined"][..., :3]
-
-
-def means_by_seed(description, seeds=8, **settings):
-    """Mean of each render, float64 (seeds, 3)."""
-    images = [picture(description, seed=seed, **settings) for seed in range(seeds)]
-    return np.array([image.mean(axis=(0, 1), dtype=np.float64) for image in images])
-
-
-def is_mean(means, expected):
-    """Whether means by seed agree with an expected value, float (3,)."""
-    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    return bool((np.abs(means.mean(axis=0) - expected) <= SIGMAS * error + 1e-5).all())
 
 
 @pytest.mark.parametrize("surface", [None, GLASS])
@@ -192,6 +164,32 @@ def test_guided_renders_of_media_have_the_same_mean():
     guided = means_by_seed(scene, samples=63, volume_bounces=4, guiding_method="VMM")
     error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
     assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anisotropy, seen_bias", [(0.0, 0.02), (0.5, 0.05)])
+def test_guiding_where_fog_scatters_keeps_the_mean(anisotropy, seen_bias):
+    """Fog in a room whose lamp stands behind a wall: most of its light comes round it, by surfaces and by fog."""
+    fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5, Anisotropy=anisotropy)
+    white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Wall", Density=0.0)
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(2.5, 0.0, 3.9)), (1.0, 1.0, 1.0), 300.0, size_x=0.5)
+    around = [
+        placed((4.0, 4.0, 2.2), (0.0, 0.0, 2.0)), placed((0.05, 4.0, 1.7), (1.2, 0.0, 1.6)),
+        placed((4.0, 4.0, 0.5), (0.0, 0.0, -0.6)), placed((4.0, 4.0, 0.5), (0.0, 0.0, 4.6)),
+        *(placed((0.5, 4.0, 3.0), (side, 0.0, 2.0)) for side in (-4.4, 4.4)),
+        *(placed((4.0, 0.5, 3.0), (0.0, side, 2.0)) for side in (-4.4, 4.4)),
+    ]  # fmt: skip
+    scene = media_scene(
+        [fog, *[white] * 7], around, lights=[lamp], world=(0.0, 0.0, 0.0), height=3.9, size=(16, 16)
+    )
+    scene.camera.lens = 20.0
+    settings = {"samples": 511, "volume_bounces": 12, "max_bounces": 12, "diffuse_bounces": 8}
+    plain = means_by_seed(scene, **settings)
+    guided = means_by_seed(scene, guiding_method="VMM", guiding_trial=False, **settings)
+    error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
+    assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
+    # And the test sees a bias.
+    assert (SIGMAS * error < seen_bias * plain.mean(axis=0)).all()
 
 
 @pytest.mark.parametrize("density", [1e-6, 1e6])

@@ -24,7 +24,7 @@ _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
     "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "attenuate_shadows",
-    "light_segments", "leave_segments",
+    "light_segments", "leave_segments", "guide_collisions",
 }  # fmt: skip
 
 

@@ -1,18 +1,37 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volume nodes as coefficients, by Cycles' formulas worked out by hand; what varies is named."""
+"""Volume nodes as coefficients, by Cycles' formulas worked out by hand, folded and looked up at a point."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from engine.kernels.bsdf import load_tables
+from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G
 from engine.scene.description import Link, Node, NodeGraph
+from engine.shaders.assembly import shader_arrays
 from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.folding import stand_in_geometry
+from engine.shaders.image_pool import ImagePoolCache
 from engine.shaders.media import mie_parameters
-from engine.shaders.medium import Medium
+from engine.shaders.medium import Medium, PhaseLobe
 from engine.shaders.pools import ScenePools
 from engine.shaders.surface_compiler import SurfaceCompiler
-from engine.state.shaders import PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT
+from engine.state.lanes import (
+    CLOSURE_WEIGHT,
+    POINT_LIGHT,
+    POINT_TRIANGLE,
+    allocate_closures,
+    allocate_points,
+)
+from engine.state.shaders import (
+    MODE_MEDIUM,
+    PROGRAM_IS_BOUNDARY,
+    PROGRAM_MAY_BE_TRANSPARENT,
+    allocate_memory,
+    identity_camera,
+)
+from engine.wavefront.evaluate_shaders import evaluate_shaders
 from tests.helpers.media_scenes import volume_graph
 
 
@@ -72,14 +91,66 @@ def test_a_material_with_nothing_but_a_volume_has_no_surface():
         assert not program.is_boundary and program.medium is not None
 
 
-def test_what_varies_is_left_out_and_named():
-    graph = volume_graph("Principled")
-    graph.nodes.append(Node("ShaderNodeTexNoise", "Noise", {}))
-    graph.nodes[0].inputs["Density"] = Link(1, "Fac")
-    program, notices = compiled(graph)
-    assert program.medium is None and program.is_boundary
-    assert [(notice.subject, notice.fallback) for notice in notices] == [("M / Principled", "no volume")]
-    assert "Density" in notices[0].problem
+def looked_up(graph):
+    """What a graph is at a point of the stand-in object: absorption, emission, lobes."""
+    pools = ScenePools([], None)
+    source = ProgramSource("M", graph)
+    program = SurfaceCompiler(pools, source).compile()
+    assert program.medium.varies and not pools.notices
+    images = ImagePoolCache().get([])
+    shaders = shader_arrays([source], [program], pools, images, identity_camera())
+    points, closures = allocate_points(1), allocate_closures(1)
+    points.integer[0, [POINT_TRIANGLE, POINT_LIGHT]] = -1
+    lanes = np.zeros(1, np.int32)
+    geometry, memory = stand_in_geometry(1), allocate_memory(shaders)
+    evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, 1, memory, MODE_MEDIUM)
+    lobes = [
+        PhaseLobe(tuple(param[CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3].tolist()), param[PHASE_G], param[PHASE_ALPHA])
+        for param in closures.param[0, : closures.count[0]]
+    ]
+    return Medium(tuple(closures.transparency[0, :3].tolist()), tuple(closures.emission[0, :3].tolist()), tuple(lobes))
+
+
+@pytest.mark.parametrize(
+    ("kind", "inputs"),
+    [
+        ("Absorption", {"Color": (0.9, 0.5, 1.0, 1.0), "Density": 3.0}),
+        ("Scatter", {"Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Anisotropy": 0.3}),
+        ("Scatter", {"phase": "DRAINE", "Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Alpha": 0.7}),
+        ("Scatter", {"phase": "MIE", "Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Diameter": 8.0}),
+        (
+            "Coefficients",
+            {
+                "Absorption Coefficients": (0.1, 0.2, 3.0), "Scatter Coefficients": (1.0, 0.5, 0.0),
+                "Emission Coefficients": (0.0, 1.0, 2.0), "Anisotropy": -0.999999,
+            },
+        ),
+        (
+            "Principled",
+            {
+                "Color": (0.5, 0.2, 0.8, 1.0), "Density": 2.0, "Absorption Color": (0.25, 0.0, 1.0, 1.0),
+                "Emission Strength": 0.5, "Emission Color": (0.1, 0.2, 0.3, 1.0), "Blackbody Intensity": 0.6,
+                "Temperature": 1800.0,
+            },
+        ),
+    ],
+)
+def test_a_program_says_at_a_point_what_folding_says_of_everywhere(kind, inputs):
+    """Mixed by a factor that the compiler cannot know, and that is 0.5 at the point."""
+    graph = volume_graph(kind, **inputs)
+    expected = folded(volume_graph(kind, **inputs))
+    graph.nodes += [
+        Node("ShaderNodeMixShader", "Mix", {"Fac": Link(2, "Random"), "Shader_001": Link(0, "Volume")}),
+        Node("ShaderNodeObjectInfo", "Object"),
+    ]
+    graph.volume = Link(1, "Shader")
+    found = looked_up(graph)
+    assert np.allclose(2.0 * np.array(found.absorption), expected.absorption, rtol=1e-5)
+    assert np.allclose(2.0 * np.array(found.emission), expected.emission, rtol=1e-4)
+    assert len(found.lobes) == len(expected.lobes)
+    for mine, theirs in zip(found.lobes, expected.lobes, strict=True):
+        assert np.allclose(2.0 * np.array(mine.scattering), theirs.scattering, rtol=1e-5)
+        assert np.allclose((mine.g, mine.alpha), (theirs.g, theirs.alpha), rtol=1e-5)
 
 
 def test_a_surface_shader_in_a_volume_and_numbers_that_are_none_are_named():

@@ -37,6 +37,9 @@ _FOUR_PI = np.float32(4.0 * np.pi)
 #: The lobe closest to max(cos, 0) / pi, and its density at its centre.
 COSINE_LOBE_KAPPA = np.float32(2.18853)
 COSINE_LOBE_NORM = np.float32(2.18853 / (2.0 * np.pi * (1.0 - np.exp(-2.0 * 2.18853))))
+#: Mean cosines of phase functions below which they count as even, and beyond which their lobe gets no sharper.
+_LEAST_MEAN_COSINE = np.float32(0.02)
+_MOST_MEAN_COSINE = np.float32(0.95)
 #: Squared length of kappa_a mean_a + kappa_b mean_b below which a product of lobes is uniform.
 LEAST_PRODUCT = np.float32(1e-7)
 
@@ -130,18 +133,54 @@ def multiply_lobe(mean, kappa_a, coefficient_a, n, kappa_b, norm_b, squared_chor
 
 @kernel
 def prepare_vmm(field, region, p, n, cosine_lobe, guide, row):
-    """Write the mixture to sample at a point into lane `row` of `guide`.
+    """Write the mixture to sample on a surface into lane `row` of `guide`, times the lobe nearest to the clamped cosine
+    about `n` if `cosine_lobe`; see `prepare_product`."""
+    kappa_b = COSINE_LOBE_KAPPA if cosine_lobe else np.float32(0.0)
+    norm_b = COSINE_LOBE_NORM if cosine_lobe else np.float32(1.0)
+    prepare_product(field, region, p, n, kappa_b, norm_b, guide, row)
 
-    Lobes turn towards where their light comes from, as seen from p instead of the pivot, and are multiplied by the lobe
-    nearest to the clamped cosine, of which the product is again a mixture in closed form.
+
+@kernel
+def prepare_phase(field, region, p, forward, mean_cosine, guide, row):
+    """Write the mixture to sample within a medium, times the lobe that scatters ahead as much as its phase functions.
+
+    Parameters
+    ----------
+    forward : float32 tuple, unit, where the path was going
+    mean_cosine : float32, of the phase functions; < 0: they scatter back
+
+    References
+    ----------
+    Banerjee et al. 2005, "Clustering on the Unit Hypersphere using von Mises-Fisher Distributions", Eq. (4.4), for the
+    sharpness of a mean cosine; Herholz et al. 2019, "Volume Path Guiding Based on Zero-Variance Random Walk Theory",
+    for the product.
+    """
+    g = min(abs(mean_cosine), _MOST_MEAN_COSINE)
+    n = forward
+    if mean_cosine < 0.0:
+        n = (-forward[0], -forward[1], -forward[2])
+    if g < _LEAST_MEAN_COSINE:
+        prepare_product(field, region, p, n, np.float32(0.0), np.float32(1.0), guide, row)
+        return
+    kappa = g * (3.0 - g * g) / (1.0 - g * g)
+    norm = kappa / (TWO_PI * (1.0 - math.exp(-2.0 * kappa)))
+    prepare_product(field, region, p, n, kappa, norm, guide, row)
+
+
+@kernel
+def prepare_product(field, region, p, n, kappa_b, norm_b, guide, row):
+    """Write the mixture to sample at a point, times a lobe, into lane `row` of `guide`.
+
+    Lobes turn towards where their light comes from, as seen from p instead of the pivot; their product with a lobe is
+    again a mixture in closed form.
 
     Parameters
     ----------
     field : VmmField
     region : int, of `find_region`
     p : float32 tuple, world
-    n : float32 tuple, unit, on the side that is lit
-    cosine_lobe : bool, multiply with the cosine about n
+    n : float32 tuple, unit, axis of the lobe
+    kappa_b, norm_b : float32, its sharpness and largest density; 0 and 1: there is none
     guide : GuideLobes
     row : int
 
@@ -153,8 +192,6 @@ def prepare_vmm(field, region, p, n, cosine_lobe, guide, row):
     offset_x = field.pivot[region, 0] - p[0]
     offset_y = field.pivot[region, 1] - p[1]
     offset_z = field.pivot[region, 2] - p[2]
-    kappa_b = COSINE_LOBE_KAPPA if cosine_lobe else np.float32(0.0)
-    norm_b = COSINE_LOBE_NORM if cosine_lobe else np.float32(1.0)
     total = np.float32(0.0)
     for k in range(count):
         # mu' ~ mu d + (pivot - p), divided by d.

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volume objects: what becomes of the grids of their files, and what is said of files that are broken or empty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def openvdb() -> Any:
+    from addon.export.openvdb_module import find_openvdb
+
+    module = find_openvdb()
+    if module is None:
+        pytest.skip("this Blender brings no module for OpenVDB")
+    return module
+
+
+@pytest.fixture
+def scene() -> Any:
+    import bpy
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    return scene
+
+
+def write(openvdb: Any, path: Path, **grids: np.ndarray) -> Path:
+    """A file of these grids; voxels of 0.5 m, the first at index (4, -3, 2)."""
+    written = []
+    for name, values in grids.items():
+        grid = openvdb.Vec3SGrid() if values.ndim == 4 else openvdb.FloatGrid()
+        grid.copyFromArray(np.ascontiguousarray(values, np.float32), ijk=(4, -3, 2))
+        grid.transform, grid.name = openvdb.createLinearTransform(voxelSize=0.5), name
+        written.append(grid)
+    openvdb.write(str(path), grids=written)
+    return path
+
+
+def add_volume(scene: Any, path: Path | str, name: str = "Cloud") -> Any:
+    import bpy
+
+    data = bpy.data.volumes.new(name)
+    data.filepath = str(path)
+    made = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(made)
+    return made
+
+
+def export(cache: Any = None) -> Any:
+    import bpy
+
+    from addon.export import export_scene
+
+    return export_scene(bpy.context.evaluated_depsgraph_get(), cache=cache)
+
+
+def test_a_volume_is_a_box_with_the_grids_that_its_material_reads(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    values = np.random.default_rng(1).random((5, 6, 7)).astype(np.float32)
+    made = add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=values, other=values))
+    made.scale = (2.0, 2.0, 2.0)
+    description = export()
+    assert description.notices == []
+    (mesh,) = description.meshes
+    # Voxels fade out within one beyond the first and the last.
+    assert np.allclose(mesh.vertices.min(axis=0), 0.5 * np.array([3, -4, 1]))
+    assert np.allclose(mesh.vertices.max(axis=0), 0.5 * np.array([9, 3, 9]))
+    assert list(mesh.grids) == ["density"]
+    grid = mesh.grids["density"]
+    index = grid.to_index[:3, :3] @ np.array([2.0, -1.5, 1.0]) + grid.to_index[:3, 3]
+    assert np.allclose(index, (4, -3, 2))
+    assert (grid.voxels > 0).sum() >= values.size - 8
+    # In object space what is twice as large is half as dense.
+    assert np.allclose(description.instances.medium_density, 0.5)
+    made.data.render.space = "WORLD"
+    assert np.allclose(export().instances.medium_density, 1.0)
+
+
+def test_a_file_that_is_the_same_is_not_read_again(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    from addon.export import ExportCache
+
+    cache = ExportCache()
+    add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=np.ones((4, 4, 4))))
+    first, second = (export(cache).meshes[0] for _ in range(2))
+    assert first is second
+
+
+def test_what_is_wrong_with_files_and_grids_is_named(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.vdb"
+    broken.write_bytes(b"no such thing")
+    odd = openvdb.FloatGrid()
+    odd.name = "density"
+    for place, value in enumerate((1.0, np.nan, np.inf, -1.0)):
+        odd.getAccessor().setValueOn((place, 0, 0), value)
+    openvdb.write(str(tmp_path / "odd.vdb"), grids=[odd])
+    for name, path in {
+        "Broken": broken, "Missing": tmp_path / "missing.vdb", "None": "",
+        "Another": write(openvdb, tmp_path / "b.vdb", smoke=np.ones((4, 4, 4))),
+        "Empty": write(openvdb, tmp_path / "c.vdb", density=np.zeros((4, 4, 4))),
+        "Odd": tmp_path / "odd.vdb",
+    }.items():  # fmt: skip
+        add_volume(scene, path, name)
+    description = export()
+    found = {notice.subject: notice for notice in description.notices}
+    assert len(description.meshes) == 1
+    for name in ("Broken", "Missing", "None", "Another"):
+        assert found[name].fallback == "left out of the picture"
+    assert "smoke" in found["Another"].problem and "density" in found["Another"].problem
+    assert "empty" in found["Empty / density"].problem
+    odd_ones = [notice.problem for notice in description.notices if notice.subject == "Odd / density"]
+    assert any("2 voxels are no numbers" in problem for problem in odd_ones)
+    assert any("1 voxels have a negative density" in problem for problem in odd_ones)
+
+
+def test_a_volume_of_geometry_nodes_is_read_though_it_has_no_file(scene: Any, openvdb: Any) -> None:
+    import bpy
+
+    bpy.ops.mesh.primitive_cube_add()
+    tree = bpy.data.node_groups.new("Volume", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    cube, output = tree.nodes.new("GeometryNodeVolumeCube"), tree.nodes.new("NodeGroupOutput")
+    tree.links.new(cube.outputs[0], output.inputs[0])
+    bpy.context.object.modifiers.new("Nodes", "NODES").node_group = tree
+    description = export()
+    assert description.notices == []
+    # Without a material it is what Cycles shows then: a Principled Volume.
+    assert [material.name for material in description.materials] == ["default volume"]
+    assert description.meshes[0].grids["density"].voxels.size > 0
