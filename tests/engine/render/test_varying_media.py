@@ -67,6 +67,24 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
     assert np.allclose(image, 1.0, atol=1e-4)
 
 
+def test_nor_is_a_layer_of_fog_that_fills_the_world():
+    """As dense as 1.5 times what the square of the height leaves of 1."""
+
+    def math(name, operation, first, second):
+        return Node("ShaderNodeMath", name, {"Value": first, "Value_001": second}, {"operation": operation})
+
+    nodes = [
+        Node("ShaderNodeVolumeScatter", "Fog", {"Color": (1.0, 1.0, 1.0, 1.0), "Density": Link(1, "Value")}),
+        math("Times", "MULTIPLY", Link(2, "Value"), 1.5), math("Positive", "MAXIMUM", Link(3, "Value"), 0.0),
+        math("Rest", "SUBTRACT", 1.0, Link(4, "Value")), math("Square", "MULTIPLY", Link(5, "Z"), Link(5, "Z")),
+        Node("ShaderNodeSeparateXYZ", "Separate", {"Vector": Link(6, "Position")}),
+        Node("ShaderNodeNewGeometry", "Place"),
+    ]  # fmt: skip
+    scene = media_scene([], np.zeros((0, 4, 4)), fog=NodeGraph(nodes, None, Link(0, "Volume")))
+    image = picture(scene, volume_bounces=1024, max_bounces=1024, samples=16)
+    assert np.allclose(image, 1.0, atol=1e-4)
+
+
 def test_channels_of_different_density_are_unbiased_in_a_furnace():
     """One bound serves all channels, and what is left of each is divided by one probability: a wrong one shows."""
     fog = varying("Scatter", "Density", 3.0, Color=(0.2, 1.0, 5.0, 1.0), Anisotropy=-0.5)
