@@ -254,22 +254,6 @@ def noise_fire() -> None:
     add_object("Fire", box("Fire", material("Fire", None, fire), (1.4, 1.4, 1.8)), (0.0, 0.0, 1.0), (0, 0, 30))
 
 
-@scene("media-height-fog", samples=128)
-def height_fog() -> None:
-    """A world whose fog thins out with height, above a camera that stands in it."""
-    stage()
-    _bounces()
-
-    def layer(nodes: Nodes) -> Any:
-        height = nodes("SeparateXYZ", Vector=nodes("NewGeometry", output="Position"), output="Z")
-        thin = _above(nodes, nodes("Math", {"operation": "MULTIPLY"}, {0: height, 1: -0.06}), -0.15, 1.0)
-        density = nodes("Math", {"operation": "MINIMUM"}, {0: thin, 1: 0.2})
-        return nodes("VolumeScatter", Color=(0.8, 0.85, 0.9), Density=density)
-
-    world_nodes(lambda nodes: nodes("Background", Color=(0.3, 0.4, 0.6), Strength=1.0), layer)
-    light("POINT", 300.0, (-1.0, -1.0, 2.5), shadow_soft_size=0.3)
-
-
 def _volume_object(name: str, grids: dict[str, np.ndarray], voxel: float, made: Any, location: Any) -> Any:
     """A volume object from a file of these grids, float32 (X, Y, Z) or (X, Y, Z, 3), around the object's origin."""
     import tempfile

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +84,17 @@ class Filled:
     upper: np.ndarray
     to_world: np.ndarray
     grids: tuple[Grid, ...] = ()
+
+
+class KeptBounds:
+    """Bounds by cell, by what they were looked up of.
+
+    state : hashable, what programs depend on besides themselves
+    """
+
+    def __init__(self) -> None:
+        self.state: Hashable = None
+        self.bounds: dict[Hashable, Float32Array] = {}
 
 
 class _Lookup:
@@ -270,6 +281,34 @@ def _is_local(program: CompiledProgram) -> bool:
     )
 
 
+def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArrays) -> tuple[Hashable, ...]:
+    """What a bound depends on besides the program: of a medium that knows no place, no more than scale and shape."""
+    shape = (filled.lower.tobytes(), filled.upper.tobytes(), tuple(grid.key for grid in filled.grids))
+    if filled.instance == WORLD:
+        return shape
+    values = geometry.instance_values[filled.instance]
+    mesh = int(geometry.instance_table[filled.instance, geometry_layout.INSTANCE_MESH])
+    shape = (*shape, geometry.texture_space[mesh].tobytes(), *_whole_values(geometry, mesh))
+    if _is_local(program):
+        # How often emission is looked for goes by the size in the world.
+        lengths = np.linalg.norm(filled.to_world[0, :, :3], axis=0)
+        return (*shape, float(values[geometry_layout.VALUE_DENSITY]), lengths.round(6).tobytes())
+    return (*shape, filled.instance, values.tobytes(), filled.to_world.tobytes())
+
+
+def _whole_values(geometry: GeometryArrays, mesh: int) -> list[bytes]:
+    """Attributes that a whole mesh has one value of; a point inside of it sees no others but voxels."""
+    count = int(geometry.attribute_count[0])
+    rows = geometry.attribute_table[mesh * count : (mesh + 1) * count]
+    starts = rows[:, geometry_layout.ATTRIBUTE_OFFSET]
+    ends = starts + rows[:, geometry_layout.ATTRIBUTE_COMPONENTS]
+    is_whole = rows[:, geometry_layout.ATTRIBUTE_DOMAIN] == geometry_layout.DOMAIN_MESH
+    return [
+        geometry.attribute_data[start:end].tobytes() if whole else b""
+        for start, end, whole in zip(starts, ends, is_whole, strict=True)
+    ]
+
+
 def filled_by_media(
     of_program: np.ndarray, varies: np.ndarray, world_program: int, geometry: GeometryArrays, meshes: Sequence[Mesh],
     slot_counts: np.ndarray,
@@ -312,7 +351,7 @@ def filled_by_media(
 
 def build_majorants(
     everything: Sequence[Filled], compiled: Sequence[CompiledProgram], geometry: GeometryArrays, shaders: ShaderArrays,
-    tables: BsdfTables,
+    tables: BsdfTables, kept: KeptBounds,
 ) -> MajorantGrids:
     """Bounds of all that media which vary fill.
 
@@ -320,26 +359,28 @@ def build_majorants(
     ----------
     everything : sequence of Filled
         As `filled_by_media` gives it.
+    kept : KeptBounds
+        Updated: what is as it was is not looked up again.
     """
     instance_count = len(geometry.instance_table)
     if not everything:
+        kept.bounds.clear()
         return no_majorants(instance_count)
     lookup = _Lookup(shaders, geometry, tables)
-    known: dict[object, tuple[int, np.ndarray]] = {}
+    known: dict[Hashable, tuple[int, np.ndarray]] = {}
+    bounds: dict[Hashable, Float32Array] = {}
     values: list[Float32Array] = []
     rows, offsets, spaces, size = [], [], [], 0
     counts = np.zeros(instance_count + 2, np.int64)
     for filled in everything:
         program = compiled[filled.program]
-        key: object = filled.instance
-        if filled.instance != WORLD and _is_local(program):
-            # What is emission's share in it goes by the size in the world.
-            lengths = np.linalg.norm(filled.to_world[0, :, :3], axis=0)
-            key = (int(geometry.instance_table[filled.instance, geometry_layout.INSTANCE_MESH]), lengths.tobytes())
-        key = (key, filled.program)
+        key = (program, kept.state, *_looked_up(filled, program, geometry))
         if key not in known:
             sees_ray = any(instruction.opcode == ops_input.OP_LIGHT_PATH for instruction in program.medium_instructions)
-            bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1])
+            bound = kept.bounds.get(key)
+            if bound is None:
+                bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1])
+            bounds[key] = bound
             known[key] = size, np.array(bound.shape[::-1])
             values.append(bound.ravel())
             size += bound.size
@@ -349,6 +390,7 @@ def build_majorants(
         offsets.append(offset)
         spaces.append((*filled.lower, *(cells / extent)))
         counts[filled.instance + 2] += 1
+    kept.bounds = bounds
     first = np.cumsum(counts)
     return MajorantGrids(
         first=first.astype(np.int32),

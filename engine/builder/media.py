@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.builder.majorants import build_majorants, filled_by_media
+from engine.builder.majorants import KeptBounds, build_majorants, filled_by_media
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.description import Mesh
 from engine.shaders.compiled_program import CompiledProgram
@@ -63,7 +63,7 @@ def _of_slots(wanted: np.ndarray, geometry: GeometryArrays, slot_counts: np.ndar
 
 def build_media(
     compiled: Sequence[CompiledProgram], world_program: int, geometry: GeometryArrays, slot_counts: np.ndarray,
-    meshes: Sequence[Mesh], shaders: ShaderArrays, tables: BsdfTables,
+    meshes: Sequence[Mesh], shaders: ShaderArrays, tables: BsdfTables, kept: KeptBounds,
 ) -> SceneMedia:
     """Flatten the media of a scene's programs.
 
@@ -77,6 +77,8 @@ def build_media(
         Material slots of every mesh.
     meshes, shaders, tables
         Of media that vary, to find how dense they are where.
+    kept : KeptBounds
+        Updated.
     """
     of_program = np.full(max(len(compiled), 1), -1, np.int32)
     rows: list[tuple[float, ...]] = []
@@ -107,7 +109,7 @@ def build_media(
         first_lobe=np.array(first_lobe, np.int32),
         of_program=of_program,
         world=np.array([of_program[world_program] if world_program >= 0 else -1], np.int32),
-        majorants=build_majorants(filled, compiled, geometry, shaders, tables),
+        majorants=build_majorants(filled, compiled, geometry, shaders, tables, kept),
     )
     inside, _ = _of_slots(has_medium, geometry, slot_counts)
     _, boundary = _of_slots(has_medium & is_boundary, geometry, slot_counts)

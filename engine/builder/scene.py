@@ -24,6 +24,7 @@ from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import GeometryCache, build_geometry
 from engine.builder.lights import build_lights
+from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.kernels.bsdf import BsdfTables, load_tables
@@ -87,6 +88,7 @@ class SceneCache:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
         self.media: Kept[SceneMedia] = Kept()
+        self.bounds = KeptBounds()
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
@@ -182,11 +184,12 @@ def _build_media(
     if any(program.medium is not None and program.medium.varies for program in compiled):
         seen = programs.arrays.camera.tobytes() if any(program.sees_camera for program in compiled) else b""
         looked_up = (cache.programs.arrays.version, seen)
+        cache.bounds.state = (cache.programs.images.version, seen)
     return cache.media.get(
         (content_digest(inside), programs.world_program, cache.geometry.geometry.version, looked_up),
         lambda: build_media(
             compiled, programs.world_program, geometry, cache.geometry.slot_counts, description.meshes,
-            programs.arrays, tables,
+            programs.arrays, tables, cache.bounds,
         ),
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.builder.geometry import plain_instances
 from engine.scene.description import Frame, Link, Material, Mesh, Node, NodeGraph, SceneDescription, World
+from engine.scene.grids import pack_grid
 from tests.helpers.small_scenes import looking_down
 
 _CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
@@ -57,3 +58,34 @@ def media_scene(materials, transforms, *, lights=(), world=(1.0, 1.0, 1.0), fog=
         camera=camera, frame=Frame(*size, (0, 0, *size)), meshes=[mesh], instances=instances, materials=materials,
         images=[], lights=list(lights), world=sky,
     )
+
+
+def varying(kind, socket, factor=1.0, space="Object", name="Varying", **inputs):
+    """A material whose `socket` is `factor` times the height in the object's space, from -1 to 1, or the world's."""
+    source = {"Object": ("ShaderNodeTexCoord", "Object"), "World": ("ShaderNodeNewGeometry", "Position")}[space]
+    nodes = [
+        Node(f"ShaderNodeVolume{kind}", kind, {**inputs, socket: Link(1, "Value")}),
+        Node("ShaderNodeMath", "Times", {"Value": Link(2, "Z"), "Value_001": factor}, {"operation": "MULTIPLY"}),
+        Node("ShaderNodeSeparateXYZ", "Separate", {"Vector": Link(3, source[1])}),
+        Node(source[0], "Place"),
+    ]
+    return Material(name, name, NodeGraph(nodes, None, Link(0, "Volume")))
+
+
+def box_of_voxels(values, factor=1.0, name="density", **inputs):
+    """A box of 2 m that is filled by a grid of voxels, float32 (X, Y, Z, C), its centres from face to face."""
+    count = values.shape[0]
+    to_index = np.diag([(count - 1) / 2.0] * 3 + [1.0])
+    to_index[:3, 3] = (count - 1) / 2.0
+
+    def read(start, shape):
+        padded = np.zeros((*shape, values.shape[-1]), np.float32)
+        x = slice(start[0], min(start[0] + shape[0], count))
+        padded[: x.stop - x.start, :count, :count] = values[x]
+        return padded
+
+    grid, _ = pack_grid("grid", to_index, (0, 0, 0), (count - 1,) * 3, read)
+    node = Node("ShaderNodeVolumePrincipled", "Principled", {"Density": factor, **inputs})
+    scene = media_scene([Material("Cloud", "Cloud", NodeGraph([node], None, Link(0, "Volume")))], [placed()])
+    scene.meshes[0].grids[name] = grid
+    return scene

@@ -35,6 +35,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.grids import Grid, pack_grid
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
@@ -69,6 +70,11 @@ def _bumpy(key: str, seed: int) -> Mesh:
         },
         default_uv="UV", default_color="Tint", texture_space=np.array([(0, 0, 0), (1, 1, 1)], np.float32),
     )  # fmt: skip
+
+
+def _grid() -> Grid:
+    grid, _ = pack_grid("grid", np.eye(4), (0, 0, 0), (7, 7, 7), lambda start, shape: np.ones((*shape, 1)))
+    return grid
 
 
 def _materials() -> list[Material]:
@@ -384,6 +390,7 @@ CHANGES: dict[str, list[Change]] = {
     "Mesh.motion_vertices": [_edit("meshes.3.motion_vertices", lambda v: 1.1 * v),
                              lambda d: (_set("meshes.3.motion_vertices", None)(d),
                                         _set("meshes.3.motion_normals", None)(d))],
+    "Mesh.grids": [_set("meshes.0.grids", {"Tint": _grid()})],
     "Mesh.motion_normals": [_edit("meshes.3.motion_normals", lambda n: n[..., ::-1].copy())],
     "Instances.mesh": [_edit("instances.mesh", _with_entry(1, 3)), _edit("instances.mesh", _with_entry(1, 1))],
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]
@@ -403,6 +410,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.terminator_offset": [_set("instances.terminator_offset", None),
                                     _edit("instances.terminator_offset", _with_entry(0, 0.5))],
     "Instances.light_group": [_edit("instances.light_group", _with_entry(0, 0))],
+    "Instances.medium_density": [_set("instances.medium_density", np.full(6, 0.5, np.float32))],
     "Instances.is_shadow_catcher": [_edit("instances.is_shadow_catcher", _with_entry(0, True))],
     "Instances.motion": [_set("instances.motion", {}),
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),

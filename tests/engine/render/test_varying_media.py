@@ -12,23 +12,10 @@ from scipy import integrate
 
 from engine.builder import media as media_builder
 from engine.scene.description import Light, Link, Material, Node, NodeGraph
-from engine.scene.grids import pack_grid
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
-from tests.helpers.media_scenes import media_scene, medium, placed
+from tests.helpers.media_scenes import box_of_voxels, media_scene, medium, placed, varying
 
 COLOR = np.array([0.5, 0.2, 0.8])
-
-
-def varying(kind, socket, factor=1.0, space="Object", name="Varying", **inputs):
-    """A material whose `socket` is `factor` times the height in the object's space, from -1 to 1, or the world's."""
-    source = {"Object": ("ShaderNodeTexCoord", "Object"), "World": ("ShaderNodeNewGeometry", "Position")}[space]
-    nodes = [
-        Node(f"ShaderNodeVolume{kind}", kind, {**inputs, socket: Link(1, "Value")}),
-        Node("ShaderNodeMath", "Times", {"Value": Link(2, "Z"), "Value_001": factor}, {"operation": "MULTIPLY"}),
-        Node("ShaderNodeSeparateXYZ", "Separate", {"Vector": Link(3, source[1])}),
-        Node(source[0], "Place"),
-    ]
-    return Material(name, name, NodeGraph(nodes, None, Link(0, "Volume")))
 
 
 def ink(factor=1.0, **settings):
@@ -80,6 +67,24 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
     assert np.allclose(image, 1.0, atol=1e-4)
 
 
+def test_nor_is_a_layer_of_fog_that_fills_the_world():
+    """As dense as 1.5 times what the square of the height leaves of 1."""
+
+    def math(name, operation, first, second):
+        return Node("ShaderNodeMath", name, {"Value": first, "Value_001": second}, {"operation": operation})
+
+    nodes = [
+        Node("ShaderNodeVolumeScatter", "Fog", {"Color": (1.0, 1.0, 1.0, 1.0), "Density": Link(1, "Value")}),
+        math("Times", "MULTIPLY", Link(2, "Value"), 1.5), math("Positive", "MAXIMUM", Link(3, "Value"), 0.0),
+        math("Rest", "SUBTRACT", 1.0, Link(4, "Value")), math("Square", "MULTIPLY", Link(5, "Z"), Link(5, "Z")),
+        Node("ShaderNodeSeparateXYZ", "Separate", {"Vector": Link(6, "Position")}),
+        Node("ShaderNodeNewGeometry", "Place"),
+    ]  # fmt: skip
+    scene = media_scene([], np.zeros((0, 4, 4)), fog=NodeGraph(nodes, None, Link(0, "Volume")))
+    image = picture(scene, volume_bounces=1024, max_bounces=1024, samples=16)
+    assert np.allclose(image, 1.0, atol=1e-4)
+
+
 def test_channels_of_different_density_are_unbiased_in_a_furnace():
     """One bound serves all channels, and what is left of each is divided by one probability: a wrong one shows."""
     fog = varying("Scatter", "Density", 3.0, Color=(0.2, 1.0, 5.0, 1.0), Anisotropy=-0.5)
@@ -121,6 +126,24 @@ def test_a_lamp_is_seen_through_what_lies_before_it():
     assert is_mean(means_by_seed(scene, samples=256), expected)
 
 
+def test_distances_are_drawn_as_the_density_along_the_ray_says():
+    """What a lamp beside the ray sends back, scattered once: it weighs every distance by another amount."""
+    factor, energy, lamp_height = 2.0, 100.0, 4.0
+    fog = varying("Scatter", "Density", factor, Color=(1.0, 1.0, 1.0, 1.0))
+    lamp = Light("lamp", "Lamp", "POINT", placed(offset=(1.0, 0.0, lamp_height)), (1.0, 1.0, 1.0), energy)
+    scene = media_scene([fog], [placed((3.0, 3.0, 1.0))], lights=[lamp], world=(0.0, 0.0, 0.0))
+
+    def arriving(z):
+        length = np.hypot(lamp_height - z, 1.0)
+        above = 0.5 * factor * (1.0 - z * z)
+        return factor * z * np.exp(-above * (1.0 + length / (lamp_height - z))) / length**2
+
+    expected = energy / (4.0 * np.pi) / (4.0 * np.pi) * integrate.quad(arriving, 0.0, 1.0)[0]
+    means = means_by_seed(scene, volume_bounces=0, samples=256)
+    assert is_mean(means, np.full(3, expected))
+    assert not is_mean(1.02 * means, np.full(3, expected))
+
+
 @pytest.mark.slow
 def test_light_sampling_and_scattering_alone_agree():
     fog = varying("Scatter", "Density", 2.0, Color=(0.9, 0.5, 0.2, 1.0), Anisotropy=0.3)
@@ -160,33 +183,14 @@ def test_densities_that_are_no_numbers_are_named_and_count_as_nothing():
     assert np.allclose(result.passes["Combined"][..., :3], 1.0)
 
 
-def _with_grid(values, factor=1.0, name="density", **inputs):
-    """A box of 2 m that is filled by a grid of voxels, float32 (X, Y, Z, C), its centres from face to face."""
-    count = values.shape[0]
-    to_index = np.diag([(count - 1) / 2.0] * 3 + [1.0])
-    to_index[:3, 3] = (count - 1) / 2.0
-
-    def read(start, shape):
-        padded = np.zeros((*shape, values.shape[-1]), np.float32)
-        x = slice(start[0], min(start[0] + shape[0], count))
-        padded[: x.stop - x.start, :count, :count] = values[x]
-        return padded
-
-    grid, _ = pack_grid("grid", to_index, (0, 0, 0), (count - 1,) * 3, read)
-    node = Node("ShaderNodeVolumePrincipled", "Principled", {"Density": factor, **inputs})
-    scene = media_scene([Material("Cloud", "Cloud", NodeGraph([node], None, Link(0, "Volume")))], [placed()])
-    scene.meshes[0].grids[name] = grid
-    return scene
-
-
 def test_a_grid_gives_the_density_of_a_principled_volume():
     black = {"Color": (0.0, 0.0, 0.0, 1.0)}
     values = np.zeros((21, 21, 21, 1), np.float32)
     values[:, :, :, 0] = np.linspace(0.0, 1.0, 21) ** 2
-    means = means_by_seed(_with_grid(values, 1.5, **black), samples=64)
+    means = means_by_seed(box_of_voxels(values, 1.5, **black), samples=64)
     # Straight lines between the values: the trapezoidal rule, over 2 m.
     expected = np.exp(-1.5 * integrate.trapezoid(values[0, 0, :, 0], dx=0.1))
     assert is_mean(means, np.full(3, expected))
     # A grid of another name: the node's own number, everywhere.
-    image = picture(_with_grid(values, 1.5, name="smoke", **black))
+    image = picture(box_of_voxels(values, 1.5, name="smoke", **black))
     assert np.allclose(image, np.exp(-3.0), rtol=5e-4)
