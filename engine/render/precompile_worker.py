@@ -74,7 +74,12 @@ def _compile_tracing() -> None:
     # The other helper has this kernel. It must go before any module imports it by name.
     interpreter.evaluate_shaders = _nothing_in_place_of("evaluate_shaders")
 
-    _render("OFF")
+    # What Blender's own first scene needs: denoising, and a world of one colour beside the textured one.
+    passes = ("Combined", "Normal", "Denoising Albedo", "Denoising Normal")
+    _render("OFF", passes=passes)
+    scene = small_scene()
+    scene.world = World("grey", "Grey", None)
+    _render("OFF", scene=scene, passes=passes)
 
 
 def _compile_guiding() -> None:
