@@ -23,9 +23,12 @@ _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
 _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
-    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "attenuate_shadows",
+    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "begin_tracking",
+    "find_collisions", "meet_media", "begin_shadows", "find_shadow_collisions", "dim_shadows",
     "light_segments", "leave_segments", "guide_collisions",
 }  # fmt: skip
+#: Where media vary others are in its place.
+_OF_UNIFORM_MEDIA = {"attenuate_shadows"}
 
 
 @kernel
@@ -92,7 +95,9 @@ def test_python_sees_the_stages_and_no_others() -> None:
 
 
 def _fill_with_fog(graph: NodeGraph) -> None:
-    graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}, {"phase": "HENYEY_GREENSTEIN"}))
+    graph.nodes.append(Node("ShaderNodeTexNoise", "Noise"))
+    density = Link(len(graph.nodes) - 1, "Fac")
+    graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": density}, {"phase": "HENYEY_GREENSTEIN"}))
     graph.volume = Link(len(graph.nodes) - 1, "Volume")
 
 
@@ -141,7 +146,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
     # The world is not constant in this scene.
-    unused = {"fill_background"}
+    unused = {"fill_background"} | _OF_UNIFORM_MEDIA
     if spectral == "OFF":
         unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":
