@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import passes, sequence
+from . import material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .progress import TerminalBar, format_count, format_duration, status_line
@@ -67,7 +67,7 @@ _shown_notices: set[Notice] = set()
 
 
 class NeuralGuideRenderEngine(bpy.types.RenderEngine):
-    """Final renders, and windows in rendered shading.
+    """Final renders, previews of materials, and windows in rendered shading.
 
     For a render Blender calls `update_render_passes`, then `update` and `render` for every view layer, then
     `render_frame_finish`. The same instance comes back for the next frame where "Persistent Data" is on: what it holds
@@ -80,7 +80,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     bl_use_postprocess = True
     bl_use_shading_nodes_custom = False
     bl_use_eevee_viewport = True
-    bl_use_preview = False
+    bl_use_preview = True
 
     # Class attributes rather than `__init__`, whose signature differs between versions of Blender; and no types here
     # but plain ones, since Blender 3.4 evaluates the annotations of every class it registers.
@@ -108,12 +108,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._pending = self._plan = None
         self._started = time.monotonic()
         self._first_image = math.nan
-        self._guard(depsgraph, "exporting the scene", self._export)
+        self._guard(depsgraph, "exporting the scene", self._export_preview if self.is_preview else self._export)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Trace what `update` exported."""
         if self._pending is not None:
-            self._guard(depsgraph, "rendering", self._render)
+            self._guard(depsgraph, "rendering", self._render_preview if self.is_preview else self._render)
         self._pending = None
         self._layers_done += 1
 
@@ -192,6 +192,14 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             problem = f"no passes {', '.join(missing)}"
             self._notices.append(Notice(f"View layer {layer.name}", problem, "they are left out"))
         self._show(self._notices)
+
+    def _export_preview(self, depsgraph: bpy.types.Depsgraph) -> None:
+        description = material_preview.export_preview(self, depsgraph)
+        self._pending = None if description is None else [("", description)]
+
+    def _render_preview(self, depsgraph: bpy.types.Depsgraph) -> None:
+        ((_, description),) = self._pending
+        material_preview.render_preview(self, depsgraph, description)
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.render.session import LoadCancelled, Session
@@ -326,6 +334,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _note(self, depsgraph: bpy.types.Depsgraph, status: str, message: str = "", report: Any = None) -> None:
         global _outcome_count
+        if self.is_preview:
+            return
         scene = depsgraph.scene
         name = depsgraph.view_layer_eval.name
         notices = (*self._notices, *(report.notices if report is not None else ()))
@@ -437,6 +447,7 @@ def unregister() -> None:
     from engine.guiding.trainer import standby
 
     standby.dismiss()
+    material_preview.forget_session()
     if _forget_notices in bpy.app.handlers.render_init:
         bpy.app.handlers.render_init.remove(_forget_notices)
     bpy.utils.unregister_class(NeuralGuideRenderEngine)

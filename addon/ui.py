@@ -47,6 +47,9 @@ _ADDED_PANELS = {"VIEWLAYER_PT_override"}
 #: Cycles' panels for data that both engines read, parents first.
 _CYCLES_PANELS = (
     "CYCLES_PT_context_material",
+    "CYCLES_MATERIAL_PT_preview",
+    "CYCLES_LIGHT_PT_preview",
+    "CYCLES_WORLD_PT_preview",
     "CYCLES_MATERIAL_PT_surface",
     "CYCLES_MATERIAL_PT_settings",
     "CYCLES_MATERIAL_PT_settings_surface",

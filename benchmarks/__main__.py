@@ -81,6 +81,8 @@ def _parser() -> argparse.ArgumentParser:
     profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
     gallery.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
+    sheets = add("passes", "contact sheets of a scene's passes: ours, Cycles', difference", 128, 1, "docs/gallery")
+    sheets.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
     add_stability_arguments(commands.add_parser("stability", help="every method on every way to fail"))
     text = "hashes of many small pictures, to tell whether a change of code changes any"
     add_fingerprint_arguments(commands.add_parser("fingerprints", help=text, description=text))
@@ -186,6 +188,11 @@ def main(arguments: list[str] | None = None) -> int:
                 scenes, chosen.samples, pixels=chosen.pixels, threads=chosen.threads, with_replay=not chosen.no_replay
             )
             return 0
+        if chosen.command == "passes":
+            from benchmarks.pass_sheet import pass_sheets
+
+            scenes, rival = _scenes(chosen, ["evening-room"]), find_rival(chosen.rival)
+            return 1 if pass_sheets(scenes, rival, chosen.samples, out=chosen.out, pixels=chosen.pixels) else 0
         from benchmarks.gallery import gallery
 
         return 1 if gallery(_scenes(chosen, ["*"]), find_rival(chosen.rival), chosen.samples, **common) else 0

@@ -10,7 +10,7 @@ from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.media import cross_boundary, emitted_length, leave_objects, sum_coefficients, transmittance
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_emission
+from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
 from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import load, store
@@ -28,7 +28,13 @@ from engine.state.lanes import (
 )
 from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, SCATTERING
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
-from engine.wavefront.columns import MEDIA_DROPPED, SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_USE_FEATURES
+from engine.wavefront.columns import (
+    MEDIA_DROPPED,
+    SCENE_WORLD_GROUP,
+    UNIT_FOLLOWS,
+    UNIT_USE_DENOISING,
+    UNIT_USE_FEATURES,
+)
 
 _ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 #: Boundaries that a path may cross, Cycles' limit: one that has more is caught between two.
@@ -52,10 +58,12 @@ def _add_medium_emission(scene, unit, work, lane, distance):
     group = scene.header[SCENE_WORLD_GROUP]
     if media.instance[lane, 0] >= 0:
         group = scene.geometry.instance_table[media.instance[lane, 0], INSTANCE_LIGHT_GROUP]
-    add_emission(
+    share = add_emission(
         scene.options, scene.spectrum, paths, work.passes, lane, emission, 1.0, group, unit.film, FEATURE_EMISSION,
         unit.header[UNIT_USE_FEATURES] != 0,
     )
+    if unit.header[UNIT_USE_DENOISING] != 0:
+        add_seen(scene.spectrum, paths, work.features, lane, emission, share, unit.film)
 
 
 @kernel

@@ -22,7 +22,7 @@ from engine.state.lanes import (
     RAY_TRANSPARENT_BACKGROUND,
     RGB,
 )
-from engine.wavefront.columns import SHADOW_ROWS
+from engine.wavefront.columns import SCENE_HAS_MEDIA, SHADOW_ROWS
 
 
 @kernel
@@ -30,6 +30,7 @@ def write_colors(scene, unit, work, queue):
     """Add what lobes of each kind reflect or let through to the film, of surfaces that the camera sees."""
     paths, points, closures, film = work.paths, work.points, work.shaded, unit.film
     color, looks_up = work.passes.color, scene.data.options.looks_up_transmission
+    is_clear = len(paths.channels) > RGB and scene.header[SCENE_HAS_MEDIA] == 0
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -38,7 +39,7 @@ def write_colors(scene, unit, work, queue):
         albedo_parts(closures, scene.tables, lane, real_3(points, lane, POINT_WO), looks_up, color)
         pixel = paths.pixel[lane]
         tint = to_rgb(scene.spectrum, paths, lane, paths.throughput, lane)
-        if paths.transparent_depth[lane] == 0:
+        if is_clear and paths.transparent_depth[lane] == 0:
             # With wavelengths one is one on average only.
             tint = (1.0, 1.0, 1.0)
         for row in range(3):

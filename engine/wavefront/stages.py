@@ -135,8 +135,8 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
-    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
+    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows)
     add(_SHADOWS, plain, has_shadows)
     add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])
     add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])

@@ -222,6 +222,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if unit.header[UNIT_USE_OCCLUSION] != 0:
             stages.aim_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
+            if has_media:
+                stages.attenuate_shadows(scene, unit, work, work.surface)
+                mark(clock, CLOCK.attenuate_shadows)
             _trace_shadows(stages, scene, unit, work)
             stages.keep_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)

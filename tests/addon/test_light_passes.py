@@ -28,9 +28,6 @@ COMPARABLE = sorted(
     if scene.group not in ("failures", "spectral", "furnished") and name != "torus-in-glass"
 )
 
-#: Fog that fills the world: Diffuse Color differs at the horizon (docs/differences.md), and the picture does not.
-UNEXPLAINED = {"media-world-fog"}
-
 
 def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **settings: Any) -> dict[str, np.ndarray]:
     find_rival(rival, settings).configure(scene, Budget(samples), seed, 0)
@@ -111,7 +108,7 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in COMPARABLE[::10] if name not in UNEXPLAINED])  # all: ten minutes
+@pytest.mark.parametrize("name", COMPARABLE[::10])  # all: ten minutes
 def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
 
