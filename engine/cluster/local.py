@@ -38,9 +38,11 @@ class LocalWorkers:
         self._children: list[Child] = []
         try:
             for _ in range(count):
+                # Its own path comes first, as on other machines: on that of a process that has loaded Blender another
+                # folder is called bpy, and Embree would be another one, which rounds differently.
                 child = Child(
                     interpreter, _SERVICE, {"address": address}, environment={THREADS_VARIABLE: str(threads)},
-                    has_answers=False, has_same_path=True,
+                    has_answers=False,
                 )
                 self._children.append(child)
         except OSError as error:
