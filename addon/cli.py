@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -39,6 +40,7 @@ class CommandLineRenderer:
     def __init__(self) -> None:
         self.failures: list[str] = []
         self._threads: int | None = None
+        self._pool: Any = None  # of a cluster
         self.is_interrupted = False
         register()
         engine.cancel_hooks.append(lambda: self.is_interrupted)
@@ -148,6 +150,30 @@ class CommandLineRenderer:
             except FieldFileError as error:
                 raise CommandLineError(f"--field: {error}") from None
         ours.field_path = str(path)
+
+    def _do_cluster(self, address: str) -> None:
+        try:
+            from engine.cluster.dask_pool import open_pool
+        except ModuleNotFoundError as error:
+            raise CommandLineError(
+                f"--cluster: Python package {error.name} is missing; `pip install distributed` brings it"
+            ) from None
+        from engine.cluster.pool import ClusterError
+        from engine.cluster.session import ClusterSession
+
+        self.close()
+        try:
+            self._pool = pool = open_pool(address, self._threads or 0)
+        except ClusterError as error:
+            raise CommandLineError(str(error)) from None
+        engine.session_maker = lambda settings: ClusterSession(settings, pool)
+
+    def close(self) -> None:
+        """Leave the cluster, if there is one."""
+        engine.session_maker = None
+        if self._pool is not None:
+            self._pool.close()
+            self._pool = None
 
     # -- rendering --------------------------------------------------------------------------------------------------
 
@@ -271,6 +297,7 @@ def run(actions: list[Action]) -> int:
         print(f"NeuralGuide: Error: internal error: {error!r} (details in {path})", file=sys.stderr)
         return 1
     finally:
+        renderer.close()
         signal.signal(signal.SIGINT, previous)
     if renderer.failures:
         print(f"NeuralGuide: {len(renderer.failures)} frame(s) failed", file=sys.stderr)

@@ -35,6 +35,8 @@ makes no sense.
   --set <name>=<value>         A setting of NeuralGuide, as in docs/settings.md: guiding_method=OFF, experiment.strata=8
   --field <file>               Start from what was learned and saved in this file; with --set save_field=on before it
                                the file is made, and what is learned is saved to it
+  --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
+                               tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
@@ -75,6 +77,8 @@ _OPTIONS = {
 _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPTIONS.values())}
 _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
 _OPTIONS["--field"] = ("field", True)  # ours as well
+_OPTIONS["--cluster"] = ("cluster", True)  # and this
+_MOST_LOCAL_WORKERS = 256
 
 
 def parse_arguments(arguments: Sequence[str]) -> list[Action]:
@@ -118,6 +122,7 @@ def _check(argument: str, name: str, value: str) -> None:
         "frame-jump": lambda: _parse_int(value, 1, MAX_FRAME),
         "threads": lambda: _parse_int(value, 0, 1024),
         "set": lambda: parse_setting(value),
+        "cluster": lambda: _check_cluster(value),
     }
     try:
         if name in checks:
@@ -132,6 +137,18 @@ def _parse_int(text: str, low: int, high: int) -> int:
     if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
         raise CommandLineError(f"{text!r} is no whole number from {low} to {high}")
     return int(text)
+
+
+def _check_cluster(text: str) -> None:
+    """Raise for what is no address of a cluster."""
+    kind, _, rest = text.partition(":")
+    if kind == "local":
+        _parse_int(rest, 1, _MOST_LOCAL_WORKERS)
+        return
+    host, _, port = rest.removeprefix("//").rpartition(":")
+    if kind not in ("tcp", "tls") or not rest.startswith("//") or not host:
+        raise CommandLineError("it is none of local:4, tcp://HOST:PORT and tls://HOST:PORT")
+    _parse_int(port, 1, 65535)
 
 
 def parse_frame(text: str, plus_base: int, minus_base: int) -> int:

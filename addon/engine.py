@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 #: Extra reasons to stop, beside Esc: Ctrl-C of the command line, tests.
 cancel_hooks: list[Callable[[], bool]] = []
 
+#: Makes the session that renders, of settings; None: `engine.render.session.Session`, which traces in this process.
+session_maker: Callable[[Any], Any] | None = None
+
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
@@ -207,7 +210,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.render.session import LoadCancelled, Session
 
         if self._session is None:
-            self._session = Session(self._settings)
+            self._session = (session_maker or Session)(self._settings)
         elif self._session.settings != self._settings:
             # Built geometry stays; only what the settings touch is built anew.
             self._session.settings = self._settings

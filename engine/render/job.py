@@ -7,6 +7,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from engine.render.report import ENDINGS, Progress
 from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tracer import Tracer
-from engine.scene.description import Frame
+from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit
 
@@ -60,6 +61,52 @@ def tiles_of(frame: Frame) -> list[Tile]:
     return tiles
 
 
+class AnyJob(Protocol):
+    """One render, whoever does it: this process's threads, or a cluster's workers. Methods are as `Job` has them."""
+
+    film: Film
+    film_lock: threading.Lock
+    learner: Learner | CacheLearner | RouletteLearner | None
+    #: Of `ENDINGS`, once it is known.
+    ended_by: str
+    prepare_seconds: float
+    render_seconds: float
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What the newest samples went by."""
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether there is anything to show."""
+
+    @property
+    def is_preparing(self) -> bool:
+        """Whether a thread of this process may go on after `join`."""
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What users should know of how it went."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def stop(self) -> None:
+        """End soon."""
+
+    def wait(self, seconds: float) -> bool:
+        """Wait a little; True once all is done."""
+
+    def join(self) -> None:
+        """Wait for the end."""
+
+    def statistics(self) -> Statistics:
+        """What was counted."""
+
+    def progress(self) -> Progress:
+        """Where it stands."""
+
+
 class Job:
     """One render.
 
@@ -77,12 +124,14 @@ class Job:
         Whether what is learned outlives the render.
     samples : int, optional
         Where to stop, before the number of the settings.
+    first : int
+        Sample to begin with, of a render that learns nothing. From a later one than 0 on, all are one task a tile.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
         source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, samples: int | None = None,
+        keeps: bool = False, samples: int | None = None, first: int = 0,
     ) -> None:
         self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
         self.tracer, self.film, self.settings = tracer, film, settings
@@ -120,7 +169,7 @@ class Job:
             self._schedule = self._iterations = Iterations(samples, strata)
             self._iterations.begin(self.learner.parts, len(self._tiles))
         else:
-            self._go_on_plainly()
+            self._go_on_plainly(first, samples - first if first else 1)
         self._units: dict[int, list[UnitRecords]] = {}
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
         self._learned: Guidance | None = None
@@ -134,11 +183,21 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._finished_paths = 0
-        self._total_paths = float(pixel_count * samples)
+        self._total_paths = float(pixel_count * (samples - first))
         self._sample = 0
         self._fraction = 0.0
         self._created = time.perf_counter()
         self._render_start: float | None = None
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What the newest iteration goes by; None of an unguided render."""
+        return self.tracer.guidance
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What users should know of how it went: what the learner says."""
+        return [] if self.learner is None else self.learner.notices
 
     def start(self) -> None:
         """Begin: one thread readies the kernels on a single path, then all trace."""

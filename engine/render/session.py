@@ -22,7 +22,7 @@ from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.batch import Statistics
 from engine.render.denoising import Denoising
 from engine.render.film import Film, film_layout
-from engine.render.job import Job
+from engine.render.job import AnyJob, Job
 from engine.render.light_passes import group_pass
 from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
@@ -34,7 +34,7 @@ from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
 from engine.settings import RenderSettings
-from engine.state.film import FilmLayout
+from engine.state.film import FilmLayout, FilmTile
 from engine.state.lanes import RGB
 from engine.state.media import MAX_MEDIA
 from engine.wavefront.columns import CACHED_DEPTHS
@@ -313,9 +313,7 @@ class Session:
         )
         film, strata = _make_film(frame, settings, layout)
         settings = replace(settings, strata=strata)
-        tracer = self._take_tracer(scene, settings, layout)
-        tracer.ray_observer = ray_observer
-        job = Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
+        job = self._job(scene, settings, film, ray_observer, source, sink, start, keep, samples)
 
         def images() -> dict[str, np.ndarray]:
             with job.film_lock:
@@ -350,7 +348,64 @@ class Session:
         if keep and isinstance(job.learner, Learner):
             learned = job.learner.learned(self.light_digest)
         wanted = {name: image for name, image in result_passes.items() if name in names or name == "Combined"}
-        return RenderResult(wanted, report, tracer.guidance, learned)
+        return RenderResult(wanted, report, job.guidance, learned)
+
+    def _job(
+        self, scene: Scene, settings: RenderSettings, film: Film, ray_observer: Callable[..., None] | None,
+        source: TrainedSource | None, sink: RecordSink | None, start: LearnedField | None, keep: bool,
+        samples: int | None,
+    ) -> AnyJob:
+        """Who renders: this process's threads; see `render`."""
+        tracer = self._take_tracer(scene, settings, film.layout)
+        tracer.ray_observer = ray_observer
+        frame = scene.description.frame
+        return Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
+
+    def render_range(
+        self, settings: RenderSettings, layout: FilmLayout, region: tuple[int, int, int, int], first: int, count: int
+    ) -> tuple[FilmTile, Statistics]:
+        """Render a range of samples of a part of the loaded scene's frame, for whoever puts such parts together.
+
+        Parameters
+        ----------
+        settings : RenderSettings
+            As the one who asks has worked them out: nothing may be learned by them.
+        layout : FilmLayout
+        region : (x0, y0, x1, y1)
+            In pixels of the full image. Its corner is the corner of a tile.
+        first, count : int
+            Samples.
+
+        Returns
+        -------
+        FilmTile
+            Sums of the region's pixels.
+        Statistics
+            What that took.
+
+        Raises
+        ------
+        RuntimeError
+            If no scene is loaded.
+        """
+        if self.scene is None:
+            raise RuntimeError("load a scene before rendering")
+        x0, y0, x1, y1 = region
+        film = Film(x1 - x0, y1 - y0, layout)
+        tracer = self._take_tracer(self.scene, settings, layout)
+        tracer.ray_observer = None
+        frame = replace(self.scene.description.frame, region=region)
+        job = Job(tracer, frame, film, settings, self.thread_count, samples=first + count, first=first)
+        job.start()
+        try:
+            while not job.wait(FINAL.poll_seconds):
+                pass
+        except BaseException:
+            job.stop()
+            raise
+        finally:
+            job.join()
+        return film.sums, job.statistics()
 
     @property
     def light_digest(self) -> str:
@@ -387,7 +442,7 @@ class Session:
             problem = "knows no wavelengths"
         return [Notice("Radiance cache", problem, "paths find all light themselves")]
 
-    def _report(self, job: Job, scene: Scene, settings: RenderSettings) -> RenderReport:
+    def _report(self, job: AnyJob, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
         total, learner, film = job.statistics(), job.learner, job.film
         cached_shares = tuple(
@@ -407,7 +462,7 @@ class Session:
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
-                *(learner.notices if learner is not None else []),
+                *job.notices,
                 *_media_notices(scene, self.settings, total),
             ],
             build_seconds=self._build_seconds,
@@ -442,7 +497,7 @@ def _make_film(frame: Frame, settings: RenderSettings, layout: FilmLayout) -> tu
 
 
 def _watch(
-    job: Job, images: Callable[[], dict[str, np.ndarray]], on_progress: Callable[[Progress], None] | None,
+    job: AnyJob, images: Callable[[], dict[str, np.ndarray]], on_progress: Callable[[Progress], None] | None,
     on_image: Callable[[dict[str, np.ndarray]], None] | None, should_cancel: Callable[[], bool] | None, pace: Pace,
 ) -> None:
     """Start a job and tell how it goes until it is over: images at the pace asked for."""

@@ -132,3 +132,14 @@ def test_settings_are_parsed_by_their_declarations() -> None:
 def test_settings_that_make_no_sense_are_refused(text: str, message: str) -> None:
     with pytest.raises(CommandLineError, match=f"--set {re.escape(text)}: .*{re.escape(message)}"):
         parse_arguments(["--set", text])
+
+
+@pytest.mark.parametrize("address", ["local:4", "tcp://render-01:8786", "tls://[::1]:8786"])
+def test_addresses_of_clusters(address: str) -> None:
+    assert parse_arguments(["--cluster", address]) == [Action("cluster", address)]
+
+
+@pytest.mark.parametrize("address", ["local", "local:0", "local:many", "tcp://render-01", "tcp:render-01:1", "http://a:1"])
+def test_what_is_no_address_of_a_cluster(address: str) -> None:
+    with pytest.raises(CommandLineError, match=r"--cluster"):
+        parse_arguments(["--cluster", address])

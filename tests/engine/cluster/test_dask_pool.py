@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Four workers on this machine: the picture is that of one process, whatever happens to them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from engine.render.session import Session
+from engine.settings import RenderSettings
+from tests.helpers.small_scenes import corner_scene
+
+pytest.importorskip("distributed")
+PASSES = ("Combined", "Variance", "Depth")
+SETTINGS = RenderSettings(samples=21, guiding_method="OFF", threads=1, seed=3)
+
+
+@pytest.fixture
+def pool():
+    from engine.cluster.dask_pool import open_pool
+
+    pool = open_pool("local:4", threads=1)
+    yield pool
+    pool.close()
+
+
+def by_one(settings, scene):
+    session = Session(settings)
+    session.load(scene)
+    return session.render(passes=PASSES)
+
+
+def by_cluster(pool, settings, scene, on_progress=None):
+    from engine.cluster.session import ClusterSession
+
+    session = ClusterSession(settings, pool, patience=2.0)
+    session.load(scene)
+    return session.render(passes=PASSES, on_progress=on_progress)
+
+
+def is_same(a, b):
+    return all(np.array_equal(a.passes[name], b.passes[name]) for name in PASSES)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="workers are stopped by signals")
+def test_the_picture_is_one_machines_whatever_happens_to_workers(pool):
+    """Whole; then with a worker that hangs from the first progress on; then with one more killed."""
+    small = corner_scene(size=(32, 24))
+    assert is_same(by_cluster(pool, SETTINGS, small), by_one(SETTINGS, small))
+    scene = corner_scene(size=(96, 64))
+    settings = SETTINGS
+    wanted = by_one(settings, scene)
+    ids = list(pool.process_ids.values())
+    assert len(ids) == 4
+    done = threading.Event()
+
+    def hang(_progress):
+        if not done.is_set():
+            done.set()
+            os.kill(ids[0], signal.SIGSTOP)
+
+    result = by_cluster(pool, settings, scene, hang)
+    assert is_same(result, wanted)
+    os.kill(ids[0], signal.SIGCONT)
+    done.clear()
+
+    def kill(_progress):
+        if not done.is_set():
+            done.set()
+            os.kill(ids[1], signal.SIGKILL)
+
+    assert is_same(by_cluster(pool, settings, scene, kill), wanted)
+    assert len(pool.workers()) == 3
