@@ -278,8 +278,8 @@ def band_reference() -> tuple[np.ndarray, ...]:
     ("method", "kind"),
     [
         ("NEURAL_RIS", "random"),
-        pytest.param("VMM", "inverted", marks=pytest.mark.slow),
-        pytest.param("NPM", "random", marks=pytest.mark.slow),
+        ("VMM", "inverted"),
+        ("NPM", "random"),
     ],
 )
 def test_every_band_of_wavelengths_has_its_mean(method: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:

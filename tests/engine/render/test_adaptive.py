@@ -227,7 +227,7 @@ def test_the_same_pixels_go_on_for_any_thread_count(method, cache):
     assert not any(math.isnan(value) for value in results[0].passes["Combined"].ravel()[:10])
 
 
-@pytest.mark.parametrize("method", ["VMM", "AUTO"])
+@pytest.mark.parametrize("method", ["VMM", pytest.param("AUTO", marks=pytest.mark.slow)])
 def test_guided_renders_stop_at_the_ends_of_iterations(method):
     counts = counts_of(render(method, 2, scene=lamps_scene, **ADAPTIVE))
     assert counts.min() in (15, 16) and counts.min() < counts.max() < 256
