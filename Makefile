@@ -11,7 +11,7 @@ BENCH_RIVALS ?= cycles cycles-guided OFF AUTO VMM NEURAL_RIS
 BENCH_OUT ?= out/bench
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow test-3.13 lint bench gallery kernels extension clean
+.PHONY: help demo test slow test-3.13 lint bench gallery kernels extension site clean
 
 help: ## Show what there is
 	@grep -E '^[a-z0-9.-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -59,6 +59,16 @@ kernels: .venv/installed ## Compile all kernels ahead, for this checkout (minute
 # With .venv-3.13 (`make .venv-3.13/installed`), kernels are compiled ahead for Blender 5.1 and later too.
 extension: .venv/installed ## Build the Blender extension into dist/, for all Blenders and platforms
 	$(PYTHON) tools/build_extension.py
+
+# An environment of its own: the site's packages are no part of the project.
+.venv-site/installed: requirements-site.lock
+	$$(tools/find_python.sh 3.11 3.13) -m venv .venv-site
+	.venv-site/bin/python -m pip install --disable-pip-version-check --quiet -r requirements-site.lock
+	touch $@
+
+site: .venv-site/installed ## Build the pages of docs/ as a site into out/site; broken links fail
+	# Not quiet: warnings that are not said do not fail.
+	NO_MKDOCS_2_WARNING=1 .venv-site/bin/mkdocs build --strict
 
 clean: ## Remove what was built
 	rm -rf build dist out engine/compiled .pytest_cache .mypy_cache .ruff_cache

@@ -97,3 +97,29 @@ def test_pages_name_sources_that_exist() -> None:
     ]
     assert len(named) > 20
     assert [f"{page.relative_to(ROOT)}: {path}" for page, path in named if not any(ROOT.glob(path))] == []
+
+
+def _commands() -> Iterator[tuple[Path, str, str]]:
+    """Page, program and what it runs: targets of make, and modules that Python runs."""
+    for page in _files("*.md"):
+        text = "\n".join([*_CODE_BLOCK.findall(page.read_text("utf-8")), *_CODE_SPAN.findall(page.read_text("utf-8"))])
+        yield from ((page, "make", target) for target in re.findall(r"^make ([a-z0-9.-]+)", text, re.MULTILINE))
+        yield from ((page, "python", module) for module in re.findall(r"python -m ([\w.]+)", text))
+
+
+def test_commands_in_pages_are_there() -> None:
+    """That what they run exists; what each does is tested where it is."""
+    targets = set(re.findall(r"^([a-z0-9.-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
+    commands = list(_commands())
+    assert {program for _page, program, _what in commands} == {"make", "python"} and len(commands) > 20
+    missing = []
+    for page, program, what in commands:
+        if program == "make":
+            is_there = what in targets
+        else:
+            path = ROOT.joinpath(*what.split("."))
+            is_there = path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()
+            is_there = is_there or what in ("pip", "pytest")
+        if not is_there:
+            missing.append(f"{page.relative_to(ROOT)}: {program} {what}")
+    assert missing == []

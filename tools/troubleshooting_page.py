@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`python -m tools.troubleshooting_page` writes docs/troubleshooting.md: what the engine may say, and what to do then.
+
+Sentences are collected from the sources: notices, reports and log messages of the add-on, and errors of the modules of
+`TOPICS`. What a sentence names in a scene is written as "…".
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "troubleshooting.md"
+
+
+class Topic(NamedTuple):
+    """What a part of the sources is about, and what to do about what it says."""
+
+    title: str
+    paths: tuple[str, ...]
+    advice: str
+
+
+TOPICS = (
+    Topic(
+        "Learned fields and sequences", ("addon/learned_fields.py", "addon/sequence.py", "engine/guiding/saved"),
+        "The picture does not depend on it: a render without a field that fits learns anew. Save the field again, or "
+        "choose the file that was saved for this scene.",
+    ),
+    Topic(
+        "The command line", ("addon/cli.py", "addon/cli_arguments.py", "addon/output_files.py"),
+        "Correct the option or the file that is named. `python -m addon --help` lists the options.",
+    ),
+    Topic(
+        "Settings",
+        (
+            "addon/declared_settings.py", "addon/shared_settings.py", "addon/unsupported_settings.py",
+            "engine/settings.py",
+        ),
+        "Change the setting that is named, as the sentence says. [settings.md](settings.md) lists all values.",
+    ),
+    Topic(
+        "Materials and textures", ("engine/shaders",),
+        "Replace the node, or accept what is shown instead. "
+        "[differences.md](differences.md) lists what is not supported.",
+    ),
+    Topic(
+        "Objects, lights, cameras and images",
+        ("addon/export", "engine/builder", "engine/scene"),
+        "Look at the object that is named: correct it, or accept what is shown instead.",
+    ),
+    Topic(
+        "Rendering, guiding and memory",
+        ("engine/render", "engine/guiding/models", "engine/accel.py", "engine/denoise"),
+        "Read what is done instead. Where the render stops, do what the sentence says, make the scene smaller, or look "
+        "into `neuralguide.log` beside the kernel cache.",
+    ),
+    Topic(
+        "Blender's interface", ("addon",),
+        "Do what the sentence says. Details of an error are in `neuralguide.log` beside the kernel cache.",
+    ),
+)  # fmt: skip
+
+_HEAD = """\
+# Troubleshooting
+
+What NeuralGuide may say, by what it is about, and what to do then. "…" stands for what it names in your scene. Behind
+an arrow stands what is shown or done instead. `python -m tools.troubleshooting_page` writes this page.
+"""
+
+_NOTICES = {"Notice", "notice", "_notice"}
+_LOGGED = {"info", "warning", "error"}
+
+
+def _text(node: ast.expr) -> str:
+    """A sentence's words, '…' for what is put in while it runs."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_text(part) for part in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _text(node.left) + _text(node.right)
+    return "…"
+
+
+def _sentence(call: ast.Call, is_raised: bool) -> str:
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    owner = getattr(function.value, "id", "") if isinstance(function, ast.Attribute) else ""
+    texts = [_text(argument) for argument in call.args]
+    if name in _NOTICES and len(texts) >= 2:
+        return " → ".join(texts[-2:])
+    if (name == "report" and len(texts) == 2) or (is_raised and texts and name.endswith("Error")):
+        return texts[-1]
+    return texts[0] if owner == "logger" and name in _LOGGED and texts else ""
+
+
+def sentences(source: str) -> set[str]:
+    """Sentences that a module's text may say; those that are put together elsewhere are left out."""
+    tree = ast.parse(source)
+    raised = {id(node.exc) for node in ast.walk(tree) if isinstance(node, ast.Raise)}
+    found = {_sentence(node, id(node) in raised) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    return {text for text in found if any(letter.isalpha() for letter in text)}
+
+
+def topic_of(path: str) -> Topic | None:
+    """The first topic that a module, by its path in the repository, belongs to."""
+    return next((topic for topic in TOPICS if any(path == p or path.startswith(f"{p}/") for p in topic.paths)), None)
+
+
+def _collected() -> Iterator[tuple[Topic, str]]:
+    for package in ("addon", "engine"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            topic = topic_of(file.relative_to(ROOT).as_posix())
+            if topic is not None:
+                yield from ((topic, text) for text in sentences(file.read_text("utf-8")))
+
+
+def page() -> str:
+    """The whole page."""
+    found = set(_collected())
+    lines = [_HEAD]
+    for topic in TOPICS:
+        lines += [f"## {topic.title}\n", f"{topic.advice}\n"]
+        texts = sorted({" ".join(text.replace("`", "'").split()) for owner, text in found if owner is topic})
+        lines += [*(f"- `{text}`" for text in texts), ""]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    main()
