@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import ctypes
 import glob
-import importlib.util
 import os
-import sys
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
+from engine.runtime.blender_folders import find_libraries, package_folder
 from engine.runtime.jit import kernel
 from engine.scene.content import Kept
 from engine.state.geometry import (
@@ -66,6 +64,10 @@ MASK_MEDIUM = 256
 CATCHER_MASK_SHIFT = 16
 
 
+#: The library on Linux and macOS, on Windows, and in wheels, which give it a name of their own.
+_NAMES = ("libembree4*", "embree4*.dll", "*embree4*")
+
+
 def _library() -> ctypes.CDLL:
     """Load libembree4.
 
@@ -74,20 +76,9 @@ def _library() -> ctypes.CDLL:
     RuntimeError
         When neither Blender's library folder nor `embreex` has it.
     """
-    candidates: list[Path] = []
-    bpy_spec = importlib.util.find_spec("bpy")
-    roots = []
-    if bpy_spec is not None and bpy_spec.origin:
-        roots.append(Path(bpy_spec.origin).parent / "lib")
-    roots.append(Path(sys.executable).parent / "lib")
-    for root in roots:
-        candidates += [Path(p) for p in glob.glob(str(root / "libembree4*"))]
-        candidates += [Path(p) for p in glob.glob(str(root / "embree4*.dll"))]
-    embreex_spec = importlib.util.find_spec("embreex")
-    if embreex_spec is not None and embreex_spec.origin:
-        package = Path(embreex_spec.origin).parent
-        for folder in (package, package.parent / "embreex.libs", package / ".dylibs"):
-            candidates += [Path(p) for p in glob.glob(str(folder / "*embree4*"))]
+    embreex = package_folder("embreex")
+    further = () if embreex is None else (embreex, embreex.parent / "embreex.libs", embreex / ".dylibs")
+    candidates = find_libraries(_NAMES, further)
     problems = []
     for candidate in candidates:
         try:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib.util
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
+
+from engine.runtime.blender_folders import find_libraries, package_folder
 
 # Constants of the library's header `oidn.h`.
 _DEVICE_CPU = 1
@@ -26,11 +26,7 @@ _ERROR_CANCELLED = 6
 QUALITIES = {"HIGH": 6, "BALANCED": 5, "FAST": 4}
 _FIRST_WITH_FAST = 20300
 
-#: Folders below Blender's that hold its libraries, by platform and by whether it is Blender or `bpy`.
-_FOLDERS = ("lib", "blender.shared", ".")
 _NAMES = ("libOpenImageDenoise.so.2", "libOpenImageDenoise*.dylib", "OpenImageDenoise.dll")
-#: From Blender's Python (`Blender/5.0/python/bin/python3.11`) up to where its libraries are.
-_ANCESTORS_OF_PYTHON = 4
 
 _ProgressMonitor = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_double)
 
@@ -43,40 +39,10 @@ class DenoiserFailed(RuntimeError):
     """Open Image Denoise reported an error."""
 
 
-def _package_folder(name: str) -> Path | None:
-    """Folder of an installed package, without importing it."""
-    try:
-        spec = importlib.util.find_spec(name)
-    except (ImportError, ValueError):
-        return None
-    return None if spec is None or not spec.origin else Path(spec.origin).parent
-
-
-def _roots() -> Iterator[Path]:
-    """Folders in or below which the library may lie, the best first."""
-    bpy = _package_folder("bpy")
-    if bpy is not None:
-        yield bpy
-    # A process that `bpy` has started finds the scripts' package of that name first, which has no libraries.
-    yield from (folder for entry in sys.path if (folder := Path(entry) / "bpy").is_dir())
-    executable = Path(sys.executable).resolve()
-    yield from list(executable.parents)[:_ANCESTORS_OF_PYTHON]
-    pyoidn = _package_folder("pyoidn")
-    if pyoidn is not None:
-        yield pyoidn / "oidn"
-        yield pyoidn / "oidn" / "bin"
-
-
 def library_paths() -> list[Path]:
     """Files that may be the library, the best first."""
-    found = [
-        path
-        for root in _roots()
-        for folder in _FOLDERS
-        for name in _NAMES
-        for path in sorted((root / folder).glob(name))
-    ]
-    return list(dict.fromkeys(found))
+    pyoidn = package_folder("pyoidn")
+    return find_libraries(_NAMES, () if pyoidn is None else (pyoidn / "oidn", pyoidn / "oidn" / "bin"))
 
 
 _POINTER, _INT, _SIZE, _TEXT = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t, ctypes.c_char_p

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Embree through kernels: hits, ids, instances, masks."""
 
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, trace_closest, trace_occluded
+from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, library_path, trace_closest, trace_occluded
 from engine.builder.geometry import empty_instances
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA
@@ -90,3 +95,15 @@ def test_an_empty_scene_hits_nothing():
     description.meshes, description.instances = [], empty_instances()
     _, accelerator = built(description)
     assert not trace(accelerator, (0.0, 0.0, 5.0))[0]
+
+
+def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library():
+    """Blender's scripts have a package `bpy` too, which comes first in processes that `bpy` has started."""
+    spec = importlib.util.find_spec("bpy")
+    if spec is None or spec.origin is None:
+        pytest.skip("there is no bpy")
+    (scripts,) = Path(spec.origin).parent.glob("*/scripts/modules")
+    program = "import sys; sys.path.insert(0, sys.argv[1]); from engine.accel import library_path; print(library_path())"
+    command = [sys.executable, "-c", program, str(scripts)]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert shown.strip() == library_path()
