@@ -103,7 +103,7 @@ def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library
     if spec is None or spec.origin is None:
         pytest.skip("there is no bpy")
     (scripts,) = Path(spec.origin).parent.glob("*/scripts/modules")
-    program = "import sys; sys.path.insert(0, sys.argv[1]); from engine.accel import library_path; print(library_path())"
+    program = "import sys; sys.path.insert(0, sys.argv[1]); from engine import accel; print(accel.library_path())"
     command = [sys.executable, "-c", program, str(scripts)]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert shown.strip() == library_path()
