@@ -156,7 +156,7 @@ class CommandLineRenderer:
             from engine.cluster.dask_pool import open_pool
         except ModuleNotFoundError as error:
             raise CommandLineError(
-                f"--cluster: Python package {error.name} is missing; `pip install distributed` brings it"
+                f"--cluster: Python package {error.name} is missing: install the package distributed"
             ) from None
         from engine.cluster.pool import ClusterError
         from engine.cluster.session import ClusterSession

@@ -133,7 +133,8 @@ def _run(python: str, arguments: Sequence[str], environment: dict[str, str]) -> 
     command = [python, str(Path(__file__).with_name("compile_part.py")), *arguments]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise SystemExit(f"kernels could not be compiled: {done.stderr[-2000:]}")
+        problem = f"kernels could not be compiled (exit code {done.returncode})"
+        raise SystemExit(f"{problem}: {done.stderr[-2000:]}")
     return done.stdout
 
 

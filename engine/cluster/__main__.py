@@ -22,7 +22,7 @@ def main() -> int:
     try:
         from engine.cluster.dask_pool import run_worker
     except ModuleNotFoundError as error:
-        print(f"NeuralGuide: Error: Python package {error.name} is missing: pip install distributed", file=sys.stderr)
+        print(f"NeuralGuide: Error: Python package {error.name} is missing: install the package distributed", file=sys.stderr)
         return 2
     try:
         run_worker(arguments.address, arguments.name)

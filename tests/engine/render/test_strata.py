@@ -180,7 +180,7 @@ def test_the_image_is_whole_however_it_ends(end, untrained, monkeypatch):
     monkeypatch.setattr(
         StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < end else None
     )
-    seeds = range(max(2, 256 // end))
+    seeds = range(max(2, 400 // end))
     images = render_seeds(emitter_scene(), seeds, **PROGRESSIVE, strata=8, samples=512)
     if end < 8:
         images = [np.mean(images[k::2], axis=0) for k in range(2)]
