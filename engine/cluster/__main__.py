@@ -22,7 +22,8 @@ def main() -> int:
     try:
         from engine.cluster.dask_pool import run_worker
     except ModuleNotFoundError as error:
-        print(f"NeuralGuide: Error: Python package {error.name} is missing: install the package distributed", file=sys.stderr)
+        problem = f"Python package {error.name} is missing: install the package distributed"
+        print(f"NeuralGuide: Error: {problem}", file=sys.stderr)
         return 2
     try:
         run_worker(arguments.address, arguments.name)

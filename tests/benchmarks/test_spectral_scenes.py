@@ -30,6 +30,9 @@ from engine.spectral.dispersion import dispersion_from_abbe
 from tests.helpers.color_difference import delta_e_2000, lab_of_rec709
 from tests.helpers.spectral_harness import wavelengths_and_weights
 
+#: Kernels of wavelengths are kernels of their own, which take half a minute to compile.
+pytestmark = pytest.mark.slow
+
 NAMES = sorted(name for name in SCENES if name.startswith("spectral-"))
 
 

@@ -39,6 +39,9 @@ from tests.helpers.guiding_harness import sphere_grid
 from tests.helpers.spectral_scenes import DISPERSION, IOR, diffuse, glass, material, scene, square, wedge
 from tests.helpers.untrained_networks import BOUNDS, Untrained
 
+#: Kernels of wavelengths are kernels of their own, which take half a minute to compile.
+pytestmark = pytest.mark.slow
+
 HEROES = (0.1, 0.6, 0.95)
 SHARES = ((0.25, 0.25, 0.25, 0.25), (1.0, 0.0, 0.0, 0.0), (0.1, 0.6, 0.0, 0.3))
 
@@ -224,7 +227,6 @@ def reference(roughness: float) -> list[np.ndarray]:
     return rendered(behind_glass(roughness), range(10, 14), samples=1024)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("roughness", "settings"),
     [

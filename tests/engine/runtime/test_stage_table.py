@@ -104,7 +104,10 @@ def _fill_with_fog(graph: NodeGraph) -> None:
 @pytest.mark.parametrize(
     ("method", "spectral", "roulette"),
     # Wavelengths come last: a call is noted when it is compiled, and that happens once for equal types.
-    [("VMM", "OFF", "AUTO"), ("VMM_RIS", "OFF", "LEARNED"), ("TABLE_RIS", "OFF", "AUTO"), ("TABLE_RIS", "ON", "AUTO")],
+    [
+        ("VMM", "OFF", "AUTO"), ("VMM_RIS", "OFF", "LEARNED"), ("TABLE_RIS", "OFF", "AUTO"),
+        pytest.param("TABLE_RIS", "ON", "AUTO", marks=pytest.mark.slow),
+    ],  # fmt: skip
 )
 def test_the_main_loop_passes_what_its_stages_take(
     method: str, spectral: str, roulette: str, monkeypatch: pytest.MonkeyPatch

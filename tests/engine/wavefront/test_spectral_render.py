@@ -29,6 +29,9 @@ from tests.helpers.spectral_harness import blackbodies, iors, spectra, wavelengt
 from tests.helpers.spectral_scenes import DISPERSION, IOR, diffuse, glass, material, scene, square, wedge
 from tests.helpers.untrained_networks import guess
 
+#: Kernels of wavelengths are kernels of their own, which take half a minute to compile.
+pytestmark = pytest.mark.slow
+
 LIMIT = 4.5
 
 
@@ -136,10 +139,10 @@ def test_colours_multiply_by_wavelength(kind: str, use_nee: bool) -> None:
     [
         (0.0, "Glass", "OFF"),
         (0.4, "Glass", "OFF"),
-        pytest.param(0.4, "Glass", "VMM", marks=pytest.mark.slow),
-        pytest.param(0.4, "Glass", "VMM_RIS", marks=pytest.mark.slow),
-        pytest.param(0.4, "Refraction", "OFF", marks=pytest.mark.slow),
-        pytest.param(0.0, "Refraction", "OFF", marks=pytest.mark.slow),
+        (0.4, "Glass", "VMM"),
+        (0.4, "Glass", "VMM_RIS"),
+        (0.4, "Refraction", "OFF"),
+        (0.0, "Refraction", "OFF"),
     ],
 )
 def test_dispersion_is_a_refractive_index_for_every_wavelength(roughness: float, kind: str, method: str) -> None:
