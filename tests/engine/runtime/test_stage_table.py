@@ -107,7 +107,7 @@ def _fill_with_fog(graph: NodeGraph) -> None:
     [
         ("VMM", "OFF", "AUTO"), ("VMM_RIS", "OFF", "LEARNED"), ("TABLE_RIS", "OFF", "AUTO"),
         pytest.param("TABLE_RIS", "ON", "AUTO", marks=pytest.mark.slow),
-    ],  # fmt: skip
+    ],
 )
 def test_the_main_loop_passes_what_its_stages_take(
     method: str, spectral: str, roulette: str, monkeypatch: pytest.MonkeyPatch
