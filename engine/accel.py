@@ -10,7 +10,8 @@ from __future__ import annotations
 import ctypes
 import glob
 import os
-from collections.abc import Hashable, Iterable, Sequence
+import weakref
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -243,6 +244,14 @@ class RayScratch:
         self.address = self.ray.ctypes.data
 
 
+def _release_with(owner: object, release: Callable[[int], None], address: int) -> None:
+    """Have Embree release what is at an address once its owner is gone.
+
+    Not at the end of the process, which takes all memory back: by then parts of the library may be gone.
+    """
+    weakref.finalize(owner, release, address).atexit = False
+
+
 class _Device:
     """Embree's memory and build threads; freed with the last of what was built by it."""
 
@@ -254,10 +263,7 @@ class _Device:
             raise RuntimeError("Embree could not create a device")
         if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_RAY_MASK):
             raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
-
-    def __del__(self) -> None:
-        if self.address:
-            _lib.rtcReleaseDevice(self.address)
+        _release_with(self, _lib.rtcReleaseDevice, self.address)
 
     def check(self) -> None:
         """Raise what Embree has reported since the last call."""
@@ -277,9 +283,7 @@ class _EmbreeScene:
         self.address = _lib.rtcNewScene(device.address)
         _lib.rtcSetSceneFlags(self.address, _SCENE_ROBUST)
         _lib.rtcSetSceneBuildQuality(self.address, _BUILD_QUALITY_HIGH)
-
-    def __del__(self) -> None:
-        _lib.rtcReleaseScene(self.address)
+        _release_with(self, _lib.rtcReleaseScene, self.address)
 
 
 class MeshHierarchies:
