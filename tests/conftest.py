@@ -27,10 +27,12 @@ def blender() -> Iterator[Any]:
 
 
 @pytest.fixture
-def forget_outcomes() -> None:
-    """No renders of earlier tests among the outcomes that the engine keeps."""
+def forget_outcomes() -> Iterator[None]:
+    """No renders of other tests among the outcomes that the engine keeps, and none of this test's afterwards."""
     from addon import engine
 
+    engine.outcomes.clear()
+    yield
     engine.outcomes.clear()
 
 
