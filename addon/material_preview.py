@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from . import passes
@@ -60,7 +62,7 @@ def render_preview(engine: Any, depsgraph: bpy.types.Depsgraph, description: Sce
         engine.update_result(target)
 
     try:
-        with _Turn(engine) as session:
+        with _turn(engine) as session:
             if session is not None:
                 session.settings = preview_settings(depsgraph.scene_eval)
                 session.load(description, should_cancel=engine.test_break)
@@ -73,29 +75,23 @@ def render_preview(engine: Any, depsgraph: bpy.types.Depsgraph, description: Sce
         engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
 
 
-class _Turn:
+@contextlib.contextmanager
+def _turn(engine: Any) -> Iterator[Session | None]:
     """The session of previews for one of them at a time; None for those that are cancelled while they wait."""
+    global _session
+    while not _lock.acquire(timeout=0.1):
+        if engine.test_break():
+            yield None
+            return
+    try:
+        if _session is None:
+            from engine.render.session import Session
+            from engine.settings import RenderSettings
 
-    def __init__(self, engine: Any) -> None:
-        self._engine = engine
-        self._has_lock = False
-
-    def __enter__(self) -> Session | None:
-        global _session
-        while not self._engine.test_break():
-            if _lock.acquire(timeout=0.1):
-                self._has_lock = True
-                if _session is None:
-                    from engine.render.session import Session
-                    from engine.settings import RenderSettings
-
-                    _session = Session(RenderSettings())
-                return _session
-        return None
-
-    def __exit__(self, *_exception: object) -> None:
-        if self._has_lock:
-            _lock.release()
+            _session = Session(RenderSettings())
+        yield _session
+    finally:
+        _lock.release()
 
 
 def forget_session() -> None:
