@@ -7,6 +7,7 @@ from engine.kernels.bsdf.phase import add_phase
 from engine.kernels.vector import add, load, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    CLOSURE_SAMPLE_WEIGHT,
     CLOSURE_WEIGHT,
     POINT_INSTANCE,
     POINT_NG,
@@ -17,7 +18,7 @@ from engine.state.lanes import (
     POINT_WO,
     RGB,
 )
-from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING, MEDIUM_SCATTERING
+from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING
 
 #: Length of the normal that the light tree is given: so long that no direction is at a slant to it, for a medium
 #: receives light from all around.
@@ -31,39 +32,56 @@ def all_around(direction):
 
 
 @kernel
-def add_lobes(scene, closures, media, lane):
-    """Append the phase functions of all that a path is in, each by its share in what the collision scatters."""
-    arrays = scene.media
+def add_uniform_lobes(arrays, closures, lane, medium):
+    """Append the phase functions of a medium that is the same everywhere, by what each scatters [m^-1]."""
+    for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
+        mean = 0.0
+        for c in range(RGB):
+            mean += arrays.lobes[row, LOBE_SCATTERING + c] * (1.0 / 3.0)
+        if not mean > 0.0:
+            continue
+        i = add_phase(closures, lane, mean, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
+        if i >= 0:
+            for c in range(RGB):
+                closures.param[lane, i, CLOSURE_WEIGHT + c] = arrays.lobes[row, LOBE_SCATTERING + c]
+
+
+@kernel
+def share_out(closures, lane):
+    """Give phase functions, whose weights are what each scatters [m^-1], their shares of all of it by channel."""
+    param, count = closures.param, closures.count[lane]
+    total = 0.0
+    for i in range(count):
+        total += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+    for c in range(RGB):
+        of_channel = 0.0
+        for i in range(count):
+            of_channel += param[lane, i, CLOSURE_WEIGHT + c]
+        for i in range(count):
+            weight = param[lane, i, CLOSURE_WEIGHT + c]
+            param[lane, i, CLOSURE_WEIGHT + c] = weight / of_channel if of_channel > 0.0 else 0.0
+    for i in range(count):
+        share = param[lane, i, CLOSURE_SAMPLE_WEIGHT] / total if total > 0.0 else 0.0
+        param[lane, i, CLOSURE_SAMPLE_WEIGHT] = share
+        # At wavelengths the shares of the whole have to do.
+        if len(closures.channels) > RGB:
+            for c in range(len(closures.channels)):
+                param[lane, i, CLOSURE_WEIGHT + c] = share
+
+
+@kernel
+def set_lobes(scene, closures, media, lane):
+    """Set the closures to the phase functions of all that a path is in, each by its share in what is scattered."""
     closures.count[lane] = 0
     closures.flags[lane] = 0
-    for k in range(media.count[lane]):
-        medium = media.medium[lane, k]
-        for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
-            mine = 0.0
-            for c in range(RGB):
-                mine += arrays.lobes[row, LOBE_SCATTERING + c]
-            all_media = 0.0
-            for other in range(media.count[lane]):
-                for c in range(RGB):
-                    all_media += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
-            share = mine / all_media if all_media > 0.0 else 0.0
-            if not share > 0.0:
-                continue
-            i = add_phase(closures, lane, share, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
-            # At wavelengths the shares of the whole have to do.
-            if len(closures.channels) > RGB or i < 0:
-                continue
-            for c in range(RGB):
-                total = 0.0
-                for other in range(media.count[lane]):
-                    total += arrays.media[media.medium[lane, other], MEDIUM_SCATTERING + c]
-                of_channel = arrays.lobes[row, LOBE_SCATTERING + c] / total if total > 0.0 else 0.0
-                closures.param[lane, i, CLOSURE_WEIGHT + c] = of_channel
+    for entry in range(media.count[lane]):
+        add_uniform_lobes(scene.media, closures, lane, media.medium[lane, entry])
+    share_out(closures, lane)
 
 
 @kernel
 def place_collision(paths, points, lane, distance):
-    """Set up a point on a path's ray, within media; its phase functions are `add_lobes`' business."""
+    """Set up a point on a path's ray, within media; its phase functions are `set_lobes`' business."""
     direction = load(paths.direction, lane)
     p = add(load(paths.origin, lane), scale(direction, distance))
     normal = all_around(direction)

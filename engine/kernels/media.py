@@ -84,6 +84,15 @@ def copy_media(lanes, source, target):
 
 
 @kernel
+def any_varies(arrays, lanes, row):
+    """Whether any of a row's media varies in space."""
+    for entry in range(lanes.count[row]):
+        if arrays.program[lanes.medium[row, entry]] >= 0:
+            return True
+    return False
+
+
+@kernel
 def sum_coefficients(scene, paths, lanes, lane, row, is_endless):
     """Write the sums of all media of a row, at the path's channels, into `lanes.coefficients`.
 

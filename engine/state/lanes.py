@@ -80,6 +80,7 @@ RAY_MIS_FINDS_ALL = 262144
 #: A limit was reached: the next surface only emits, unless it is transparent.
 RAY_TERMINATE_AFTER_TRANSPARENT = 4096
 RAY_TERMINATE_ON_NEXT_SURFACE = 8192
+RAY_ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 #: Only transparent surfaces since the camera: what is behind counts into alpha.
 RAY_TRANSPARENT_BACKGROUND = 16384
 #: Set by the shader's evaluation only: emission wanted, nothing else.

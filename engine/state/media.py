@@ -34,6 +34,8 @@ COEFFICIENT_ROWS = 6
 
 #: Media that a path can be in at once, Cycles' limit; further ones are as if they were not there, and counted.
 MAX_MEDIA = 32
+#: Boundaries that a ray may cross, Cycles' limit: one that has more is caught between two.
+MOST_CROSSINGS = 1024
 #: Instance of the world's medium.
 WORLD = -1
 

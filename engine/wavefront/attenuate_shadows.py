@@ -32,7 +32,7 @@ from engine.state.lanes import (
     RAY_CATCHER_HIT,
     RAY_SHADOW,
 )
-from engine.state.media import EXTINCTION
+from engine.state.media import EXTINCTION, MOST_CROSSINGS
 from engine.wavefront.columns import (
     MAJORANTS_EXCEEDED,
     MEDIA_DROPPED,
@@ -44,9 +44,6 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
-
-#: Boundaries that a shadow ray may cross: one that has more is caught between two.
-_MOST_CROSSINGS = 1024
 
 
 @kernel
@@ -115,7 +112,7 @@ def attenuate_shadows(scene, unit, work, queue):
         if not has_boundaries:
             attenuate(scene, paths, media, lane, own, rest, radiance, row)
             continue
-        for _ in range(_MOST_CROSSINGS):
+        for _ in range(MOST_CROSSINGS):
             hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time)
             if not hit:
                 attenuate(scene, paths, media, lane, own, rest, radiance, row)
@@ -237,7 +234,7 @@ def find_shadow_collisions(scene, unit, work, queue):
                 break
             instance = tracking.instance[own]
             media.crossings[own] += 1
-            if instance < 0 or media.crossings[own] > _MOST_CROSSINGS:
+            if instance < 0 or media.crossings[own] > MOST_CROSSINGS:
                 break
             rest = tracking.rest[own]
             tracking.rest[own] = rest - tracking.end[own] if rest < FAR else DISTANT

@@ -15,7 +15,7 @@ from engine.guiding.sampling.scattering import LEAST_UNGUIDED, MOST_UNGUIDED
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.bsdf.phase import eval_phases, mean_cosine, sample_phases
 from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
-from engine.kernels.path import leave_collision, real_3
+from engine.kernels.path import leave_collision, real_3, scatter_throughput
 from engine.kernels.rng import SETS_PER_VERTEX, hash_combine
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P, POINT_WO
@@ -85,14 +85,7 @@ def guide_collisions(scene, unit, guidance, work, queue):
         phase_pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
         guide_pdf = eval_guide(guide, lane, wi)
         pdf = probability * guide_pdf + (1.0 - probability) * phase_pdf
-        largest = 0.0
-        for c in range(len(paths.channels)):
-            before = paths.throughput[lane, c]
-            value = before * f_cos[lane, c] / pdf if pdf > 0.0 else 0.0
-            f_cos[lane, c] = before
-            paths.throughput[lane, c] = value
-            largest = max(largest, abs(value))
-        if not largest > 0.0:
+        if not pdf > 0.0 or not scatter_throughput(paths, lane, f_cos, 1.0 / pdf) > 0.0:
             paths.alive[lane] = 0
             continue
         if phase_pdf > 0.0:

@@ -14,14 +14,14 @@ the segment's: whoever meets a light later knows no more.
 import numpy as np
 
 from engine.kernels.bsdf.phase import eval_phases
-from engine.kernels.collision import add_lobes, place_collision
+from engine.kernels.collision import place_collision, set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
 from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import background_pdf, sample_emitter
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
-from engine.kernels.media import leave_objects, sum_coefficients, transmittance, weigh_channels
+from engine.kernels.media import any_varies, leave_objects, sum_coefficients, transmittance, weigh_channels
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import SET_SEGMENT, SET_SEGMENT_LIGHT, sample_4d
@@ -33,15 +33,13 @@ from engine.state.lanes import (
     POINT_P,
     POINT_WO,
     RAY_CATCHER_HIT,
-    RAY_TERMINATE_AFTER_TRANSPARENT,
-    RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_ENDS,
     RAY_VOLUME,
 )
 from engine.state.lights import EMITTER_NODE, LIGHT_BACKGROUND
 from engine.state.media import EXTINCTION, SCATTERING, WORLD
 from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, SCENE_WORLD_GROUP, UNIT_FOLLOWS, UNIT_SPLITS_LIGHT
 
-_ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 #: Mean free paths behind which a segment is too dim for its lights to be chosen by it.
 _DEPTHS = np.float32(4.0)
 
@@ -62,15 +60,6 @@ def _reach(channels, coefficients, length):
         if coefficients[SCATTERING, c] > 0.0:
             least = min(least, coefficients[EXTINCTION, c])
     return min(length, _DEPTHS / least) if least > 0.0 else length
-
-
-@kernel
-def _vary(arrays, media, lane):
-    """Whether media that a path is in vary in space."""
-    for entry in range(media.count[lane]):
-        if arrays.program[media.medium[lane, entry]] >= 0:
-            return True
-    return False
 
 
 @kernel
@@ -135,9 +124,9 @@ def light_segments(scene, unit, work, queue):
         is_endless = paths.hit_instance[lane] < 0
         if is_endless:
             leave_objects(media, lane)
-        if media.count[lane] == 0 or flags & _ENDS or (follows and flags & RAY_CATCHER_HIT):
+        if media.count[lane] == 0 or flags & RAY_ENDS or (follows and flags & RAY_CATCHER_HIT):
             continue
-        if varies and _vary(scene.media, media, lane):
+        if varies and any_varies(scene.media, media, lane):
             # There a path samples lights where it collides.
             continue
         sum_coefficients(scene, paths, media, lane, lane, is_endless)
@@ -156,7 +145,7 @@ def light_segments(scene, unit, work, queue):
         emitter, pmf = pick_for_segment(lights, origin, direction, length, reach, u_light)
         if emitter < 0 or not pmf > 0.0:
             continue
-        add_lobes(scene, closures, media, lane)
+        set_lobes(scene, closures, media, lane)
         fills_all = media.count[lane] == 1 and media.instance[lane, 0] == WORLD
         at, weight = choose_distance(
             lights, closures, media.coefficients, paths.throughput, lane, lights.emitters[emitter, EMITTER_NODE],

@@ -16,7 +16,7 @@ from engine.kernels.rng import SET_BSDF, sample_4d
 from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
-    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
@@ -87,7 +87,7 @@ def play_roulette(scene, unit, work, queue):
 
         # Behind transparent surfaces a path goes on along the same line. What it would take from alpha is settled once
         # it has scattered.
-        ends = flags & (RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT)
+        ends = flags & RAY_ENDS
         if (
             ends
             and source_count >= 0

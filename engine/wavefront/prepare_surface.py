@@ -28,7 +28,7 @@ from engine.state.lanes import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
@@ -93,7 +93,7 @@ def prepare_surface(scene, unit, work, queue):
         holdout = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT
         flags = paths.flags[lane]
 
-        ends = flags & (RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT)
+        ends = flags & RAY_ENDS
         if ends:
             wanted = PROGRAM_HAS_EMISSION
             if not flags & RAY_TERMINATE_ON_NEXT_SURFACE:

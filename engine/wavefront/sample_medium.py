@@ -30,10 +30,10 @@ from engine.state.lanes import (
     POINT_NG,
     POINT_P,
     RAY_CATCHER_HIT,
-    RAY_TERMINATE_AFTER_TRANSPARENT,
+    RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
 )
-from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, SCATTERING
+from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, MOST_CROSSINGS, SCATTERING
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MEDIA_DROPPED,
@@ -43,10 +43,6 @@ from engine.wavefront.columns import (
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
 )
-
-_ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
-#: Boundaries that a path may cross, Cycles' limit: one that has more is caught between two.
-_MOST_CROSSINGS = 1024
 
 
 @kernel
@@ -160,7 +156,7 @@ def _cross(scene, work, lane, instance, triangle, program):
     """
     geometry, paths, points, media = scene.geometry, work.paths, work.points, work.media
     media.crossings[lane] += 1
-    if paths.flags[lane] & RAY_TERMINATE_ON_NEXT_SURFACE or media.crossings[lane] > _MOST_CROSSINGS:
+    if paths.flags[lane] & RAY_TERMINATE_ON_NEXT_SURFACE or media.crossings[lane] > MOST_CROSSINGS:
         return False
     direction = load(paths.direction, lane)
     error = prepare_point(
@@ -192,7 +188,7 @@ def _pass_uniform(scene, unit, work, lane, distance):
     scattering = 0.0
     for c in range(len(paths.channels)):
         scattering = max(scattering, media.coefficients[SCATTERING, c])
-    if scattering > 0.0 and not paths.flags[lane] & _ENDS:
+    if scattering > 0.0 and not paths.flags[lane] & RAY_ENDS:
         return _collide(paths, media, lane, distance)
     for c in range(len(paths.channels)):
         paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)

@@ -8,43 +8,19 @@ import math
 
 from engine.guiding.records.vertices import Scattering, log_collision
 from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, mean_cosine, sample_phases
-from engine.kernels.collision import add_lobes, place_collision
+from engine.kernels.collision import add_uniform_lobes, place_collision, set_lobes, share_out
 from engine.kernels.constants import NAN
-from engine.kernels.path import leave_collision, real_3
+from engine.kernels.path import leave_collision, real_3, scatter_throughput
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_NORMAL
 from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, FEATURES_DONE, POINT_WO, RGB
-from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING
 from engine.wavefront.columns import SCENE_HAS_VARYING_MEDIA, UNIT_GUIDES_MEDIA, UNIT_SPLITS_LIGHT, UNIT_USE_DENOISING
 
 
 @kernel
-def _share_out(closures, lane):
-    """Give phase functions, whose weights are what each scatters [m^-1], their shares of all of it by channel."""
-    param, count = closures.param, closures.count[lane]
-    total = 0.0
-    for i in range(count):
-        total += param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-    for c in range(RGB):
-        of_channel = 0.0
-        for i in range(count):
-            of_channel += param[lane, i, CLOSURE_WEIGHT + c]
-        for i in range(count):
-            weight = param[lane, i, CLOSURE_WEIGHT + c]
-            param[lane, i, CLOSURE_WEIGHT + c] = weight / of_channel if of_channel > 0.0 else 0.0
-    for i in range(count):
-        share = param[lane, i, CLOSURE_SAMPLE_WEIGHT] / total if total > 0.0 else 0.0
-        param[lane, i, CLOSURE_SAMPLE_WEIGHT] = share
-        # At wavelengths the shares of the whole have to do.
-        if len(closures.channels) > RGB:
-            for c in range(len(closures.channels)):
-                param[lane, i, CLOSURE_WEIGHT + c] = share
-
-
-@kernel
-def _add_chosen_lobes(scene, work, lane):
+def _set_chosen_lobes(scene, work, lane):
     """Set the closures to the phase functions of the medium that a tracked path has collided with."""
     closures, found, arrays = work.closures, work.light_closures, scene.media
     medium = work.media.medium[lane, work.tracking.chosen[lane]]
@@ -61,15 +37,8 @@ def _add_chosen_lobes(scene, work, lane):
                 for c in range(RGB):
                     closures.param[lane, i, CLOSURE_WEIGHT + c] = param[lane, source, CLOSURE_WEIGHT + c]
     else:
-        for row in range(arrays.first_lobe[medium], arrays.first_lobe[medium + 1]):
-            mean = 0.0
-            for c in range(RGB):
-                mean += arrays.lobes[row, LOBE_SCATTERING + c] * (1.0 / 3.0)
-            i = add_phase(closures, lane, mean, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
-            if i >= 0:
-                for c in range(RGB):
-                    closures.param[lane, i, CLOSURE_WEIGHT + c] = arrays.lobes[row, LOBE_SCATTERING + c]
-    _share_out(closures, lane)
+        add_uniform_lobes(arrays, closures, lane, medium)
+    share_out(closures, lane)
 
 
 @kernel
@@ -112,9 +81,9 @@ def prepare_collisions(scene, unit, work, queue):
                 paths.throughput[lane, c] /= survival
         place_collision(paths, points, lane, paths.hit_distance[lane])
         if varies and work.tracking.is_tracked[lane] != 0:
-            _add_chosen_lobes(scene, work, lane)
+            _set_chosen_lobes(scene, work, lane)
         else:
-            add_lobes(scene, closures, media, lane)
+            set_lobes(scene, closures, media, lane)
         guided.rough_share[lane] = 0.0
         # Where the whole segment has been lit, its light is not looked for again.
         samples.weight[lane] = 0.0 if media.is_lit[lane] != 0 else 1.0
@@ -151,14 +120,7 @@ def scatter_collisions(scene, unit, work, queue):
         wo = real_3(points, lane, POINT_WO)
         wi = sample_phases(closures, lane, wo, paths.random[lane, 0], paths.random[lane, 1], paths.random[lane, 2])
         pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
-        largest = 0.0
-        for c in range(len(paths.channels)):
-            before = paths.throughput[lane, c]
-            value = before * f_cos[lane, c] / pdf if pdf > 0.0 else 0.0
-            f_cos[lane, c] = before
-            paths.throughput[lane, c] = value
-            largest = max(largest, abs(value))
-        if not largest > 0.0:
+        if not pdf > 0.0 or not scatter_throughput(paths, lane, f_cos, 1.0 / pdf) > 0.0:
             paths.alive[lane] = 0
             continue
         paths.survival[lane] = -1.0

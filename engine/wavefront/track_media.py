@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import lamp_hit
-from engine.kernels.media import leave_objects, sum_coefficients
+from engine.kernels.media import any_varies, leave_objects, sum_coefficients
 from engine.kernels.rng import SET_MEDIUM, track_4
 from engine.kernels.tracking import (
     COLLIDES,
@@ -26,8 +26,7 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_INSTANCE,
     RAY_CATCHER_HIT,
-    RAY_TERMINATE_AFTER_TRANSPARENT,
-    RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_ENDS,
 )
 from engine.state.lights import HEADER_HITTABLE
 from engine.state.media import EMISSION, EXTINCTION
@@ -38,8 +37,6 @@ from engine.wavefront.columns import (
     TRACKING_ENDED,
     UNIT_FOLLOWS,
 )
-
-_ENDS = RAY_TERMINATE_ON_NEXT_SURFACE | RAY_TERMINATE_AFTER_TRANSPARENT
 
 
 @kernel
@@ -73,7 +70,7 @@ def begin_tracking(scene, unit, work, queue):
     queue : LaneQueue
         `work.traced`.
     """
-    paths, media, tracking, programs = work.paths, work.media, work.tracking, scene.media.program
+    paths, media, tracking = work.paths, work.media, work.tracking
     follows, has_lamps = unit.header[UNIT_FOLLOWS] != 0, scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0
     tracked, count = work.tracked.lanes, 0
     for k in range(queue.count[0]):
@@ -84,10 +81,7 @@ def begin_tracking(scene, unit, work, queue):
         is_endless = paths.hit_instance[lane] < 0
         if is_endless:
             leave_objects(media, lane)
-        varies = False
-        for entry in range(media.count[lane]):
-            varies = varies or programs[media.medium[lane, entry]] >= 0
-        if not varies:
+        if not any_varies(scene.media, media, lane):
             continue
         tracking.is_tracked[lane] = 1
         tracking.position[lane] = 0.0
@@ -139,7 +133,7 @@ def find_collisions(scene, unit, work, queue):
     for k in range(queue.count[0]):
         lane = lanes[k]
         origin, direction, time = load(paths.origin, lane), load(paths.direction, lane), paths.time[lane]
-        may_scatter = paths.flags[lane] & _ENDS == 0
+        may_scatter = paths.flags[lane] & RAY_ENDS == 0
         while True:
             step = tracking.step[lane]
             start = tracking.position[lane]
@@ -210,7 +204,7 @@ def meet_media(scene, unit, work, queue):
         _, _, u_event, u_roulette = track_4(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, tracking.step[lane] - 1
         )
-        may_scatter = paths.flags[lane] & _ENDS == 0
+        may_scatter = paths.flags[lane] & RAY_ENDS == 0
         event = meet_medium(paths, lane, tracking, lane, majorant, sums, may_scatter, u_event, u_roulette)
         if event == COLLIDES:
             tracking.collision[lane] = tracking.position[lane]
