@@ -91,7 +91,7 @@ def main() -> int:
     scene.cycles.time_limit = arguments.seconds
     scene.neuralguide.radiance_cache = "CONVERGING"
     bpy.ops.wm.save_as_mainfile(filepath=str(output / "demo.blend"))
-    print("Rendering the demo; the first render compiles the kernels, which takes a minute and a half.", flush=True)
+    print("Rendering the demo; the first render compiles the kernels, which takes a good minute.", flush=True)
     try:
         if arguments.reference:
             return 0 if _make_reference(scene) else 1
