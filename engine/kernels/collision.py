@@ -96,3 +96,22 @@ def place_collision(paths, points, lane, distance):
     integer[lane, POINT_INSTANCE] = -1
     integer[lane, POINT_PROGRAM] = -1
     paths.offset[lane] = 0.0
+
+
+@kernel
+def scatter_throughput(paths, lane, f_cos, factor):
+    """Multiply a path's throughput by row `lane` of `f_cos` times a factor; the row gets what it was before.
+
+    Returns
+    -------
+    float32
+        The largest channel; 0: the path has no light left.
+    """
+    largest = 0.0
+    for c in range(len(paths.channels)):
+        before = paths.throughput[lane, c]
+        value = before * f_cos[lane, c] * factor
+        f_cos[lane, c] = before
+        paths.throughput[lane, c] = value
+        largest = max(largest, abs(value))
+    return largest

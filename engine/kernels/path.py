@@ -69,25 +69,6 @@ def pass_through(options, paths, points, lane):
 
 
 @kernel
-def scatter_throughput(paths, lane, f_cos, factor):
-    """Multiply a path's throughput by row `lane` of `f_cos` times a factor; the row gets what it was before.
-
-    Returns
-    -------
-    float32
-        The largest channel; 0: the path has no light left.
-    """
-    largest = 0.0
-    for c in range(len(paths.channels)):
-        before = paths.throughput[lane, c]
-        value = before * f_cos[lane, c] * factor
-        f_cos[lane, c] = before
-        paths.throughput[lane, c] = value
-        largest = max(largest, abs(value))
-    return largest
-
-
-@kernel
 def _set_ray(paths, points, lane, origin, wi, pdf):
     """The ray of a scattering, and what weighs the emitter that it meets.
 

@@ -14,8 +14,9 @@ from engine.guiding.sampling.guide import eval_guide, sample_guide
 from engine.guiding.sampling.scattering import LEAST_UNGUIDED, MOST_UNGUIDED
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.bsdf.phase import eval_phases, mean_cosine, sample_phases
+from engine.kernels.collision import scatter_throughput
 from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
-from engine.kernels.path import leave_collision, real_3, scatter_throughput
+from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX, hash_combine
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P, POINT_WO

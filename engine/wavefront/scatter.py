@@ -6,7 +6,7 @@ from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
 from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.constants import NAN
-from engine.kernels.path import pass_through, real_3, scatter_path, scatter_throughput
+from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.prefetch import (
     ask_for_closures,
     ask_for_history,
@@ -67,7 +67,15 @@ def scatter(scene, unit, work, queue):
         if not pdf > 0.0:
             paths.alive[lane] = 0
             continue
-        if not scatter_throughput(paths, lane, f_cos, 1.0 / pdf) > 0.0:
+        inverse = 1.0 / pdf
+        largest = 0.0
+        for c in range(len(paths.channels)):
+            before = paths.throughput[lane, c]
+            value = before * f_cos[lane, c] * inverse
+            f_cos[lane, c] = before
+            paths.throughput[lane, c] = value
+            largest = max(largest, abs(value))
+        if not largest > 0.0:
             paths.alive[lane] = 0
             continue
         if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:

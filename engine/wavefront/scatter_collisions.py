@@ -8,9 +8,9 @@ import math
 
 from engine.guiding.records.vertices import Scattering, log_collision
 from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, mean_cosine, sample_phases
-from engine.kernels.collision import add_uniform_lobes, place_collision, set_lobes, share_out
+from engine.kernels.collision import add_uniform_lobes, place_collision, scatter_throughput, set_lobes, share_out
 from engine.kernels.constants import NAN
-from engine.kernels.path import leave_collision, real_3, scatter_throughput
+from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
