@@ -38,8 +38,8 @@ class StageTableType(types.Type):
 class StageType(types.Callable):
     """Numba's type of one of a table's stages: the address of its machine code."""
 
-    #: Arguments that each stage was last compiled to be called with, for tests.
-    called_with: dict[str, tuple[Any, ...]] = {}  # noqa: RUF012
+    #: Arguments that each stage was compiled to be called with, for tests: once for equal types.
+    called_with: dict[str, set[tuple[Any, ...]]] = {}  # noqa: RUF012
 
     def __init__(self, name: str) -> None:
         self.stage = name
@@ -48,7 +48,7 @@ class StageType(types.Callable):
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         """Whatever is passed, literals aside."""
         arguments = tuple(call_type(argument) for argument in args)
-        self.called_with[self.stage] = arguments
+        self.called_with.setdefault(self.stage, set()).add(arguments)
         return signature(types.none, *arguments, recvr=self)
 
     def get_call_signatures(self) -> tuple[list, bool]:

@@ -103,7 +103,6 @@ def _fill_with_fog(graph: NodeGraph) -> None:
 
 @pytest.mark.parametrize(
     ("method", "spectral", "roulette"),
-    # Wavelengths come last: a call is noted when it is compiled, and that happens once for equal types.
     [
         ("VMM", "OFF", "AUTO"), ("VMM_RIS", "OFF", "LEARNED"), ("TABLE_RIS", "OFF", "AUTO"),
         pytest.param("TABLE_RIS", "ON", "AUTO", marks=pytest.mark.slow),
@@ -162,7 +161,7 @@ def test_the_main_loop_passes_what_its_stages_take(
         unused |= {"play_adjoint_roulette"}
     assert set(stages) - set(bound) == unused
     for name, stage in bound.items():
-        assert StageType.called_with[name] == stage.signature.args, name  # type: ignore[attr-defined]
+        assert stage.signature.args in StageType.called_with[name], name  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("method", ["OFF", "VMM_RIS"])
