@@ -8,6 +8,7 @@
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
+- numba hears of a kernel when it is first needed (`Kernel`): most of a process's kernels never are;
 - it may have been compiled ahead of time, and what was compiled here is kept by the sources a kernel is made of,
   imports included (`kernel_cache.py`): numba's own cache does not see an edited callee in another file.
 """
@@ -15,8 +16,9 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, update_wrapper
 from inspect import signature
 from types import FunctionType
 from typing import Any
@@ -88,6 +90,69 @@ def _serve_callers(dispatcher: Any, make_callee: Callable[[], Any]) -> Any:
     return dispatcher
 
 
+class Kernel:
+    """A function that numba compiles; its dispatcher is made when somebody calls it, binds it or asks for its type.
+
+    There are hundreds of kernels, and where their callers were compiled before, numba need not know of them: making all
+    dispatchers would take a quarter of the time that importing the engine takes.
+
+    Parameters
+    ----------
+    function : callable
+        The kernel, as Python.
+    options : dict
+        For `numba.njit`.
+
+    Attributes
+    ----------
+    py_func : callable
+        The kernel, as Python.
+    """
+
+    _making = threading.RLock()
+
+    def __init__(self, function: Any, options: dict[str, Any]) -> None:
+        self._options = options
+        self._made: Any = None
+        self.py_func = function
+        update_wrapper(self, function)
+
+    @property
+    def is_made(self) -> bool:
+        """Whether numba knows it."""
+        return self._made is not None
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher."""
+        if self._made is None:
+            with self._making:
+                if self._made is None:
+                    self._made = self._make()
+        return self._made
+
+    def _make(self) -> Any:
+        function, options = self.py_func, self._options
+        dispatcher = numba.njit(**options)(function)
+        dispatcher._cache = KernelCache(function)
+        return _serve_callers(
+            dispatcher, lambda: numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
+        )
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.dispatcher._numba_type_
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        # Special methods are asked for by whoever looks at an object, and none of numba's is needed there.
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+
 def kernel(
     function: Callable[..., Any] | None = None,
     *,
@@ -121,13 +186,7 @@ def kernel(
             # No allocation in kernels, so no reference counting: it was most of the code.
             "_nrt": False,
         }
-        dispatcher = numba.njit(**options)(target)
-        if numba.config.DISABLE_JIT:
-            return dispatcher
-        dispatcher._cache = KernelCache(target)
-        return _serve_callers(
-            dispatcher, lambda: numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(target)
-        )
+        return numba.njit(**options)(target) if numba.config.DISABLE_JIT else Kernel(target, options)
 
     return decorate if function is None else decorate(function)
 

@@ -22,7 +22,7 @@ from numba.core.typing.templates import AttributeTemplate, signature
 from numba.extending import infer_getattr, register_model, unbox
 
 from engine.runtime.bundle import AddressModel, unbox_address
-from engine.runtime.jit import BoundKernel, call_type
+from engine.runtime.jit import BoundKernel, Kernel, call_type
 
 
 class StageTableType(types.Type):
@@ -101,7 +101,7 @@ class StageTable:
 
     def __init__(self, stages: Mapping[str, Callable[..., Any]]) -> None:
         self._stages = {
-            name: BoundKernel(stage) if hasattr(stage, "overloads") else stage for name, stage in stages.items()
+            name: BoundKernel(stage) if isinstance(stage, Kernel) else stage for name, stage in stages.items()
         }
         self._pointers = np.zeros(len(stages), np.int64)
         self._address = self._pointers.ctypes.data

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.kernels.shader.procedural_hash import hash_1, hash_2, hash_3, hash_4
-from engine.runtime.jit import kernel
+from engine.runtime.jit import in_python, kernel
 
 NOISE_MULTIFRACTAL = 0
 NOISE_FBM = 1
@@ -61,12 +61,15 @@ def _offsets() -> np.ndarray:
     def bits(value: float) -> np.uint32:
         return np.float32(value).view(np.uint32)
 
+    # In Python, so that importing this needs no machine code.
+    hash_seed, hash_seed_and_axis = in_python(hash_1), in_python(hash_2)
     table = np.zeros((9, 4), np.float32)
-    for seed in range(6):
-        for axis in range(4):
-            table[seed, axis] = scaled(hash_2(bits(seed), bits(axis)))
-    for seed in range(3):
-        table[6 + seed, 0] = scaled(hash_1(bits(seed)))
+    with np.errstate(over="ignore"):
+        for seed in range(6):
+            for axis in range(4):
+                table[seed, axis] = scaled(hash_seed_and_axis(bits(seed), bits(axis)))
+        for seed in range(3):
+            table[6 + seed, 0] = scaled(hash_seed(bits(seed)))
     return table
 
 
