@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes with one quantity to turn up, for `scaling` and `scale`; not among the built-in ones, which have no parameters."""
+"""Scenes with one quantity to turn up, for `scaling` and `scale`; the built-in ones have no parameters."""
 
 from __future__ import annotations
 
@@ -103,25 +103,31 @@ def instances(count: int) -> None:
     step = _TERRAIN_SIZE / side
     at = np.arange(count)
     places = np.stack([at % side - (side - 1) / 2, at // side - (side - 1) / 2, np.zeros(count)], axis=1) * step
-    field = bpy.data.meshes.new("Field")
-    field.vertices.add(count)
-    field.vertices.foreach_set("co", places.astype(np.float32).ravel())
-    parent = add_object("Field", field)
-    ball = add_object("Ball", sphere("Ball", diffuse((0.7, 0.6, 0.5)), 0.4 * step))
-    ball.parent = parent
-    parent.instance_type = "VERTS"
+    _scatter(add_object("Ball", sphere("Ball", diffuse((0.7, 0.6, 0.5)), 0.4 * step)), places)
     world((0.5, 0.6, 0.7))
     camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
 
 
+def _scatter(thing: Any, places: np.ndarray) -> None:
+    """Have an object appear at each of these places (N, 3), and there alone."""
+    field = bpy.data.meshes.new("Field")
+    field.vertices.add(len(places))
+    field.vertices.foreach_set("co", places.astype(np.float32).ravel())
+    thing.parent = add_object("Field", field)
+    thing.parent.instance_type = "VERTS"
+
+
 def light_objects(count: int) -> None:
-    """So many small point lights above the stage's floor, of the same light together."""
-    stage()
-    generator = np.random.default_rng(12)
+    """So many small point lights above a floor, instances of one, of the same light together."""
+    _empty()
+    resolution()
+    add_object("Floor", quad("Floor", diffuse((0.6, 0.6, 0.6)), 12.0, 12.0))
+    show(diffuse((0.7, 0.6, 0.5)))
     bulb = bpy.data.lights.new("Bulb", "POINT")
     bulb.energy, bulb.shadow_soft_size = 1000.0 / count, 0.01
-    for place in generator.uniform((-4.0, -2.0, 0.3), (4.0, 4.0, 3.5), (count, 3)).tolist():
-        add_object("Bulb", bulb, tuple(place))
+    generator = np.random.default_rng(12)
+    _scatter(add_object("Bulb", bulb), generator.uniform((-4.0, -2.0, 0.3), (4.0, 4.0, 3.5), (count, 3)))
+    camera()
     world((0.0, 0.0, 0.0))
 
 
