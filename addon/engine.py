@@ -140,7 +140,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
         from engine.guiding.trainer import standby
         from engine.scene.description import Notice
-        from engine.scene.limits import check_frame
+        from engine.scene.limits import check_frame, texture_memory
 
         from .export import ExportCache, ExportCancelled, export_scene
 
@@ -172,6 +172,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     view_layer=depsgraph.view_layer_eval,
                     cache=self._export_cache,
                     should_cancel=self._should_cancel,
+                    texture_memory=texture_memory(settings.texture_memory),
                 )
                 check_frame(description.frame)  # before Blender makes room for the picture
                 pending.append((view, description))
@@ -270,7 +271,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
             source = None if self._plan is None else self._plan.source(description)
             with self._progress(depsgraph, view) as on_progress:
-                notices = self._session.load(description, on_progress=on_progress, should_cancel=self._should_cancel)
+                keeps_meshes = not self._is_only_picture(depsgraph)
+                if not keeps_meshes:
+                    self._export_cache = None
+                notices = self._session.load(
+                    description, on_progress=on_progress, should_cancel=self._should_cancel, keeps_meshes=keeps_meshes
+                )
                 self._show(notices)
                 start, notices = self._fields.start(self._session)
                 self._show(notices)
@@ -293,6 +299,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
         self._report_result(depsgraph, result.report, cancelled)
         self._stamp_mattes(depsgraph.view_layer_eval, description)
+
+    def _is_only_picture(self, depsgraph: bpy.types.Depsgraph) -> bool:
+        """Whether what is exported serves one picture only: Blender makes a new engine for the next frame."""
+        render = depsgraph.scene.render
+        is_single = not render.use_multiview and _layer_count(depsgraph.scene) == 1
+        return is_single and not render.use_persistent_data and self._plan is None
 
     # -- telling the user ---------------------------------------------------------------------------------------------
 
@@ -435,10 +447,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _total_fraction(self, depsgraph: bpy.types.Depsgraph, fraction: float) -> float:
         """Progress over all view layers of the frame."""
-        scene = depsgraph.scene
-        single = scene.render.use_single_layer
-        layer_count = 1 if single else sum(layer.use for layer in scene.view_layers)
-        return min((self._layers_done + fraction) / max(layer_count, 1), 1.0)
+        return min((self._layers_done + fraction) / max(_layer_count(depsgraph.scene), 1), 1.0)
+
+
+def _layer_count(scene: bpy.types.Scene) -> int:
+    """View layers that a render of the scene has."""
+    return 1 if scene.render.use_single_layer else sum(layer.use for layer in scene.view_layers)
 
 
 def _place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands that end in charts: `sweep`, `reference`, `report`, `scaling`."""
+"""The commands that end in charts or tables of growth: `sweep`, `reference`, `report`, `scaling`, `scale`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.scene_files import BUILTIN, expand
 
-CHART_COMMANDS = ("sweep", "reference", "report", "scaling")
+CHART_COMMANDS = ("sweep", "reference", "report", "scaling", "scale")
 #: Without an interest in a certain method: Cycles both ways, ours unguided, and the mixture field.
 RIVALS = ["cycles", "cycles-guided", "OFF", "VMM"]
 
@@ -58,6 +58,13 @@ def add_chart_commands(commands: Any) -> None:
     scaling.add_argument("--threads", type=int, default=0, help="0 = all cores")
     scaling.add_argument("--out", type=Path, default=Path("out/sweep"), help="folder (default: %(default)s)")
 
+    scale = add("scale", "time and memory of very large scenes and frames, a process a render, beside Cycles")
+    scale.add_argument("--share", type=float, default=1.0, help="of the full sizes (default: all)")
+    scale.add_argument("--only", nargs="+", default=[], help="some of: triangles instances lights textures 4k 8k ...")
+    scale.add_argument("--rivals", nargs="+", default=["OFF", "cycles"], help="in turns (default: ours and Cycles)")
+    scale.add_argument("--threads", type=int, default=0, help="0 = all cores")
+    scale.add_argument("--out", type=Path, default=Path("out/scale"), help="folder (default: %(default)s)")
+
 
 def run_chart_command(chosen: argparse.Namespace, default_scenes: Sequence[str]) -> int:
     """Run one of CHART_COMMANDS; returns the exit status."""
@@ -82,6 +89,18 @@ def _run(chosen: argparse.Namespace, default_scenes: Sequence[str]) -> int:
             raise ValueError(f"no scaling with {', '.join(unknown)}; there are: {', '.join(CURVES)}")
         scaling(out=chosen.out, threads=chosen.threads, is_quick=chosen.quick, only=chosen.only)
         return 0
+    if chosen.command == "scale":
+        from benchmarks.scale import CASES, scale
+
+        unknown = [name for name in chosen.only if name not in CASES]
+        if unknown:
+            raise ValueError(f"no scale of {', '.join(unknown)}; there are: {', '.join(CASES)}")
+        if chosen.share <= 0.0:
+            raise ValueError(f"a share of {chosen.share:g}: give more than 0, 1 is all")
+        records = scale(
+            out=chosen.out, share=chosen.share, only=chosen.only, rivals=chosen.rivals, threads=chosen.threads
+        )
+        return 1 if any(record.message for record in records) else 0
     from benchmarks.rivals import find_rival
 
     sources = expand(chosen.scenes or [BUILTIN + name for name in default_scenes])

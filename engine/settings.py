@@ -321,6 +321,11 @@ class RenderSettings:
     threads: int = _declare(
         0, "Threads", "Threads to render with (0 = Blender's own number)", "Performance", minimum=0, maximum=1024,
     )
+    texture_memory: int = _declare(
+        0, "Texture Memory",
+        "Memory for textures (0 = half of the machine's). Where they need more, they lie in a temporary file, and what "
+        "is looked up is read from there", "Performance", minimum=0, maximum=1 << 20, unit="MiB",
+    )
     guiding_probability: float = _declare(
         0.5, "Guiding Probability",
         "Share of directions that what was learned proposes, at first; the material proposes the others", "Learning",

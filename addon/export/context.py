@@ -134,6 +134,8 @@ class ExportContext:
     engine: bpy.types.RenderEngine | None
     cache: ExportCache
     should_cancel: Callable[[], bool] | None = None
+    #: Memory for pixels of images, before they lie in files [bytes]; None = all.
+    texture_memory: int | None = None
     #: Original datablocks changed since the last export of the same depsgraph; None = unknown, compare content.
     updated: frozenset[int] | None = None
     working_space: str = "Rec.709"

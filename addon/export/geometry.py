@@ -119,10 +119,15 @@ def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
 
 def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
     """Split normals, float32 (T, 3, 3), or None where every face is flat."""
-    flat = np.empty(len(mesh.loops) * 3, np.float32)
     if hasattr(mesh, "corner_normals"):
         if mesh.normals_domain == "FACE":
             return None
+        if mesh.normals_domain == "POINT":
+            # Corners have their vertices' normals, and asking for theirs would have Blender keep them all.
+            flat = np.empty(len(mesh.vertices) * 3, np.float32)
+            mesh.vertex_normals.foreach_get("vector", flat)
+            return gather(flat.reshape(-1, 3), topology.vertices.reshape(-1)).reshape(-1, 3, 3)
+        flat = np.empty(len(mesh.loops) * 3, np.float32)
         mesh.corner_normals.foreach_get("vector", flat)
     else:
         # Before Blender 4.1 normals are split on demand, and only where auto smooth is on do angles count.
@@ -130,6 +135,7 @@ def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | Non
         mesh.polygons.foreach_get("use_smooth", smooth)
         if not smooth.any():
             return None
+        flat = np.empty(len(mesh.loops) * 3, np.float32)
         mesh.calc_normals_split()
         mesh.loops.foreach_get("normal", flat)
         mesh.free_normals_split()

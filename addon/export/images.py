@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.scene.description import Image
+from engine.scene.texel_file import TexelFile, check_room
 
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext
@@ -30,6 +32,9 @@ class ImageExporter:
     #: What was asked for, in order: what identifies an image, and its index.
     met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
+    #: Of the pixels so far, in memory and in files [bytes].
+    _in_memory: int = 0
+    _in_files: int = 0
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
         """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
@@ -92,6 +97,7 @@ class ImageExporter:
         # A painted image says so until it is saved; only its pixels tell whether it changed again.
         if kept is not None and kept.state == state and not image.is_dirty:
             kept.last_used = context.cache.export_count
+            self._in_memory += kept.image.pixels.nbytes
             return kept.image
         exported = _read(context, image) if frame is None else _read_sequence(context, image, frame)
         if exported is None:
@@ -100,8 +106,33 @@ class ImageExporter:
             exported = kept.image
         else:
             exported.key = (*identity, context.cache.new_version())
+        self._make_room(exported)
         context.cache.images[identity] = CachedImage(exported, state, context.cache.export_count)
         return exported
+
+    def _make_room(self, image: Image) -> None:
+        """Put pixels into a file where those in memory would be too many.
+
+        Raises
+        ------
+        ValueError
+            Where the disk has no room for all that the scene has so far.
+        """
+        size, most = image.pixels.nbytes, self.context.texture_memory
+        if most is None or image.folder or self._in_memory + size <= most:
+            self._in_memory += size
+            return
+        folder = bpy.app.tempdir or tempfile.gettempdir()
+        if not self._in_files:
+            what = f"need more than the {most / 2**30:.1f} GiB that Texture Memory allows"
+            self.context.notice("Textures", what, f"they lie in a temporary file in {folder}, and are read from there")
+        self._in_files += size
+        # What is in memory by now will be in the file too.
+        check_room(self._in_memory + size, folder)
+        file = TexelFile(image.pixels.size, image.pixels.dtype, folder)
+        file.write(0, image.pixels)
+        file.let_go()
+        image.pixels, image.folder = file.values.reshape(image.pixels.shape), folder
 
 
 def _is_equal(a: Image, b: Image) -> bool:

@@ -39,6 +39,7 @@ def export_scene(
     should_cancel: Callable[[], bool] | None = None,
     window: Window | None = None,
     updated: frozenset[int] | None = None,
+    texture_memory: int | None = None,
 ) -> SceneDescription:
     """Describe what `depsgraph` shows.
 
@@ -56,11 +57,13 @@ def export_scene(
         What a window shows, without motion blur, as Cycles has it; camera and frame are the window's business.
     updated : frozenset of int, optional
         Of a window: addresses of all original datablocks that may have changed since the last export with `cache`.
+    texture_memory : int, optional
+        Memory for pixels of images, before they lie in files [bytes]; None: all that they need.
 
     Raises
     ------
     ValueError
-        If the scene has no camera, and no window asks.
+        If the scene has no camera, and no window asks; if images fit neither into memory nor onto the disk.
     ExportCancelled
         Once `should_cancel()` is true.
     """
@@ -73,6 +76,7 @@ def export_scene(
         cache=cache,
         should_cancel=should_cancel,
         window=window,
+        texture_memory=texture_memory,
     )
     shutter = read_shutter(context) if window is None else None
     context.is_blurred = shutter is not None

@@ -72,7 +72,7 @@ def _read_corner_vertices(mesh: bpy.types.Mesh) -> Int32Array:
     return corner_vertices
 
 
-def gather(values: np.ndarray, rows: npt.NDArray[np.signedinteger]) -> np.ndarray:
+def gather(values: np.ndarray, rows: npt.NDArray[np.integer]) -> np.ndarray:
     """`values[rows]`, several times faster than indexing (the rows come from Blender and are in range)."""
     result = np.empty((len(rows), *values.shape[1:]), values.dtype)
     if len(values):

@@ -1,24 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes with one quantity to turn up, for `scaling`; not among the built-in ones, which have no parameters."""
+"""Scenes with one quantity to turn up, for `scaling` and `scale`; the built-in ones have no parameters."""
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
 from benchmarks.scenes.studio import (
+    Nodes,
+    Socket,
     add_object,
     box,
     camera,
     diffuse,
     emitter,
+    image,
     light,
     lit_stage,
+    material,
     quad,
     resolution,
     show,
+    sphere,
     world,
 )
 
@@ -86,6 +93,77 @@ def lamps(light_count: int) -> None:
     add_object("Lamps", _triangle_mesh("Lamps", corners.reshape(-1, 3), triangles, glow))
     world((0.0, 0.0, 0.0))
     camera()
+
+
+def instances(count: int) -> None:
+    """So many instances of one ball, in a square field under a soft sky."""
+    _empty()
+    resolution()
+    side = math.ceil(count**0.5)
+    step = _TERRAIN_SIZE / side
+    at = np.arange(count)
+    places = np.stack([at % side - (side - 1) / 2, at // side - (side - 1) / 2, np.zeros(count)], axis=1) * step
+    _scatter(add_object("Ball", sphere("Ball", diffuse((0.7, 0.6, 0.5)), 0.4 * step)), places)
+    world((0.5, 0.6, 0.7))
+    camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
+
+
+def _scatter(thing: Any, places: np.ndarray) -> None:
+    """Have an object appear at each of these places (N, 3), and there alone."""
+    field = bpy.data.meshes.new("Field")
+    field.vertices.add(len(places))
+    field.vertices.foreach_set("co", places.astype(np.float32).ravel())
+    thing.parent = add_object("Field", field)
+    thing.parent.instance_type = "VERTS"
+
+
+def light_objects(count: int) -> None:
+    """So many small point lights above a floor, instances of one, of the same light together."""
+    _empty()
+    resolution()
+    add_object("Floor", quad("Floor", diffuse((0.6, 0.6, 0.6)), 12.0, 12.0))
+    show(diffuse((0.7, 0.6, 0.5)))
+    bulb = bpy.data.lights.new("Bulb", "POINT")
+    bulb.energy, bulb.shadow_soft_size = 1000.0 / count, 0.01
+    generator = np.random.default_rng(12)
+    _scatter(add_object("Bulb", bulb), generator.uniform((-4.0, -2.0, 0.3), (4.0, 4.0, 3.5), (count, 3)))
+    camera()
+    world((0.0, 0.0, 0.0))
+
+
+def textures(count: int, folder: Path, size: int = 4096) -> None:
+    """So many boards, each with an image of its own, of `size` x `size` pixels in a file in `folder`.
+
+    The files are one under many names: nobody who loads them can know.
+    """
+    _empty()
+    resolution()
+    first = folder / f"{size}.png"
+    if not first.exists():
+        ramp = np.linspace(0.05, 0.95, size, dtype=np.float32)
+        stripes = np.where(np.arange(size) // 16 % 2, np.float32(0.3), np.float32(0.8))
+        pixels = np.ones((size, size, 4), np.float32)
+        pixels[..., 0], pixels[..., 1], pixels[..., 2] = ramp, ramp[:, None], stripes
+        made = image("Painted", pixels)
+        made.filepath_raw, made.file_format = str(first), "PNG"
+        made.save()
+        bpy.data.images.remove(made)
+    side = math.ceil(count**0.5)
+    step = 4.0 / side
+    for number in range(count):
+        path = folder / f"{size}-{number}.png"
+        if not path.exists():
+            path.hardlink_to(first)
+
+        def painted(nodes: Nodes, path: Path = path) -> Socket:
+            loaded = bpy.data.images.load(str(path), check_existing=False)
+            return nodes("BsdfDiffuse", Color=nodes("TexImage", {"image": loaded}))
+
+        board = quad(f"Board {number}", material(f"board {number}", painted), 0.95 * step, 0.95 * step)
+        place = (number % side - (side - 1) / 2) * step, (number // side - (side - 1) / 2) * step, 0.0
+        add_object(f"Board {number}", board, place)
+    world((1.0, 1.0, 1.0))
+    camera((0.0, -0.01, 5.6), (0.0, 0.0, 0.0))
 
 
 def closed_box() -> None:

@@ -14,7 +14,7 @@ from engine.array_types import Float32Array, Int64Array
 from engine.builder.motion import MOST_KEYS, keys_of_motions
 from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
 from engine.scene.content import Kept, Versions
-from engine.scene.description import VISIBLE_ALL, Instances, Notice, SceneDescription
+from engine.scene.description import VISIBLE_ALL, Instances, Mesh, Notice, SceneDescription
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
 
@@ -122,6 +122,17 @@ class GeometryCache:
         self.shapes: Kept[tuple[Shapes, list[Notice]]] = Kept()
         self.attributes: Kept[Attributes] = Kept()
         self.geometry: Kept[tuple[GeometryArrays, list[Notice]]] = Kept()
+
+    def give_up(self, meshes: Sequence[Mesh]) -> None:
+        """Free the arrays of the newest description's meshes, of which those of the geometry are copies.
+
+        Nothing is built of these meshes again; others are built as if there had been none.
+        """
+        self.mesh_versions.forget()
+        for mesh in meshes:
+            mesh.vertices, mesh.triangles = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32)
+            mesh.material_slots, mesh.attributes = np.zeros(0, np.int32), {}
+            mesh.corner_normals = mesh.motion_vertices = mesh.motion_normals = None
 
     @property
     def has_moved(self) -> bool:

@@ -209,6 +209,7 @@ def build_scene(
     *,
     threads: int = 0,
     check_cancel: Callable[[], None] = lambda: None,
+    keeps_meshes: bool = True,
 ) -> Scene:
     """Flatten a description and build what tracing needs.
 
@@ -223,6 +224,8 @@ def build_scene(
         For what more than one can do, 0 = all.
     check_cancel : callable
         Called between steps; what it raises ends the build.
+    keeps_meshes : bool
+        False: nothing is built after this, so the description's meshes lose their arrays as soon as they are copied.
 
     Raises
     ------
@@ -243,6 +246,8 @@ def build_scene(
         description, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
     check_cancel()
+    if not keeps_meshes:
+        cache.geometry.give_up(description.meshes)
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
     tables = load_tables()

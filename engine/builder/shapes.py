@@ -21,6 +21,8 @@ _DOMAINS = {
     "CORNER": layout.DOMAIN_CORNER,
     "MESH": layout.DOMAIN_MESH,
 }
+#: Rows of a mesh that are converted at a time.
+_ROWS = 1 << 16
 #: Embree reads 16 bytes at the last vertex.
 _VERTEX_PADDING = 1
 #: Embree leaves out, without a word, triangles with larger coordinates.
@@ -99,11 +101,31 @@ def _usable_triangles(mesh: Mesh, vertices: np.ndarray, notices: list[Notice]) -
     return keep
 
 
-def _turned_normals(normals: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Normals (..., 3) of a surface by the inverse of its transform's linear part, unit."""
-    turned = normals.reshape(-1, 3) @ inverse
-    lengths = np.sqrt(np.einsum("ij,ij->i", turned, turned))
-    return (turned / np.maximum(lengths, 1e-30)[:, None]).reshape(normals.shape)
+def _write_points(points: np.ndarray, placement: Placement | None, out: np.ndarray) -> None:
+    """Points (N, 3), where they are placed, into `out`, float32 (N, 3). By rows: a mesh is large enough once."""
+    if placement is None:
+        out[...] = points
+        return
+    # A singular transform cannot be undone for the shader, but its flattened surface can still be seen.
+    matrix = placement.transform.astype(np.float64)
+    for first in range(0, len(points), _ROWS):
+        rows = slice(first, first + _ROWS)
+        with np.errstate(invalid="ignore", over="ignore"):
+            out[rows] = points[rows] @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _write_normals(normals: np.ndarray, placement: Placement | None, out: np.ndarray) -> None:
+    """Normals of corners (T, 3, 3), turned as the surface is, unit, into `out`, float32 (T, 9). By rows."""
+    flat, written = normals.reshape(-1, 3), out.reshape(-1, 3)
+    if placement is None or placement.inverse is None:
+        written[...] = flat
+        return
+    inverse = placement.inverse[:, :3].astype(np.float64)
+    for first in range(0, len(flat), _ROWS):
+        rows = slice(first, first + _ROWS)
+        turned = flat[rows] @ inverse
+        lengths = np.sqrt(np.einsum("ij,ij->i", turned, turned))
+        written[rows] = turned / np.maximum(lengths, 1e-30)[:, None]
 
 
 def _steps(mesh: Mesh, notices: list[Notice]) -> np.ndarray | None:
@@ -140,83 +162,95 @@ def build_shapes(
     notices : list of Notice
         What was left out is appended.
     """
-    vertices, triangles, normals, slots = [], [], [], []
+    steps_of = [_steps(mesh, notices) for mesh in meshes]
+    vertices, first_vertices = _lay_vertices(meshes, placements, steps_of)
+    kept_triangles = [
+        _usable_triangles(mesh, vertices[first : first + len(mesh.vertices)], notices)
+        for mesh, first in zip(meshes, first_vertices, strict=True)
+    ]
+    triangle_counts = [
+        len(mesh.triangles) if keep is None else int(np.count_nonzero(keep))
+        for mesh, keep in zip(meshes, kept_triangles, strict=True)
+    ]
+    normals_of = [
+        _normals_by_step(mesh, placement, steps)
+        for mesh, placement, steps in zip(meshes, placements, steps_of, strict=True)
+    ]
+    triangles = np.empty((sum(triangle_counts), 3), np.uint32)
+    slots = np.empty(len(triangles), np.int32)
+    normal_total = sum(len(parts) * count for parts, count in zip(normals_of, triangle_counts, strict=True))
+    normals = np.empty((normal_total, 9), np.float32)
     motion_rows: list[tuple[int, ...]] = []
-    kept_triangles: list[np.ndarray | None] = []
     mesh_table = np.zeros((max(len(meshes), 1), layout.MESH_WIDTH), np.int32)
     slot_counts = np.ones(max(len(meshes), 1), np.int64)
     texture_space = np.zeros((max(len(meshes), 1), 6), np.float32)
     texture_space[:, 3:] = 1.0
-    vertex_total = triangle_total = normal_total = 0
-    for index, (mesh, placement) in enumerate(zip(meshes, placements, strict=True)):
-        positions = np.asarray(mesh.vertices, np.float32)
-        steps = _steps(mesh, notices)
-        if placement is not None:
-            # A singular transform cannot be undone for the shader, but its flattened surface can still be seen.
-            matrix = placement.transform.astype(np.float64)
-            with np.errstate(invalid="ignore", over="ignore"):
-                positions = (positions @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
-                if steps is not None:
-                    steps = (steps @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
-        keep = _usable_triangles(mesh, positions, notices)
-        kept_triangles.append(keep)
-        mesh_triangles = mesh.triangles if keep is None else mesh.triangles[keep]
-        corner_normals = mesh.corner_normals
-        step_normals = mesh.motion_normals if steps is not None and corner_normals is not None else None
-        if steps is not None and corner_normals is not None and step_normals is None:
-            step_normals = np.broadcast_to(corner_normals, (len(steps), *corner_normals.shape))
-        if corner_normals is not None and keep is not None:
-            corner_normals = corner_normals[keep]
-            step_normals = None if step_normals is None else step_normals[:, keep]
-        if placement is not None:
-            if placement.inverse is None:
-                corner_normals = step_normals = None
-            elif corner_normals is not None:
-                linear = placement.inverse[:, :3].astype(np.float64)
-                corner_normals = _turned_normals(corner_normals, linear)
-                step_normals = None if step_normals is None else _turned_normals(step_normals, linear)
-        mesh_table[index, : layout.MESH_FIRST_NORMAL] = (
-            triangle_total,
-            len(mesh_triangles),
-            vertex_total,
-            len(positions),
-        )
-        mesh_table[index, layout.MESH_FIRST_NORMAL] = -1 if corner_normals is None else normal_total
+    first_triangle = first_normal = 0
+    for index, (mesh, keep) in enumerate(zip(meshes, kept_triangles, strict=True)):
+        count, first_vertex, steps = triangle_counts[index], first_vertices[index], steps_of[index]
+        rows = slice(first_triangle, first_triangle + count)
+        np.add(mesh.triangles if keep is None else mesh.triangles[keep], np.uint32(first_vertex), out=triangles[rows])
+        slots[rows] = mesh.material_slots if keep is None else mesh.material_slots[keep]
+        if count:
+            slot_counts[index] = int(slots[rows].max()) + 1
+        mesh_table[index, : layout.MESH_FIRST_NORMAL] = first_triangle, count, first_vertex, len(mesh.vertices)
+        mesh_table[index, layout.MESH_FIRST_NORMAL] = first_normal if normals_of[index] else -1
         mesh_table[index, layout.MESH_MOTION] = -1
         if mesh.texture_space is not None:
             texture_space[index] = mesh.texture_space.reshape(6)
-        vertices.append(positions)
-        triangles.append(mesh_triangles + np.uint32(vertex_total))
-        slots.append(mesh.material_slots if keep is None else mesh.material_slots[keep])
-        if len(mesh_triangles):
-            slot_counts[index] = int(slots[-1].max()) + 1
-        if corner_normals is not None:
-            normals.append(np.asarray(corner_normals, np.float32).reshape(-1, 9))
-            normal_total += len(mesh_triangles)
-        vertex_total += len(positions)
-        triangle_total += len(mesh_triangles)
         if steps is not None:
             mesh_table[index, layout.MESH_MOTION] = len(motion_rows)
-            motion_rows.append((len(steps), vertex_total, -1 if step_normals is None else normal_total, 0))
-            vertices.append(steps.reshape(-1, 3))
-            vertex_total += len(vertices[-1])
-            if step_normals is not None:
-                normals.append(np.asarray(step_normals, np.float32).reshape(-1, 9))
-                normal_total += len(normals[-1])
-    all_vertices = np.zeros((vertex_total + _VERTEX_PADDING, 3), np.float32)
-    if vertices:
-        np.concatenate(vertices, out=all_vertices[:vertex_total])
+            first_of_steps = first_normal + count if len(normals_of[index]) > 1 else -1
+            motion_rows.append((len(steps), first_vertex + len(mesh.vertices), first_of_steps, 0))
+        for part in normals_of[index]:
+            part = part if keep is None else part[keep]
+            _write_normals(part, placements[index], normals[first_normal : first_normal + count])
+            first_normal += count
+        first_triangle += count
     return Shapes(
-        vertices=all_vertices,
-        triangles=_joined(triangles, 3, np.uint32),
-        corner_normals=_joined(normals, 9, np.float32),
-        material_slots=_joined(slots, 1, np.int32).reshape(-1),
+        vertices=vertices,
+        triangles=triangles,
+        corner_normals=normals,
+        material_slots=slots,
         mesh_table=mesh_table,
         motion_table=_joined([np.array([row]) for row in motion_rows], layout.MOTION_WIDTH, np.int32),
         texture_space=texture_space,
         kept_triangles=kept_triangles,
         slot_counts=slot_counts,
     )
+
+
+def _lay_vertices(
+    meshes: Sequence[Mesh], placements: Sequence[Placement | None], steps_of: Sequence[np.ndarray | None]
+) -> tuple[Float32Array, list[int]]:
+    """Vertices of all meshes, each followed by those of its steps, and where each mesh's begin."""
+    sizes = [
+        len(mesh.vertices) * (1 if steps is None else 1 + len(steps))
+        for mesh, steps in zip(meshes, steps_of, strict=True)
+    ]
+    laid = np.zeros((sum(sizes) + _VERTEX_PADDING, 3), np.float32)
+    firsts = (np.cumsum(sizes, dtype=np.int64) - sizes).tolist() if sizes else []
+    for mesh, placement, steps, first in zip(meshes, placements, steps_of, firsts, strict=True):
+        count = len(mesh.vertices)
+        _write_points(np.asarray(mesh.vertices, np.float32), placement, laid[first : first + count])
+        for step, positions in enumerate(() if steps is None else steps, 1):
+            at = first + step * count
+            _write_points(positions, placement, laid[at : at + count])
+    return laid, firsts
+
+
+def _normals_by_step(mesh: Mesh, placement: Placement | None, steps: np.ndarray | None) -> list[np.ndarray]:
+    """Normals of a mesh's corners (T, 3, 3): those at the middle of the shutter, then those of each step.
+
+    None where faces are flat, or flattened by a transform.
+    """
+    normals = mesh.corner_normals
+    if normals is None or (placement is not None and placement.inverse is None):
+        return []
+    if steps is None:
+        return [normals]
+    at_steps = [normals] * len(steps) if mesh.motion_normals is None else list(mesh.motion_normals)
+    return [normals, *at_steps]
 
 
 def build_attributes(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How a frame is divided: parts of the picture by ranges of samples.
 
-Both follow what one machine's threads do (`engine.render.schedule.sample_ranges`, `engine.render.job.tiles_of`): a part
+Both follow what one machine's threads do (`engine.render.schedule.sample_ranges`, `engine.render.tiles`): a part
 is made of whole tiles, and a range is one of a tile's successive tasks. So each float32 sum is added up in the same
 order as on one machine, and the picture is the same to the last bit.
 """
@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
-from engine.render.job import TILE_SIZE
 from engine.render.schedule import sample_ranges
+from engine.render.tiles import TILE_SIZE
 from engine.scene.description import Frame
 
 Region = tuple[int, int, int, int]

@@ -49,8 +49,9 @@ class ClusterSession(Session):
         *,
         on_progress: Callable[[Progress], None] | None = None,
         should_cancel: Callable[[], bool] | None = None,
+        keeps_meshes: bool = True,
     ) -> list[Notice]:
-        """Build the scene, and have the cluster hold it; as `Session.load`.
+        """Build the scene, and have the cluster hold it; as `Session.load`, but that meshes are always kept.
 
         Raises
         ------

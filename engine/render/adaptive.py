@@ -17,12 +17,14 @@ Dammertz et al. 2010, "A Hierarchical Automatic Stopping Condition for Monte Car
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from engine.guiding.models.residual import residual_noise
 from engine.render.film import Film
+from engine.render.tiles import FrameTiles, Tile
 from engine.settings import RenderSettings
 
 #: Samples between two looks at the picture.
@@ -40,9 +42,6 @@ _EPSILON = 1e-4
 #: Least pixels of a unit of work, so that it has paths enough for all lanes, and units that a picture is divided into
 #: at least while there are more pixels than that.
 _LEAST_UNIT_PIXELS, _LEAST_UNITS = 128, 64
-
-#: A unit's pixels: int32 (P, 2), column and row in the full image, and int64 (P,), where they are on the film.
-Tile = tuple[np.ndarray, np.ndarray]
 
 
 class NoiseThreshold(NamedTuple):
@@ -130,27 +129,27 @@ class ActivePixels:
     film : Film
         With a half.
     exposure : float
-    tiles : list of Tile
+    tiles : FrameTiles
         All pixels.
 
     Attributes
     ----------
     rule : NoiseThreshold
-    tiles : list of Tile, of the pixels that go on
+    tiles : sequence of Tile, of the pixels that go on
     count : int, of these
     expected_paths : float
         That they are still to get, as far as their errors tell: noise falls with the square root of samples.
     has_looked : bool
     """
 
-    def __init__(self, settings: RenderSettings, film: Film, exposure: float, tiles: list[Tile]) -> None:
+    def __init__(self, settings: RenderSettings, film: Film, exposure: float, tiles: FrameTiles) -> None:
         self.rule = NoiseThreshold.of_settings(settings)
-        self.tiles = tiles
-        self.count = sum(len(pixels) for pixels, _ in tiles)
+        self.tiles: Sequence[Tile] = tiles
+        self.count = tiles.pixel_count
         self.expected_paths = float(self.count) * settings.samples
         self.has_looked = False
         self._all_tiles = tiles
-        self._most_pixels = max((len(pixels) for pixels, _ in tiles), default=1)
+        self._most_pixels = tiles.largest
         self._samples = settings.samples
         self._film, self._exposure = film, exposure
         self._is_active = np.ones(film.width * film.height, np.bool_)

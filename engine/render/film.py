@@ -102,6 +102,10 @@ def film_layout(
     )
 
 
+#: Of which passes are made together: what lies between sums and passes takes more room than either.
+_PIXELS_AT_ONCE = 1 << 18
+
+
 class Film:
     """The image's sums, width x height pixels, row 0 at the bottom."""
 
@@ -202,27 +206,44 @@ class Film:
             was not guided. Both count all samples, those of iterations that knew nothing too. Passes for denoisers are
             as Cycles has them (`engine.wavefront.write_denoising`).
         """
-        shape = (self.height, self.width)
-        count = self.sums.count.astype(np.float32)
+        rows = self.height if self.has_residual else max(_PIXELS_AT_ONCE // max(self.width, 1), 1)
+        images: dict[str, np.ndarray] = {}
+        for first in range(0, self.height, rows):
+            last = min(first + rows, self.height)
+            part = slice(first * self.width, last * self.width)
+            sums = self.sums._replace(**{name: column[part] for name, column in self.sums._asdict().items()})
+            for name, image in self._images(sums, (last - first, self.width), names, exposure).items():
+                if name not in images:
+                    images[name] = np.empty((self.height, *image.shape[1:]), np.float32)
+                images[name][first:last] = image
+        if "Noisy Image" in names:
+            images["Noisy Image"] = images["Combined"]
+        return images
+
+    def _images(
+        self, sums: FilmTile, shape: tuple[int, int], names: set[str] | frozenset[str], exposure: float
+    ) -> dict[str, np.ndarray]:
+        """`passes` of some rows, but for the noisy image."""
+        count = sums.count.astype(np.float32)
         # At least one sample's weight, where there is a sample: dividing sums of ones keeps a one exact.
-        weight = np.where(count > 0, self.sums.weight, 1.0).astype(np.float32)
+        weight = np.where(count > 0, sums.weight, 1.0).astype(np.float32)
         scale = np.where(count > 0, 1.0 / weight, 0.0).astype(np.float32)[:, None]
-        mean = self.sums.radiance[:, :3] * scale
+        mean = sums.radiance[:, :3] * scale
         images: dict[str, np.ndarray] = {}
 
         # Variances below are of the cached samples, about their own mean.
         whole = mean
-        if len(self.sums.residual):
+        if len(sums.residual):
             whole = with_residual(
-                mean, self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
+                mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, shape
             )
         # Without a transparent film only holdouts have an alpha below one.
-        alpha = np.where(count > 0, self.sums.alpha / weight, 0.0)
+        alpha = np.where(count > 0, sums.alpha / weight, 0.0)
         color = whole
         if CATCHER_PASS in names:
             images[CATCHER_PASS] = np.ones((*shape, 3), np.float32)
-        if len(self.sums.caught):
-            caught = self.sums.caught * scale
+        if len(sums.caught):
+            caught = sums.caught * scale
             if CATCHER_PASS in names:
                 images[CATCHER_PASS] = caught_share(caught, alpha).reshape(*shape, 3)
             color, alpha = with_shadows(
@@ -232,31 +253,29 @@ class Film:
         combined[..., :3] = (color * exposure).reshape(*shape, 3)
         combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
         images["Combined"] = combined
-        if "Noisy Image" in names:
-            images["Noisy Image"] = combined
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:
-            square = self.sums.square[:, :3] * scale
+            square = sums.square[:, :3] * scale
             # Variance of a weighted mean: that of a sample (n / (n - 1) for the mean taken from them) times sum w^2 /
             # (sum w)^2, which is 1 / n for equal weights.
             of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
-            spread = of_sample * (self.sums.weight_squared / (weight * weight))[:, None]
+            spread = of_sample * (sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
         for name, (column, width) in _DENOISING_COLUMNS.items():
-            if name in names and len(self.sums.denoising):
-                image = self.sums.denoising[:, column : column + width] * scale
+            if name in names and len(sums.denoising):
+                image = sums.denoising[:, column : column + width] * scale
                 images[name] = image.reshape(*shape, width)
-        if len(self.sums.light):
-            residual = whole - mean if len(self.sums.residual) else None
+        if len(sums.light):
+            residual = whole - mean if len(sums.residual) else None
             images |= {
                 name: image.reshape(*shape, 3)
                 for name, image in light_images(
-                    names, self.layout.light_groups, self.sums.light * scale, residual, exposure
+                    names, self.layout.light_groups, sums.light * scale, residual, exposure
                 ).items()
             }
         if self.layout.use_features:
-            features = self.sums.features * scale
+            features = sums.features * scale
             for name, column, factor in (
                 ("Normal", FEATURE_NORMAL, 1.0),
                 ("Albedo", FEATURE_ALBEDO, 1.0),
@@ -269,7 +288,7 @@ class Film:
                 images["Candidate Count"] = features[:, FEATURE_CANDIDATES].reshape(*shape, 1)
             if "Guiding Benefit" in names:
                 images["Guiding Benefit"] = (1.0 + features[:, FEATURE_GUIDING_BENEFIT]).reshape(*shape, 1)
-            points = self.sums.points
+            points = sums.points
             for name, column, width in (
                 ("Depth", FIRST_DEPTH, 1),
                 ("Position", FIRST_POSITION, 3),
@@ -281,5 +300,5 @@ class Film:
                     images[name] = image.astype(np.float32)
             if "Depth" in names:
                 images["Depth"][images["Depth"] == 0.0] = NO_DEPTH
-        images |= data_images(self.layout.data, self.sums.data, self.sums.mattes, scale, shape)
+        images |= data_images(self.layout.data, sums.data, sums.mattes, scale, shape)
         return images

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -23,42 +23,19 @@ from engine.guiding.policy.roulette_learning import RouletteLearner
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
-from engine.render.adaptive import ActivePixels, Tile
+from engine.render.adaptive import ActivePixels
 from engine.render.batch import Batch, Statistics
 from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
 from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataFilm, StrataSchedule
+from engine.render.tiles import FrameTiles, Tile
 from engine.render.tracer import Tracer
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit
 
-#: Side of a tile [pixels].
-TILE_SIZE = 32
 _PREPARING = "Preparing kernels"
-
-
-@lru_cache(maxsize=8)
-def _grid(row_count: int, column_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of each pixel of a tile: four sizes at most are in an image, and a render starts at once."""
-    rows, columns = np.divmod(np.arange(row_count * column_count, dtype=np.int64), column_count)
-    return rows, columns
-
-
-def tiles_of(frame: Frame) -> list[Tile]:
-    """Pixels (column, row in the full image) and film indices of each tile of the region."""
-    x0, y0, x1, y1 = frame.region
-    width = x1 - x0
-    tiles = []
-    for top in range(y0, y1, TILE_SIZE):
-        for left in range(x0, x1, TILE_SIZE):
-            rows, columns = _grid(min(TILE_SIZE, y1 - top), min(TILE_SIZE, x1 - left))
-            pixels = np.empty((len(rows), 2), np.int32)
-            np.add(columns, left, out=pixels[:, 0])
-            np.add(rows, top, out=pixels[:, 1])
-            tiles.append((pixels, rows * width + (columns + ((top - y0) * width + left - x0))))
-    return tiles
 
 
 class AnyJob(Protocol):
@@ -143,27 +120,27 @@ class Job:
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
         self.learner: Learner | CacheLearner | RouletteLearner | None = None
-        self._tiles = tiles_of(frame)
+        tiles = FrameTiles(frame)
+        self._tiles: Sequence[Tile] = tiles
         self._strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self._strata > 1 else 0
         #: Which pixels go on, where there is a noise threshold.
         self._active: ActivePixels | None = None
         if settings.use_adaptive_sampling:
-            self._active = ActivePixels(settings, film, frame.exposure, self._tiles)
+            self._active = ActivePixels(settings, film, frame.exposure, tiles)
         self._schedule: Schedule
         self._iterations: Iterations | None = None
         self._steps: Steps | None = None
-        self._largest = largest = max((len(pixels) for pixels, _ in self._tiles), default=1)
-        pixel_count = sum(len(pixels) for pixels, _ in self._tiles)
+        self._largest, pixel_count = tiles.largest, tiles.pixel_count
         if settings.is_guided:
             self.learner = Learner(
-                settings, thread_count, pixel_count, largest, source, sink, start, keeps, tracer.light_clusters
+                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, tracer.light_clusters
             )
         elif settings.radiance_cache != "OFF":
-            self.learner = CacheLearner(settings, pixel_count, largest)
+            self.learner = CacheLearner(settings, pixel_count, tiles.largest)
         elif settings.learns_roulette:
-            self.learner = RouletteLearner(settings, pixel_count, largest)
+            self.learner = RouletteLearner(settings, pixel_count, tiles.largest)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata)

@@ -33,6 +33,7 @@ from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
+from engine.scene.limits import texture_memory
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout, FilmTile
 from engine.state.lanes import RGB
@@ -131,6 +132,7 @@ class Session:
         *,
         on_progress: Callable[[Progress], None] | None = None,
         should_cancel: Callable[[], bool] | None = None,
+        keeps_meshes: bool = True,
     ) -> list[Notice]:
         """Build or update the scene; compile the kernels before, where they never were.
 
@@ -138,6 +140,9 @@ class Session:
         ----------
         on_progress, should_cancel : callable, optional
             Called in this thread only, often.
+        keeps_meshes : bool
+            False where nothing like it is loaded after it: then meshes are in memory once, and the description's are
+            empty afterwards.
 
         Returns
         -------
@@ -170,7 +175,10 @@ class Session:
         )
         self._compile_seconds = time.perf_counter() - start
         start = time.perf_counter()
-        self.scene = self._build(description, lambda: poll(_BUILDING, time.perf_counter() - start))
+        if not keeps_meshes and self.settings.is_guided:
+            # It is asked for when what was learned is kept, and that is too late.
+            self._light_digest = light_digest(description)
+        self.scene = self._build(description, keeps_meshes, lambda: poll(_BUILDING, time.perf_counter() - start))
         self._build_seconds = time.perf_counter() - start
         return [*self.scene.notices, *_cache_notices()]
 
@@ -194,7 +202,7 @@ class Session:
         self.load(replace(self.scene.description, camera=camera, frame=frame))
         self._light_digest = digest
 
-    def _build(self, description: SceneDescription, poll: Callable[[], None]) -> Scene:
+    def _build(self, description: SceneDescription, keeps_meshes: bool, poll: Callable[[], None]) -> Scene:
         """Build in a thread, so that steps of seconds do not keep a cancel waiting; `poll` raises to cancel."""
         is_abandoned = threading.Event()
 
@@ -210,6 +218,7 @@ class Session:
             self._cache,
             threads=self.thread_count,
             check_cancel=check_cancel,
+            keeps_meshes=keeps_meshes,
         )
         pool.shutdown(wait=False)
         try:
@@ -319,8 +328,15 @@ class Session:
             with job.film_lock:
                 return film.passes(names, exposure=frame.exposure)
 
+        texels, most_texel_bytes = self._cache.programs.images, texture_memory(settings.texture_memory)
+
+        def is_to_stop() -> bool:
+            # Asked for often, whoever asks.
+            texels.keep_within(most_texel_bytes)
+            return should_cancel is not None and should_cancel()
+
         try:
-            _watch(job, images, on_progress, on_image, should_cancel, pace)
+            _watch(job, images, on_progress, on_image, is_to_stop, pace)
         except BaseException:
             job.stop()
             raise

@@ -89,6 +89,10 @@ class Versions:
         self._known: dict[Hashable, list[tuple[Any, int]]] = {}
         self._next = 0
 
+    def forget(self) -> None:
+        """Let go of all contents: whatever comes next gets new numbers."""
+        self._known = {}
+
     def of(self, items: Sequence[Any]) -> tuple[int, ...]:
         """Number of each item; items that are not among these are forgotten.
 

@@ -134,6 +134,8 @@ class Image:
     encoding : str
         How stored values become scene-linear: `'LINEAR'` (they are), `'SRGB'` (after filtering, as Cycles does with
         byte images) or `'RAW'` (non-colour data).
+    folder : str
+        Of the file that the pixels lie in, as all of the scene's will; '' = they are in memory.
     """
 
     key: Hashable
@@ -142,6 +144,7 @@ class Image:
     encoding: str = "SRGB"
     is_associated: bool = False
     alpha_mode: str = "STRAIGHT"
+    folder: str = ""
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from engine.scene.description import Frame, SceneDescription
 
 #: Of the film's sums, the picture made of them and the host's copy, without passes.
 _BYTES_PER_PIXEL = 80
+#: Where Linux tells how much memory a container may use.
+_LIMIT_FILES = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
 
@@ -21,6 +24,28 @@ def physical_memory() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows has none of it
         return _USUAL_MEMORY
+
+
+def usable_memory() -> int:
+    """Memory that this process may use [bytes]: the machine's, or what it is limited to."""
+    most = physical_memory()
+    for path in _LIMIT_FILES:
+        try:
+            most = min(most, int(Path(path).read_text(encoding="ascii")))
+        except (OSError, ValueError):  # there is no such file, or it says "max"
+            continue
+    return most
+
+
+def texture_memory(chosen: int) -> int:
+    """Memory that textures may take before they lie in a file [bytes].
+
+    Parameters
+    ----------
+    chosen : int
+        `RenderSettings.texture_memory` [MiB], 0 = half of what there is.
+    """
+    return chosen << 20 if chosen else usable_memory() // 2
 
 
 def check_frame(frame: Frame) -> None:
@@ -36,7 +61,7 @@ def check_frame(frame: Frame) -> None:
         raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
     if not (0 <= x0 < x1 <= frame.width and 0 <= y0 < y1 <= frame.height):
         raise ValueError(f"the render border {frame.region} is empty or outside {frame.width} x {frame.height} pixels")
-    needed, there = (x1 - x0) * (y1 - y0) * _BYTES_PER_PIXEL, physical_memory()
+    needed, there = (x1 - x0) * (y1 - y0) * _BYTES_PER_PIXEL, usable_memory()
     if needed > there:
         raise ValueError(
             f"{x1 - x0} x {y1 - y0} pixels need {needed / 2**30:.0f} GiB of memory and this machine has "

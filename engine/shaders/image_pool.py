@@ -11,6 +11,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int64Array, Uint8Array
 from engine.scene.content import same_content, snapshot
 from engine.scene.description import Image, Notice
+from engine.scene.texel_file import TexelFile, check_room, mapped_memory
 from engine.state.shaders import (
     IMAGE_IS_ASSOCIATED,
     IMAGE_IS_FLOAT,
@@ -22,6 +23,9 @@ from engine.state.shaders import (
     SRGB_TABLE_SIZE,
 )
 
+_POOL_TYPES = (np.uint8, np.float32)
+#: Rows of an image that are changed at a time.
+_ROWS = 256
 #: Alpha modes whose colour is multiplied by alpha before filtering (the others leave it alone).
 _ASSOCIATING = ("STRAIGHT", "PREMUL")
 
@@ -39,43 +43,75 @@ def is_associated(image: Image) -> bool:
 
 @dataclass(frozen=True)
 class ImagePool:
-    """Table of images (`ShaderArrays.images`), the two pools of pixels, and what was found on the way."""
+    """Table of images (`ShaderArrays.images`), the two pools of pixels, and what was found on the way.
+
+    files : those that the pools lie in, () = they are in memory
+    """
 
     table: Int64Array
     pixels_byte: Uint8Array
     pixels_float: Float32Array
     notices: list[Notice]
+    files: tuple[TexelFile, ...] = ()
+
+    def keep_within(self, most_bytes: int) -> None:
+        """Where texels lie in files and more of them are in memory than this, let go of all: those needed come back."""
+        if self.files and mapped_memory() > most_bytes:
+            for file in self.files:
+                file.let_go()
 
 
 def build_image_pool(images: Sequence[Image]) -> ImagePool:
     """Table of images and the two pools; an image without pixels becomes one transparent black texel.
 
-    Images that stand in a pool as they are get their pixels from there, so that they are in memory once.
+    Images that stand in a pool as they are get their pixels from there, so that they are in memory once. Where pixels
+    of any lie in a file, so do the pools.
+
+    Raises
+    ------
+    ValueError
+        Where there is no room for that file.
     """
     notices: list[Notice] = []
     table = np.zeros((max(len(images), 1), IMAGE_WIDTH), np.int64)
-    usable = [_usable(image, notices) for image in images]
-    is_float = [pixels.dtype != np.uint8 for pixels in usable]
-    sizes = [pixels.size for pixels in usable]
-    byte_pool = np.zeros(max(sum(s for s, f in zip(sizes, is_float, strict=True) if not f), 4), np.uint8)
-    float_pool = np.zeros(max(sum(s for s, f in zip(sizes, is_float, strict=True) if f), 4), np.float32)
     if not images:
         table[0, IMAGE_X] = table[0, IMAGE_Y] = 1
     ends = [0, 0]
-    for row, (image, pixels) in enumerate(zip(images, usable, strict=True)):
-        pool = float_pool if is_float[row] else byte_pool
-        start = ends[is_float[row]]
-        ends[is_float[row]] = start + pixels.size
-        view = pool[start : start + pixels.size].reshape(pixels.shape)
-        if _copy(image, pixels, view) and pixels is image.pixels:
-            image.pixels = view
+    for row, image in enumerate(images):
+        pixels = _usable(image, notices)
+        is_float = pixels.dtype != np.uint8
         table[row, IMAGE_X] = pixels.shape[1]
         table[row, IMAGE_Y] = pixels.shape[0]
-        table[row, IMAGE_OFFSET] = start
-        table[row, IMAGE_IS_FLOAT] = is_float[row]
+        table[row, IMAGE_OFFSET] = ends[is_float]
+        table[row, IMAGE_IS_FLOAT] = is_float
         table[row, IMAGE_IS_SRGB] = image.encoding == "SRGB"
         table[row, IMAGE_IS_ASSOCIATED] = is_associated(image)
-    return ImagePool(table, byte_pool, float_pool, notices)
+        ends[is_float] += pixels.size
+    folder = next((image.folder for image in images if image.folder), "")
+    sizes = [max(end, 4) for end in ends]
+    files: list[TexelFile] = []
+    if folder:
+        check_room(sizes[0] + 4 * sizes[1], folder)
+        files = [TexelFile(size, dtype, folder) for size, dtype in zip(sizes, _POOL_TYPES, strict=True)]
+        pools = [file.values for file in files]
+    else:
+        pools = [np.zeros(size, dtype) for size, dtype in zip(sizes, _POOL_TYPES, strict=True)]
+    for row, image in enumerate(images):
+        # Not kept from above: what is in the pool must be free before the next is.
+        pixels = _usable(image, [])
+        is_float = pixels.dtype != np.uint8
+        start = int(table[row, IMAGE_OFFSET])
+        view = pools[is_float][start : start + pixels.size].reshape(pixels.shape)
+        if files:
+            written = np.empty_like(pixels)
+            is_same = _copy(image, pixels, written)
+            files[is_float].write(start, written)
+            files[is_float].let_go()
+        else:
+            is_same = _copy(image, pixels, view)
+        if is_same and pixels is image.pixels:
+            image.pixels, image.folder = view, ""
+    return ImagePool(table, pools[0], pools[1], notices, tuple(files))
 
 
 class ImagePoolCache:
@@ -87,6 +123,11 @@ class ImagePoolCache:
         self._images: list[Image] = []
         self.version = 0
 
+    def keep_within(self, most_bytes: int) -> None:
+        """See `ImagePool.keep_within`."""
+        if self._pool is not None:
+            self._pool.keep_within(most_bytes)
+
     def get(self, images: Sequence[Image]) -> ImagePool:
         """The pool of these images, `build_image_pool`'s or the one at hand."""
         if self._pool is None or not same_content(self._images, list(images)):
@@ -95,7 +136,7 @@ class ImagePoolCache:
             self._pool = build_image_pool(images)
             self._images = [snapshot(image) for image in images]
         for image, known in zip(images, self._images, strict=True):
-            image.pixels = known.pixels
+            image.pixels, image.folder = known.pixels, known.folder
         return self._pool
 
 
@@ -128,7 +169,9 @@ def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
     if not image.is_associated:
         alpha = view[..., 3:4]
         if view.dtype == np.uint8:
-            view[..., :3] = (view[..., :3].astype(np.uint16) * alpha) // 255
+            for first in range(0, len(view), _ROWS):
+                rows = slice(first, first + _ROWS)
+                view[rows, :, :3] = (view[rows, :, :3].astype(np.uint16) * alpha[rows]) // 255
         else:
             view[..., :3] *= alpha
     return False

@@ -13,8 +13,8 @@ from benchmarks.bias import find_bias
 from engine.guiding.models.residual import known_residual, residual_noise
 from engine.render.adaptive import ActivePixels, NoiseThreshold, pixel_errors
 from engine.render.film import Film
-from engine.render.job import tiles_of
 from engine.render.session import Session
+from engine.render.tiles import FrameTiles
 from engine.scene.description import Frame, Light, World
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
@@ -86,7 +86,7 @@ def test_nothing_is_known_of_one_half_alone():
 
 
 def active_of(film, settings=None):
-    tiles = tiles_of(Frame(film.width, film.height, (0, 0, film.width, film.height)))
+    tiles = FrameTiles(Frame(film.width, film.height, (0, 0, film.width, film.height)))
     settings = settings or RenderSettings(samples=4096, use_adaptive_sampling=True)
     return ActivePixels(settings, film, 1.0, tiles)
 

@@ -9,9 +9,9 @@ import pytest
 
 from engine.builder.geometry import empty_instances
 from engine.render.film import Film
-from engine.render.job import tiles_of
 from engine.render.schedule import sample_ranges
 from engine.render.session import Session
+from engine.render.tiles import FrameTiles
 from engine.scene.description import (
     Frame,
     Light,
@@ -284,7 +284,7 @@ def test_sample_ranges_cover_every_sample_once():
 
 
 def test_tiles_cover_every_pixel_once():
-    tiles = tiles_of(Frame(100, 80, (3, 7, 90, 71)))
+    tiles = FrameTiles(Frame(100, 80, (3, 7, 90, 71)))
     indices = np.concatenate([index for _, index in tiles])
     assert np.array_equal(np.sort(indices), np.arange(87 * 64))
 
