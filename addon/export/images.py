@@ -21,6 +21,8 @@ from .context import CachedImage, ExportContext
 _PINK = "Blender's pink"
 #: Rows of pixels converted at a time.
 _ROWS = 64
+#: Floats that byte images of up to so many channel values are read into, one after the other.
+_SCRATCH_SIZE = 1 << 26
 
 
 @dataclass
@@ -35,6 +37,8 @@ class ImageExporter:
     #: Of the pixels so far, in memory and in files [bytes].
     _in_memory: int = 0
     _in_files: int = 0
+    #: Touching fresh memory takes longer than reading pixels into it. What images do not reach is never touched.
+    _scratch: Float32Array = field(default_factory=lambda: np.empty(_SCRATCH_SIZE, np.float32))
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
         """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
@@ -99,7 +103,9 @@ class ImageExporter:
             kept.last_used = context.cache.export_count
             self._in_memory += kept.image.pixels.nbytes
             return kept.image
-        exported = _read(context, image) if frame is None else _read_sequence(context, image, frame)
+        exported = (
+            _read(context, image, self._scratch) if frame is None else _read_sequence(context, image, frame)
+        )
         if exported is None:
             return None
         if kept is not None and _is_equal(kept.image, exported):
@@ -142,23 +148,31 @@ def _is_equal(a: Image, b: Image) -> bool:
     return np.array_equal(a.pixels.view(np.uint8), b.pixels.view(np.uint8))
 
 
-def _read(context: ExportContext, image: bpy.types.Image) -> Image | None:
-    """Read pixels, and leave Blender without its copy if it had none before."""
+def _read(context: ExportContext, image: bpy.types.Image, scratch: Float32Array | None = None) -> Image | None:
+    """Read pixels, and leave Blender without its copy if it had none before.
+
+    Parameters
+    ----------
+    scratch : float32 (N,), optional
+        Where the pixels of a byte image may lie until they are converted.
+    """
     was_loaded = image.has_data or image.is_dirty
     try:
-        return _read_loaded(context, image)
+        return _read_loaded(context, image, scratch)
     finally:
         if not was_loaded:
             image.buffers_free()
 
 
-def _read_loaded(context: ExportContext, image: bpy.types.Image) -> Image | None:
+def _read_loaded(context: ExportContext, image: bpy.types.Image, scratch: Float32Array | None) -> Image | None:
     """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
     width, height = image.size
     if width < 1 or height < 1:
         return None
     channels = image.channels
-    flat = np.empty(width * height * channels, np.float32)
+    size = width * height * channels
+    fits = scratch is not None and not image.is_float and size <= len(scratch)
+    flat = scratch[:size] if scratch is not None and fits else np.empty(size, np.float32)
     try:
         image.pixels.foreach_get(flat)
     except (RuntimeError, TypeError, SystemError):
@@ -183,7 +197,7 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image) -> Image | None
         if linear is None:
             linear = _converted_by_blender(raw, space)
         if linear is not None:
-            exported.pixels, exported.encoding = linear, "LINEAR"
+            exported.pixels, exported.encoding = linear.copy() if linear is raw else linear, "LINEAR"
             return exported
         context.notice(image.name, f"colour space {space!r} is not supported", "read as sRGB")
         exported.encoding = "SRGB"
