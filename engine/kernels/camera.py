@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.kernels.constants import TWO_PI
 from engine.kernels.motion import apply_direction, apply_point, matrix_between
+from engine.kernels.rounding import floor_of
 from engine.kernels.vector import add, normalize, scale, subtract, transform_direction, transform_point
 from engine.runtime.jit import kernel
 from engine.state.camera import (
@@ -78,7 +79,7 @@ def sample_aperture(camera, u, v):
         x = radius * math.cos(angle)
         y = radius * math.sin(angle)
     else:
-        corner = np.float32(math.floor(u * camera[CAMERA_BLADES]))
+        corner = np.float32(floor_of(u * camera[CAMERA_BLADES]))
         u = u * camera[CAMERA_BLADES] - corner
         step = TWO_PI / camera[CAMERA_BLADES]
         # Uniform in the triangle of two neighbouring corners and the centre.

@@ -18,7 +18,8 @@ from numba.core import cgutils
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
-from numba.np.arrayobj import make_array
+
+from engine.runtime.bundle import FieldType, array_of
 
 #: How many.
 WIDTH = 8
@@ -113,12 +114,14 @@ def _load(typing_context: Any, array: Any, group: Any, column: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array_type = signature.args[0]
-        rows = make_array(array_type)(context, builder, arguments[0])
+        rows = array_of(context, builder, array_type, arguments[0])
         indices = [
             context.cast(builder, index, index_type, types.intp)
             for index, index_type in zip(arguments[1:], signature.args[1:], strict=True)
         ]
         indices.append(ir.Constant(indices[0].type, 0))
+        if isinstance(array_type, FieldType):
+            array_type = array_type.array_type
         pointer = cgutils.get_item_pointer(context, builder, array_type, rows, indices)
         return builder.load(builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
 

@@ -10,9 +10,8 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
-from engine.runtime.bundle import RowsType
+from engine.runtime.bundle import RowsType, array_of
 from engine.runtime.jit import kernel
 
 _READ, _KEEP, _DATA = 0, 3, 1
@@ -34,7 +33,7 @@ def prefetch_line(typing_context: Any, array: Any, row: Any, line: Any) -> Any:
         if isinstance(array, RowsType):
             start, stride = arguments[0], ir.Constant(ir.IntType(64), array.strides[0])
         else:
-            fields = make_array(signature.args[0])(context, builder, arguments[0])
+            fields = array_of(context, builder, signature.args[0], arguments[0])
             start, stride = fields.data, builder.extract_value(fields.strides, 0)
         offset = builder.add(
             builder.mul(arguments[1], stride), builder.mul(arguments[2], ir.Constant(ir.IntType(64), LINE_BYTES))

@@ -18,6 +18,7 @@ import numpy as np
 from engine.kernels.constants import INFINITY
 from engine.kernels.motion import direction_to_object, point_to_object
 from engine.kernels.path_depths import store_depths
+from engine.kernels.rounding import floor_of
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import add, scale
 from engine.runtime.jit import kernel
@@ -76,7 +77,7 @@ def _within_cell(x, v, count):
 
     Outside of the grid the next cell goes on, to where the grid begins or for ever.
     """
-    cell = min(max(int(math.floor(x + math.copysign(_BEYOND, v))), 0), count - 1)
+    cell = min(max(floor_of(x + math.copysign(_BEYOND, v)), 0), count - 1)
     leave = INFINITY
     if v > 0.0:
         leave = (np.float32(cell + 1) - x) / v
@@ -95,7 +96,7 @@ def _warped(x, count):
 def _within_world(x, d, count):
     """As `_within_cell`, of the world's grid and in metres; and whether the coordinate is in the grid."""
     place = _warped(x, count)
-    cell = min(max(int(math.floor(place + math.copysign(_BEYOND, d))), 0), count - 1)
+    cell = min(max(floor_of(place + math.copysign(_BEYOND, d)), 0), count - 1)
     leave = INFINITY
     if d != 0.0:
         side = np.float32(cell + 1) if d > 0.0 else np.float32(cell)

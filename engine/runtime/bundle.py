@@ -6,12 +6,14 @@ hundred stores before the first useful instruction, and a reference count for ea
 a field loads the array's address from a table; the loads are marked invariant, so LLVM hoists them out of loops. Sizes
 of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
 
-In kernels a field is an ordinary array. Fields cannot be assigned: `_replace` makes a new bundle of the same arrays. A
-field may be a bundle too: what a compiled loop hands to many stages comes as one.
+In kernels a field is one word too (`FieldType`), which has elements and a shape; indices must not be negative, since
+nothing tests for it. Where numba needs an array (a slice, an array's method) the field becomes one. Fields cannot be
+assigned: `_replace` makes a new bundle of the same arrays. A field may be a bundle too: what a compiled loop hands to
+many stages comes as one.
 
 A bundle of lanes (`_rows` set) goes further, for data read by lane in every stage: its fields may be strided views of
 one array of records, so that a lane's data lie in few cache lines, and in kernels they are bare pointers (`RowsType`)
-with constant strides: only elements can be read and written, and indices must not be negative.
+with constant strides: only elements can be read and written.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ import numpy as np
 from llvmlite import ir
 from numba import from_dtype, typeof, types
 from numba.core import cgutils
-from numba.core.imputils import lower_builtin, lower_getattr_generic
+from numba.core.imputils import lower_builtin, lower_cast, lower_getattr, lower_getattr_generic
+from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
 from numba.np.arrayobj import make_array, populate_array
@@ -90,7 +93,7 @@ class Bundle:
                 continue
             table[word + 1 : word + 1 + value.ndim] = value.shape
             inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
-            described.append((name, (from_dtype(value.dtype), value.ndim, inner)))
+            described.append((name, FieldType(from_dtype(value.dtype), inner)))
         object.__setattr__(self, "_table", table)
         object.__setattr__(self, "_packed", packed)
         object.__setattr__(self, "_address", table.ctypes.data)
@@ -122,9 +125,25 @@ class RowsType(types.Type):
         super().__init__(name=f"Rows({dtype}, {inner}, {strides})")
 
 
+class FieldType(types.Type):
+    """Numba's type of any other array of a bundle: where in the bundle's table its address and its shape are.
+
+    inner : tuple of int, sizes of all dimensions but the first; -1: no part of the type
+    """
+
+    def __init__(self, dtype: types.Type, inner: tuple[int, ...]) -> None:
+        self.dtype, self.inner = dtype, inner
+        self.dimensions = 1 + len(inner)
+        self.array_type = types.Array(dtype, self.dimensions, "C")
+        super().__init__(name=f"Field({dtype}, {inner})")
+
+    def can_convert_to(self, typingctx: Any, other: types.Type) -> Conversion | None:
+        """To the array that it is."""
+        return Conversion.safe if other == self.array_type else None
+
+
 class BundleType(types.Type):
-    """Numba's type of a bundle: its name; per field a tuple, a named tuple's type, a bundle, rows, or
-    (dtype, dimensions, inner shape)."""
+    """Numba's type of a bundle: its name; by field a tuple, or the type of a named tuple, bundle, rows or field."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
         self.class_name = name
@@ -141,14 +160,12 @@ class BundleType(types.Type):
         described = self.fields[self.index[name]][1]
         if _is_tuple_field(described):
             return types.UniTuple(types.int64, len(described))
-        if isinstance(described, types.Type):
-            return described
-        dtype, dimensions, _inner = described
-        return types.Array(dtype, dimensions, "C")
+        field_type: types.Type = described
+        return field_type
 
 
 def _is_tuple_field(described: Any) -> bool:
-    return isinstance(described, tuple) and (not described or isinstance(described[0], int))
+    return isinstance(described, tuple)
 
 
 @register_model(BundleType)
@@ -176,6 +193,14 @@ class _BundleAttributes(AttributeTemplate):
         return typ.field_type(attr)
 
 
+def _word(builder: Any, table: Any, offset: int) -> Any:
+    """One word of a bundle's table, which nobody changes."""
+    intp = ir.IntType(64)
+    loaded = builder.load(builder.gep(builder.inttoptr(table, intp.as_pointer()), [ir.Constant(intp, offset)]))
+    loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return loaded
+
+
 @lower_getattr_generic(BundleType)
 def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, attr: str) -> Any:
     index = typ.index[attr]
@@ -184,49 +209,73 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
         result = context.get_constant_generic(builder, types.UniTuple(types.int64, len(described)), described)
         return result
     intp = ir.IntType(64)
-    table = builder.inttoptr(value, intp.as_pointer())
-    invariant = builder.module.add_metadata([])
-
-    def word(offset: int) -> Any:
-        pointer = builder.gep(table, [ir.Constant(intp, index * _FIELD_WORDS + offset)])
-        loaded = builder.load(pointer)
-        loaded.set_metadata("invariant.load", invariant)
-        return loaded
-
+    if isinstance(described, FieldType):
+        return builder.add(value, ir.Constant(intp, index * _FIELD_WORDS * _WORD_BYTES))
+    first = _word(builder, value, index * _FIELD_WORDS)
     if isinstance(described, RowsType):
-        return builder.inttoptr(word(0), context.get_value_type(described))
+        return builder.inttoptr(first, context.get_value_type(described))
     if isinstance(described, BundleType):
-        return word(0)
-    if isinstance(described, types.BaseNamedTuple):
-        numbers = word(0)
-        values = []
-        for position, number_type in enumerate(described.types):
-            address = builder.add(numbers, ir.Constant(intp, position * _WORD_BYTES))
-            pointer = builder.inttoptr(address, context.get_value_type(number_type).as_pointer())
-            values.append(builder.load(pointer))
-            values[-1].set_metadata("invariant.load", invariant)
-        return context.make_tuple(builder, described, values)
-    dtype, dimensions, inner = described
-    array_type = typ.field_type(attr)
-    array = make_array(array_type)(context, builder)
-    shape = [word(1)]
-    for axis in range(1, dimensions):
-        size = inner[axis - 1]
-        shape.append(ir.Constant(intp, size) if size >= 0 else word(1 + axis))
-    itemsize = context.get_abi_sizeof(context.get_data_type(dtype))
-    strides = [ir.Constant(intp, itemsize)]
-    for axis in range(dimensions - 1, 0, -1):
-        strides.insert(0, builder.mul(strides[0], shape[axis]))
-    data = builder.inttoptr(word(0), context.get_data_type(dtype).as_pointer())
+        return first
+    values = []
+    for position, number_type in enumerate(described.types):
+        address = builder.add(first, ir.Constant(intp, position * _WORD_BYTES))
+        pointer = builder.inttoptr(address, context.get_value_type(number_type).as_pointer())
+        values.append(builder.load(pointer))
+        values[-1].set_metadata("invariant.load", builder.module.add_metadata([]))
+    return context.make_tuple(builder, described, values)
+
+
+register_model(FieldType)(AddressModel)
+
+
+def _shape_of(builder: Any, field: FieldType, value: Any) -> list[Any]:
+    sizes = [_word(builder, value, 1)]
+    for axis, size in enumerate(field.inner, start=1):
+        sizes.append(ir.Constant(ir.IntType(64), size) if size >= 0 else _word(builder, value, 1 + axis))
+    return sizes
+
+
+def _strides_of(context: Any, builder: Any, field: FieldType, value: Any) -> list[Any]:
+    """In bytes."""
+    strides = [ir.Constant(ir.IntType(64), context.get_abi_sizeof(context.get_data_type(field.dtype)))]
+    for size in reversed(_shape_of(builder, field, value)[1:]):
+        strides.insert(0, builder.mul(strides[0], size))
+    return strides
+
+
+@infer_getattr
+class _FieldAttributes(AttributeTemplate):
+    key = FieldType
+
+    def generic_resolve(self, typ: FieldType, attr: str) -> types.Type | None:
+        return types.UniTuple(types.int64, typ.dimensions) if attr == "shape" else None
+
+
+@lower_getattr(FieldType, "shape")
+def _lower_shape(context: Any, builder: Any, typ: FieldType, value: Any) -> Any:
+    return cgutils.pack_array(builder, _shape_of(builder, typ, value))
+
+
+def array_of(context: Any, builder: Any, typ: types.Type, value: Any) -> Any:
+    """Numba's structure of an array, for intrinsics: of one, or of a bundle's field."""
+    if not isinstance(typ, FieldType):
+        return make_array(typ)(context, builder, value)
+    array = make_array(typ.array_type)(context, builder)
+    data_type = context.get_data_type(typ.dtype)
     populate_array(
         array,
-        data=data,
-        shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=ir.Constant(intp, itemsize),
+        data=builder.inttoptr(_word(builder, value, 0), data_type.as_pointer()),
+        shape=cgutils.pack_array(builder, _shape_of(builder, typ, value)),
+        strides=cgutils.pack_array(builder, _strides_of(context, builder, typ, value)),
+        itemsize=ir.Constant(ir.IntType(64), context.get_abi_sizeof(data_type)),
         meminfo=None,
     )
-    return array._getvalue()
+    return array
+
+
+@lower_cast(FieldType, types.Array)
+def _cast_to_array(context: Any, builder: Any, fromty: FieldType, toty: types.Array, value: Any) -> Any:
+    return array_of(context, builder, fromty, value)._getvalue()
 
 
 @register_model(RowsType)
@@ -241,51 +290,64 @@ def _index_types(index: Any) -> tuple | None:
     return parts if all(isinstance(part, types.Integer) for part in parts) else None
 
 
+def _is_element(array: Any, index: Any) -> bool:
+    parts = _index_types(index)
+    dimensions = array.dimensions if isinstance(array, FieldType) else len(array.strides)
+    return parts is not None and len(parts) == dimensions
+
+
 @infer_global(operator.getitem)
-class _RowsGetItem(AbstractTemplate):
+class _GetItem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
-        rows, index = args
-        if isinstance(rows, RowsType):
-            parts = _index_types(index)
-            if parts is not None and len(parts) == len(rows.strides):
-                return signature(rows.dtype, rows, index)
+        array, index = args
+        if isinstance(array, (RowsType, FieldType)) and _is_element(array, index):
+            return signature(array.dtype, array, index)
+        if isinstance(array, FieldType):
+            return self.context.resolve_function_type(operator.getitem, (array.array_type, index), {})
         return None
 
 
 @infer_global(operator.setitem)
-class _RowsSetItem(AbstractTemplate):
+class _SetItem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
-        rows, index, _value = args
-        if isinstance(rows, RowsType):
-            parts = _index_types(index)
-            if parts is not None and len(parts) == len(rows.strides):
-                return signature(types.none, rows, index, rows.dtype)
+        array, index, value = args
+        if isinstance(array, (RowsType, FieldType)) and _is_element(array, index):
+            return signature(types.none, array, index, array.dtype)
+        if isinstance(array, FieldType):
+            return self.context.resolve_function_type(operator.setitem, (array.array_type, index, value), {})
         return None
 
 
-def _element_pointer(context: Any, builder: Any, rows: RowsType, value: Any, index_type: Any, index: Any) -> Any:
+def _element_pointer(context: Any, builder: Any, array: Any, value: Any, index_type: Any, index: Any) -> Any:
     """Address of one element, as a pointer to the data type's stored form."""
     intp = ir.IntType(64)
+    if isinstance(array, FieldType):
+        strides = _strides_of(context, builder, array, value)
+        start = builder.inttoptr(_word(builder, value, 0), ir.IntType(8).as_pointer())
+    else:
+        strides, start = [ir.Constant(intp, stride) for stride in array.strides], value
     parts = _index_types(index_type)
     assert parts is not None
     values = cgutils.unpack_tuple(builder, index) if isinstance(index_type, types.BaseTuple) else [index]
     offset = ir.Constant(intp, 0)
-    for part, part_value, stride in zip(parts, values, rows.strides, strict=True):
+    for part, part_value, stride in zip(parts, values, strides, strict=True):
         position = context.cast(builder, part_value, part, types.intp)
-        offset = builder.add(offset, builder.mul(position, ir.Constant(intp, stride), flags=["nsw"]), flags=["nsw"])
-    return builder.bitcast(builder.gep(value, [offset]), context.get_data_type(rows.dtype).as_pointer())
+        offset = builder.add(offset, builder.mul(position, stride, flags=["nsw"]), flags=["nsw"])
+    return builder.bitcast(builder.gep(start, [offset]), context.get_data_type(array.dtype).as_pointer())
 
 
+@lower_builtin(operator.getitem, FieldType, types.Any)
 @lower_builtin(operator.getitem, RowsType, types.Any)
-def _lower_rows_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    rows, index_type = sig.args
-    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
-    return context.unpack_value(builder, rows.dtype, pointer)
+def _lower_getitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    array, index_type = sig.args
+    pointer = _element_pointer(context, builder, array, args[0], index_type, args[1])
+    return context.unpack_value(builder, array.dtype, pointer)
 
 
+@lower_builtin(operator.setitem, FieldType, types.Any, types.Any)
 @lower_builtin(operator.setitem, RowsType, types.Any, types.Any)
-def _lower_rows_setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    rows, index_type, value_type = sig.args
-    pointer = _element_pointer(context, builder, rows, args[0], index_type, args[1])
-    context.pack_value(builder, rows.dtype, context.cast(builder, args[2], value_type, rows.dtype), pointer)
+def _lower_setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    array, index_type, value_type = sig.args
+    pointer = _element_pointer(context, builder, array, args[0], index_type, args[1])
+    context.pack_value(builder, array.dtype, context.cast(builder, args[2], value_type, array.dtype), pointer)
     return context.get_dummy_value()

@@ -21,7 +21,7 @@ from numba.core.imputils import lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, signature
 from numba.extending import infer_getattr, register_model, unbox
 
-from engine.runtime.bundle import AddressModel, unbox_address
+from engine.runtime.bundle import AddressModel, FieldType, unbox_address
 from engine.runtime.jit import BoundKernel, Kernel, call_type
 
 
@@ -46,8 +46,9 @@ class StageType(types.Callable):
         super().__init__(name=f"Stage({name})")
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-        """Whatever is passed, literals aside."""
+        """Whatever is passed, literals aside; arrays, as Python passes them, where the loop has a bundle's fields."""
         arguments = tuple(call_type(argument) for argument in args)
+        arguments = tuple(one.array_type if isinstance(one, FieldType) else one for one in arguments)
         self.called_with.setdefault(self.stage, set()).add(arguments)
         return signature(types.none, *arguments, recvr=self)
 

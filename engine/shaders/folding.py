@@ -131,7 +131,7 @@ def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]
     geometry, points, closures, lanes = _one_lane()
     evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, 1, memory, MODE_CLOSURES)
     return tuple(
-        Constant(tuple(float(x) for x in memory[slot : slot + width]))
+        Constant(tuple(float(x) for x in memory.floats[slot : slot + width]))
         for slot, width in zip(outputs, instruction.output_widths, strict=True)
     )
 

@@ -131,15 +131,25 @@ class ShaderArrays(Bundle):
     register_count: Int64Array
 
 
-def allocate_memory(shaders: ShaderArrays) -> Float32Array:
-    """A thread's memory for `evaluate_shaders` (its `scratch`): registers, then a copy of the constants.
+class ShaderMemory(Bundle):
+    """A thread's memory for `evaluate_shaders`.
+
+    floats : float32 (R + C,), registers, then a copy of the constants
+    """
+
+    _rows = True
+    floats: Float32Array
+
+
+def allocate_memory(shaders: ShaderArrays) -> ShaderMemory:
+    """A thread's memory for `evaluate_shaders`, with the constants of these programs.
 
     It belongs to these programs: allocate anew whenever `shaders` changes.
     """
     register_count = int(shaders.register_count[0])
     memory = np.zeros(register_count + len(shaders.constants), np.float32)
     memory[register_count:] = shaders.constants
-    return memory
+    return ShaderMemory(memory)
 
 
 def identity_camera() -> Float32Array:

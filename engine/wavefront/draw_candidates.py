@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: propose directions by the guide and by the BSDF."""
 
-import math
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
 from engine.kernels.rng import sample_4d
+from engine.kernels.rounding import floor_of
 from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P, POINT_TIME, RGB
@@ -37,7 +37,7 @@ _STEP_2, _STEP_3 = np.float32(0.7338919), np.float32(0.8566749)
 def _around(u, step, j):
     """Number in [0, 1): `u` moved on by `j` steps."""
     moved = u + step * np.float32(j)
-    return min(moved - math.floor(moved), ONE_MINUS_EPSILON)
+    return min(moved - floor_of(moved), ONE_MINUS_EPSILON)
 
 
 @kernel

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: run shader programs at points, the same kernel for surfaces, light samples, background and shadow hits.
 
-It lives with the other kernels because the shader compiler folds constants with it; `scratch` is a thread's
+It lives with the other kernels because the shader compiler folds constants with it; `memory` is a thread's
 `allocate_memory(shaders)`.
 """
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: start new paths at the camera, in lanes that are free."""
 
-import math
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path_depths import reset_depths
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
+from engine.kernels.rounding import floor_of
 from engine.kernels.vector import add, scale, store
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, rotate_hero, wavelength_at
@@ -60,7 +60,7 @@ def place_in_stratum(u, piece_count, stratum, strata):
     -------
     u : float32 in [0, 1); stratum : int
     """
-    part = np.float32(math.floor(u * np.float32(piece_count)))
+    part = np.float32(floor_of(u * np.float32(piece_count)))
     within = u * np.float32(piece_count) - part
     if stratum == ALL_STRATA:
         return u, np.int64(within * np.float32(strata))

@@ -34,7 +34,7 @@ from engine.state.lanes import (
 )
 from engine.state.lights import LightArrays
 from engine.state.media import MediaArrays, MediaLanes
-from engine.state.shaders import ShaderArrays
+from engine.state.shaders import ShaderArrays, ShaderMemory
 from engine.state.tracking import TrackedLanes
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
 
@@ -134,7 +134,7 @@ class Work(Bundle):
 
     counts : int64 (COUNT_WIDTH,); clock : int64, ticks by `ClockEntries`
     ray, ray_bits : one RTCRayHit, as float32 and as uint32; ray_address : int64 (1,)
-    registers : float32, of the shader interpreter
+    registers : ShaderMemory, of the shader interpreter
     active, free : lanes with a path and without
     traced, tracked, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
     single, several : guided lanes with one candidate, and with several
@@ -151,7 +151,7 @@ class Work(Bundle):
     ray: np.ndarray
     ray_bits: np.ndarray
     ray_address: np.ndarray
-    registers: np.ndarray
+    registers: ShaderMemory
     active: LaneQueue
     free: LaneQueue
     traced: LaneQueue

@@ -10,11 +10,11 @@ References
 Binder et al. 2019, "Massively Parallel Path Space Filtering" (cells in a hash table).
 """
 
-import math
 
 import numpy as np
 
 from engine.array_types import Float32Array
+from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 
 _DIRECTION_COUNT = 6
@@ -48,9 +48,9 @@ def grid_cell(p, n, kind, inverse_size):
     kind : int, of what else is apart: shader and size of cells
     inverse_size : float32 [1 / m]
     """
-    x = np.uint32(np.int64(math.floor(p[0] * inverse_size)) & 0xFFFFFFFF)
-    y = np.uint32(np.int64(math.floor(p[1] * inverse_size)) & 0xFFFFFFFF)
-    z = np.uint32(np.int64(math.floor(p[2] * inverse_size)) & 0xFFFFFFFF)
+    x = np.uint32(floor_of(p[0] * inverse_size) & 0xFFFFFFFF)
+    y = np.uint32(floor_of(p[1] * inverse_size) & 0xFFFFFFFF)
+    z = np.uint32(floor_of(p[2] * inverse_size) & 0xFFFFFFFF)
     return x, y, z, np.uint32(kind * _DIRECTION_COUNT + _facing(n))
 
 

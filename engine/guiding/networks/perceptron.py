@@ -18,10 +18,9 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
 from engine.array_types import Float32Array, Int64Array
-from engine.runtime.bundle import Bundle
+from engine.runtime.bundle import Bundle, array_of
 from engine.runtime.jit import kernel
 
 #: Widest layer that threads have memory for.
@@ -98,8 +97,8 @@ def _multiply_block(typing_context, scratch, source, target, weights, first, dep
 
     def codegen(context, builder, signature, arguments):
         rows_value, source, target, weights_value, first, depth, column, is_rectified = arguments
-        rows = make_array(signature.args[0])(context, builder, rows_value)
-        packed = make_array(signature.args[3])(context, builder, weights_value)
+        rows = array_of(context, builder, signature.args[0], rows_value)
+        packed = array_of(context, builder, signature.args[3], weights_value)
         intp = first.type
         single = ir.FloatType()
         vector = ir.VectorType(single, _LANES)

@@ -6,11 +6,11 @@ What will be read is foreseen for a program's first flat image whose coordinates
 on getting it right.
 """
 
-import math
 
 import numpy as np
 
 from engine.kernels.prefetch import prefetch
+from engine.kernels.rounding import floor_of
 from engine.kernels.shader.ops_input import default_slot
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
@@ -72,8 +72,8 @@ def ask_for_texels(programs, images, pixels_byte, pixels_float, geometry, points
     image = programs[points.integer[lane, POINT_PROGRAM], PROGRAM_AHEAD_IMAGE] - 1
     width = images[image, IMAGE_X]
     height = images[image, IMAGE_Y]
-    i = int((u - math.floor(u)) * np.float32(width))
-    j = int((v - math.floor(v)) * np.float32(height))
+    i = int((u - np.float32(floor_of(u))) * np.float32(width))
+    j = int((v - np.float32(floor_of(v))) * np.float32(height))
     texel = images[image, IMAGE_OFFSET] + 4 * (j * width + i)
     # Half a texel back: the filter's lower left one; and the row above.
     texel -= 4 * width

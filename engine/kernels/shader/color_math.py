@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 
 #: Blender's names of the blend modes; a mode's code is its place here. The last four work on the whole colour.
@@ -83,7 +84,7 @@ def hsv_to_rgb(color):
     if hue == 1.0:
         hue = 0.0
     hue *= 6.0
-    sector = math.floor(hue)
+    sector = floor_of(hue)
     fraction = hue - np.float32(sector)
     p = value * (1.0 - saturation)
     q = value * (1.0 - saturation * fraction)
@@ -229,7 +230,7 @@ def hue_saturation_value(color, hue, saturation, value, factor):
     """The Hue/Saturation/Value node: hue 0.5 leaves the hue as it is; never negative."""
     h, s, v = rgb_to_hsv(color)
     h = h + hue + 0.5
-    h -= np.float32(math.floor(h))
+    h -= np.float32(floor_of(h))
     r, g, b = hsv_to_rgb((h, clamp_unit(s * saturation), v * value))
     rest = 1.0 - factor
     return (

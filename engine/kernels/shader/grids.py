@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a grid of voxels holds at a point, between the centres of eight of them."""
 
-import math
 
 import numpy as np
 
+from engine.kernels.rounding import floor_of
 from engine.kernels.vector import transform_point
 from engine.runtime.jit import kernel
 from engine.state.grids import (
@@ -49,7 +49,7 @@ def _voxel(grids, grid, i, j, k):
 def sample_grid(grids, grid, p):
     """Values of a grid at a point in the space of its object: three components, equal ones if it has one alone."""
     index = transform_point(grids.to_index, grid, p)
-    fx, fy, fz = math.floor(index[0]), math.floor(index[1]), math.floor(index[2])
+    fx, fy, fz = floor_of(index[0]), floor_of(index[1]), floor_of(index[2])
     if not abs(fx) + abs(fy) + abs(fz) < 1e9:
         return 0.0, 0.0, 0.0
     ux, uy, uz = index[0] - fx, index[1] - fy, index[2] - fz

@@ -5,10 +5,10 @@ Texel (i, j) is centred at ((i + 0.5) / width, (j + 0.5) / height), row 0 at the
 values; alpha is divided out and sRGB decoded afterwards.
 """
 
-import math
 
 import numpy as np
 
+from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 from engine.state.shaders import IMAGE_IS_FLOAT, IMAGE_IS_SRGB, IMAGE_OFFSET, IMAGE_X, IMAGE_Y, SRGB_TABLE_SIZE
 
@@ -112,13 +112,13 @@ def filtered(images, pixels_byte, pixels_float, image, u, v, interpolation, exte
     if not (abs(x) < 1e9 and abs(y) < 1e9):
         return (0.0, 0.0, 0.0, 0.0)
     if interpolation == INTERPOLATION_CLOSEST:
-        i = wrap(int(math.floor(x)), width, extension)
-        j = wrap(int(math.floor(y)), height, extension)
+        i = wrap(floor_of(x), width, extension)
+        j = wrap(floor_of(y), height, extension)
         return texel(images, pixels_byte, pixels_float, image, i, j, 1.0)
     x -= 0.5
     y -= 0.5
-    i = int(math.floor(x))
-    j = int(math.floor(y))
+    i = floor_of(x)
+    j = floor_of(y)
     x -= np.float32(i)
     y -= np.float32(j)
     taps = 2
@@ -128,9 +128,14 @@ def filtered(images, pixels_byte, pixels_float, image, u, v, interpolation, exte
         j -= 1
     else:
         left = wrap(i, width, extension)
-        right = wrap(i + 1, width, extension)
         low = wrap(j, height, extension)
-        high = wrap(j + 1, height, extension)
+        if extension == EXTENSION_REPEAT:
+            # Without another division each.
+            right = left + 1 if left + 1 < width else 0
+            high = low + 1 if low + 1 < height else 0
+        else:
+            right = wrap(i + 1, width, extension)
+            high = wrap(j + 1, height, extension)
         if left >= 0 and right >= 0 and low >= 0 and high >= 0:
             below = images[image, IMAGE_OFFSET] + 4 * low * width
             above = below + 4 * (high - low) * width
@@ -167,10 +172,11 @@ def srgb_to_linear(tables, c):
     """Decode an sRGB value; a table on [0, 1], the formula beyond (IEC 61966-2-1)."""
     if c <= 0.0:
         return c * (1.0 / 12.92)
-    if c >= 1.0:
+    # Filtered bytes are above 1 by rounding, where the table's last piece goes on as well.
+    if c >= 1.0001:
         return ((c + 0.055) / 1.055) ** 2.4
     x = c * _LAST_SRGB
-    i = int(x)
+    i = min(int(x), SRGB_TABLE_SIZE - 2)
     t = x - np.float32(i)
     return tables[i] + t * (tables[i + 1] - tables[i])
 

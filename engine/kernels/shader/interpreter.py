@@ -42,7 +42,7 @@ _COORDINATES_AHEAD = 8
 
 
 @kernel
-def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, scratch, mode):
+def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, memory, mode):
     """Run the program of each listed lane at its point and fill the lane's closures.
 
     Parameters
@@ -55,7 +55,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     closures : Closures
         Row `lane` is reset, then filled.
     lanes : int32 (>= lane_count,)
-    scratch : float32
+    memory : ShaderMemory
         `engine.state.shaders.allocate_memory(shaders)`, one a thread.
     mode : int
         MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY or MODE_MEDIUM, plus MODE_NO_*_CAUSTICS.
@@ -69,6 +69,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     images = shaders.images
     pixels_byte = shaders.pixels_byte
     pixels_float = shaders.pixels_float
+    floats = memory.floats
     column = 2 * (mode & MODE_MASK)
     caustics = 0
     if mode & MODE_NO_REFLECTIVE_CAUSTICS:
@@ -111,13 +112,13 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         while pc < end:
             opcode = code[pc]
             if opcode >= TEXTURE_FIRST:
-                run_texture_op(opcode, code, pc, scratch, pool)
+                run_texture_op(opcode, code, pc, floats, pool)
             elif opcode >= MATH_FIRST:
-                run_math_op(opcode, code, pc, scratch, pool)
+                run_math_op(opcode, code, pc, floats, pool)
             elif opcode >= IMAGE_FIRST:
-                run_image_op(opcode, code, pc, scratch, images, pixels_byte, pixels_float, pool)
+                run_image_op(opcode, code, pc, floats, images, pixels_byte, pixels_float, pool)
             elif opcode >= CLOSURE_FIRST:
-                run_closure_op(opcode, code, pc, scratch, points, closures, tables, lane)
+                run_closure_op(opcode, code, pc, floats, points, closures, tables, lane)
             else:
-                run_input_op(opcode, code, pc, scratch, pool, geometry, points, lane, camera, pass_indices)
+                run_input_op(opcode, code, pc, floats, pool, geometry, points, lane, camera, pass_indices)
             pc += code[pc + 1]

@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import HALF_PI, INV_TWO_PI, TWO_PI
+from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import unit_1, unit_2, unit_3, unit_4
 from engine.kernels.shader.procedural_noise import NOISE_FBM, Fractal, fractal_noise
 from engine.runtime.jit import kernel
@@ -39,9 +40,9 @@ _SHRINK = np.float32(0.999999)
 @kernel
 def checker(x, y, z):
     """1 on the first colour's cubes of the unit checkerboard (odd sum of indices), 0 on the second's."""
-    i = math.floor((x + _NUDGE) * _SHRINK)
-    j = math.floor((y + _NUDGE) * _SHRINK)
-    k = math.floor((z + _NUDGE) * _SHRINK)
+    i = floor_of((x + _NUDGE) * _SHRINK)
+    j = floor_of((y + _NUDGE) * _SHRINK)
+    k = floor_of((z + _NUDGE) * _SHRINK)
     return 1.0 if (i + j + k) & 1 else 0.0
 
 
@@ -111,8 +112,8 @@ def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, de
         return 0.5 + 0.5 * math.sin(angle - HALF_PI)
     turns = angle / TWO_PI
     if profile == WAVE_SAW:
-        return turns - np.float32(math.floor(turns))
-    return 2.0 * abs(turns - np.float32(math.floor(turns + 0.5)))
+        return turns - np.float32(floor_of(turns))
+    return 2.0 * abs(turns - np.float32(floor_of(turns + 0.5)))
 
 
 @kernel
@@ -137,14 +138,14 @@ def brick(
     tint, mortar : float32
         Share of the second brick colour, share of mortar.
     """
-    row = math.floor(y / row_height)
+    row = floor_of(y / row_height)
     shift = 0.0
     if offset_frequency != 0 and squash_frequency != 0:
         if row % squash_frequency == 0:
             brick_width *= squash
         if row % offset_frequency == 0:
             shift = brick_width * offset
-    number = math.floor((x + shift) / brick_width)
+    number = floor_of((x + shift) / brick_width)
     x = x + shift - brick_width * np.float32(number)
     y = y - row_height * np.float32(row)
     tint = min(max(_brick_hash((row << 16) + (number & 0xFFFF)) + bias, 0.0), 1.0)

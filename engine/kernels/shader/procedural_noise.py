@@ -5,11 +5,11 @@ One function a job, with branches on dimension and type at run time: variants co
 Unused coordinates are zero.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import hash_1, hash_2, hash_3, hash_4
 from engine.runtime.jit import in_python, kernel
 
@@ -141,7 +141,7 @@ def perlin(x, y, z, w, dimensions):
     References: Perlin 2002, "Improving Noise"; scales by the authors of Open Shading Language.
     """
     x = _wrap(x)
-    floor_x = math.floor(x)
+    floor_x = floor_of(x)
     fx = x - np.float32(floor_x)
     ux = _fade(fx)
     ix = np.uint32(floor_x)
@@ -151,7 +151,7 @@ def perlin(x, y, z, w, dimensions):
         return 0.25 * (left + ux * (right - left))
 
     y = _wrap(y)
-    floor_y = math.floor(y)
+    floor_y = floor_of(y)
     fy = y - np.float32(floor_y)
     uy = _fade(fy)
     iy = np.uint32(floor_y)
@@ -166,7 +166,7 @@ def perlin(x, y, z, w, dimensions):
         return 0.6616 * total
 
     z = _wrap(z)
-    floor_z = math.floor(z)
+    floor_z = floor_of(z)
     fz = z - np.float32(floor_z)
     uz = _fade(fz)
     iz = np.uint32(floor_z)
@@ -181,7 +181,7 @@ def perlin(x, y, z, w, dimensions):
         return 0.982 * total
 
     w = _wrap(w)
-    floor_w = math.floor(w)
+    floor_w = floor_of(w)
     fw = w - np.float32(floor_w)
     uw = _fade(fw)
     iw = np.uint32(floor_w)

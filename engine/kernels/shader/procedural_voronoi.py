@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import pcg_2, pcg_3, pcg_4, unit_1, unit_2
 from engine.runtime.jit import kernel
 
@@ -117,7 +118,7 @@ def _closest(x, y, z, w, cells):
     References: Quilez 2013, "Smooth Voronoi".
     """
     dimensions, feature, metric, exponent, smoothness, randomness = cells
-    base_x, base_y, base_z, base_w = math.floor(x), math.floor(y), math.floor(z), math.floor(w)
+    base_x, base_y, base_z, base_w = floor_of(x), floor_of(y), floor_of(z), floor_of(w)
     lx = x - np.float32(base_x)
     ly = y - np.float32(base_y)
     lz = z - np.float32(base_z)
@@ -217,7 +218,7 @@ def _edge_or_radius(x, y, z, w, cells):
     References: Quilez 2012, "Voronoi edges".
     """
     dimensions, feature, randomness = cells.dimensions, cells.feature, cells.randomness
-    base_x, base_y, base_z, base_w = math.floor(x), math.floor(y), math.floor(z), math.floor(w)
+    base_x, base_y, base_z, base_w = floor_of(x), floor_of(y), floor_of(z), floor_of(w)
     lx = x - np.float32(base_x)
     ly = y - np.float32(base_y)
     lz = z - np.float32(base_z)
@@ -313,7 +314,7 @@ def voronoi_texture(x, y, z, w, voronoi):
     px, py, pz, pw = 0.0, 0.0, 0.0, 0.0
     octave_scale = 1.0
     amplitude = 1.0
-    whole = math.floor(detail)
+    whole = floor_of(detail)
     remainder = detail - np.float32(whole)
     is_single = detail == 0.0 or roughness == 0.0
     last = 0 if is_single else int(math.ceil(detail))
