@@ -2,8 +2,8 @@
 """Boundaries of media that lie in another surface, drawn a little apart from it.
 
 A ray that crosses a surface goes on beyond the error of the point where it met it. Of two surfaces in one place it
-would miss the second: it would never leave the first of two boxes of fog side by side, and it would go through the floor
-that one stands on.
+would miss the second: it would never leave the first of two boxes of fog side by side, and go through the floor that
+one stands on.
 """
 
 from __future__ import annotations
