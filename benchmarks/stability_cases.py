@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The cases of the stability suite: a scene of `benchmarks/scenes/failures.py`, a size, a number of samples."""
+"""The cases of the stability suite: a scene of `benchmarks/scenes/` that is called `fail-...`, a size, samples."""
 
 from __future__ import annotations
 
@@ -60,7 +60,13 @@ def _few(samples: int, size: tuple[int, int]) -> Case:
     return Case(f"few-{samples}", "fail-scale-1", samples, size=size, text=text)
 
 
-#: In the order of the issue's list.
+#: Scenes of `benchmarks/scenes/failing_media.py`.
+FOGS = (
+    "door", "forward", "backward", "thin", "dense", "albedo", "colors", "lamp", "glass", "nested", "coplanar",
+    "boundary", "huge", "speck", "shreds",
+)  # fmt: skip
+
+#: In the order of the issues' lists.
 CASES: dict[str, Case] = {
     case.name: case
     for case in (
@@ -95,6 +101,7 @@ CASES: dict[str, Case] = {
             "resolution", "fail-colors", size=(48, 36), earlier_sizes=((9, 7), (64, 20)),
             text="The size changes within a session: nothing of an earlier picture may stay in what is learned",
         ),
+        *(Case(f"fog-{name}", f"fail-fog-{name}") for name in FOGS),
     )
 }  # fmt: skip
 

@@ -18,6 +18,7 @@ from engine.accel import (
     MeshHierarchies,
     build_accelerator,
 )
+from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import ProgramInfo
@@ -87,6 +88,7 @@ class SceneCache:
     def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
+        self.boundaries: Kept[dict[int, float]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
         self.bounds = KeptBounds()
         self.environment: Kept[EnvironmentMap | None] = Kept()
@@ -175,6 +177,21 @@ def _build_lights(
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
 
 
+def _separate(cache: SceneCache, description: SceneDescription) -> SceneDescription:
+    """The description with boundaries of media drawn apart from what they touch."""
+    compiled = cache.programs.compiled[: len(description.materials)]
+    is_boundary = np.array([program.is_boundary and program.medium is not None for program in compiled], bool)
+    instances = description.instances
+    if not is_boundary[instances.materials[instances.materials >= 0]].any():
+        return description
+    columns = (instances.mesh, instances.transform, instances.material_offset, instances.materials, is_boundary)
+    distances = cache.boundaries.get(
+        (cache.geometry.mesh_versions.of(description.meshes), *(column.tobytes() for column in columns)),
+        lambda: touching_boundaries(description, is_boundary),
+    )
+    return separate_boundaries(description, distances)
+
+
 def _build_media(
     cache: SceneCache, description: SceneDescription, programs: Programs, geometry: GeometryArrays, tables: BsdfTables
 ) -> SceneMedia:
@@ -243,8 +260,9 @@ def build_scene(
 
     check_cancel()
     geometry = build_geometry(
-        description, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
-    )
+        _separate(cache, description), attribute_names, notices, default_program=programs.default_program,
+        cache=cache.geometry,
+    )  # fmt: skip
     check_cancel()
     if not keeps_meshes:
         cache.geometry.give_up(description.meshes)
