@@ -114,7 +114,10 @@ METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         Method("AUTO", "Automatic", "Learn what pays in the scene, and render by that", rungs=RUNGS),
-        Method("OFF", "Off", "Sample materials and lights only"),
+        Method(
+            "OFF", "Off",
+            "Sample materials and lights only. Nothing is learned, unless lights or roulette are told to",
+        ),
         Method(
             "VMM", "Mixtures", "Learn lobes of incident light, and draw from them or from the material",
             "statistical mixtures", source="VMM",

@@ -256,6 +256,17 @@ class RenderSettings:
         0.01, "Light Threshold", "Skip, at random, light samples dimmer than this (0 = skip none)", "Lights", minimum=0,
         maximum=1,
     )
+    light_selection: str = _declare(
+        "AUTO", "Choose By", "Which of many lights a surface samples", "Lights",
+        choices=(
+            Choice("AUTO", "Automatic", "Learned visibility where guiding is on, else the light tree"),
+            Choice("TREE", "Light Tree", "Where lights are, how bright and how they face. Nothing is learned"),
+            Choice(
+                "LEARNED", "Learned Visibility",
+                "Which lights have reached a place so far, else the light tree. With any guiding, off too",
+            ),
+        ),
+    )
     seed: int = _declare(
         0, "Seed", "The same seed gives the same image, noise included", "Advanced", minimum=0, maximum=MAX_SEED,
     )
@@ -485,6 +496,12 @@ class RenderSettings:
         else:
             is_wanted = self.roulette == "LEARNED"
         return is_wanted and self.use_russian_roulette and self.radiance_cache == "OFF"
+
+    @property
+    def learns_lights(self) -> bool:
+        """Whether regions learn which lights to sample. Without guiding a radiance cache learns alone."""
+        is_wanted = self.is_guided if self.light_selection == "AUTO" else self.light_selection == "LEARNED"
+        return is_wanted and self.use_nee and (self.is_guided or self.radiance_cache == "OFF")
 
     @property
     def channel_count(self) -> int:

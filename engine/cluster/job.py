@@ -14,7 +14,7 @@ from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, pack
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.roulette_learning import RouletteLearner
+from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.render.batch import Statistics
 from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
@@ -52,7 +52,7 @@ class ClusterJob:
         Least time [s] that a range may take before others are asked for it as well.
     """
 
-    learner: Learner | CacheLearner | RouletteLearner | None = None
+    learner: Learner | CacheLearner | UnguidedLearner | None = None
     prepare_seconds = 0.0
     guidance: Guidance | None = None
     is_preparing = False

@@ -85,7 +85,8 @@ class ClusterSession(Session):
 def without_learning(settings: RenderSettings) -> RenderSettings:
     """Settings by which ranges of samples know nothing of each other."""
     return replace(
-        settings, guiding_method="OFF", radiance_cache="OFF", roulette="THROUGHPUT", use_adaptive_sampling=False
+        settings, guiding_method="OFF", radiance_cache="OFF", roulette="THROUGHPUT", light_selection="TREE",
+        use_adaptive_sampling=False,
     )
 
 
@@ -98,6 +99,8 @@ def left_out(settings: RenderSettings) -> list[Notice]:
         found.append(Notice(_SUBJECT, "workers share no radiance cache", "paths find all light themselves"))
     if settings.roulette == "LEARNED":
         found.append(Notice(_SUBJECT, "workers share no learned roulette", "it goes by the throughput"))
+    if settings.light_selection == "LEARNED":
+        found.append(Notice(_SUBJECT, "workers do not share which lights they see", "the light tree chooses"))
     if settings.use_adaptive_sampling:
         found.append(Notice(_SUBJECT, "no worker sees the whole noise", "every pixel gets all samples"))
     return found

@@ -157,7 +157,7 @@ class Batch:
         self.uses_cache = uses_cache = settings.radiance_cache != "OFF"
         self.predicts = settings.learns_roulette
         self._scratch = RayScratch()
-        has_log = records and (is_guided or self.predicts)
+        has_log = records and (is_guided or self.predicts or settings.learns_lights)
         self.records = allocate_vertex_records(RECORD_ROWS if has_log else 1, channel_count)
         self.work = Work(
             counts=np.zeros(COUNT_WIDTH, np.int64),

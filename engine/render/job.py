@@ -19,8 +19,8 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import LearningRests, iteration_weight
 from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.roulette_learning import RouletteLearner
 from engine.guiding.policy.trial import Part
+from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.saved.learned import LearnedField
 from engine.render.adaptive import ActivePixels
@@ -43,7 +43,7 @@ class AnyJob(Protocol):
 
     film: Film
     film_lock: threading.Lock
-    learner: Learner | CacheLearner | RouletteLearner | None
+    learner: Learner | CacheLearner | UnguidedLearner | None
     #: Of `ENDINGS`, once it is known.
     ended_by: str
     prepare_seconds: float
@@ -119,7 +119,7 @@ class Job:
         self.has_image = False
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self.learner: Learner | CacheLearner | RouletteLearner | None = None
+        self.learner: Learner | CacheLearner | UnguidedLearner | None = None
         tiles = FrameTiles(frame)
         self._tiles: Sequence[Tile] = tiles
         self._strata = max(settings.strata, 1)
@@ -133,14 +133,15 @@ class Job:
         self._iterations: Iterations | None = None
         self._steps: Steps | None = None
         self._largest, pixel_count = tiles.largest, tiles.pixel_count
+        light_clusters = tracer.light_clusters if settings.learns_lights else None
         if settings.is_guided:
             self.learner = Learner(
-                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, tracer.light_clusters
+                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters
             )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, tiles.largest)
-        elif settings.learns_roulette:
-            self.learner = RouletteLearner(settings, pixel_count, tiles.largest)
+        elif settings.learns_roulette or light_clusters is not None:
+            self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters)
         if self.learner is not None:
             strata = StrataSchedule(settings, self._strata) if self._strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata)

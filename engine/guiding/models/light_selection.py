@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.vmm.model import VmmModel
+from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.records.vertices import VertexRecords
 from engine.runtime.jit import kernel
 from engine.state.lights import LightSelection, no_selection
@@ -78,7 +78,7 @@ def _add_records(records, leaf, total, sums, drawn, tree_moment, known):
 
 
 class LightSelectionModel:
-    """Learns probabilities of clusters for the regions of a `VmmModel`; update it after every update of that model.
+    """Learns probabilities of clusters for regions; update it after every update of these.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ class LightSelectionModel:
         #: Nothing is learned any more.
         self.is_over = False
 
-    def update(self, model: VmmModel, records: VertexRecords, leaf: Int32Array) -> None:
-        """Learn from the records that the model's last update took.
+    def update(self, regions: RegionTree, records: VertexRecords, leaf: Int32Array) -> None:
+        """Learn from the records that the regions' last update took.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class LightSelectionModel:
         if self.is_over:
             return
         for name in ("sums", "drawn", "tree_moment", "known"):
-            setattr(self, name, model.inherited(DECAY * getattr(self, name), share=0.5))
+            setattr(self, name, regions.inherited(DECAY * getattr(self, name), share=0.5))
         total = np.zeros(len(self.sums))
         _add_records(records, leaf, total, self.sums, self.drawn, self.tree_moment, self.known)
 
@@ -140,7 +140,7 @@ class LightSelectionModel:
             pays[:] = False
         return mixed, pays
 
-    def selection(self, model: VmmModel) -> LightSelection:
+    def selection(self, regions: RegionTree) -> LightSelection:
         """What kernels choose by; ask once an update."""
         if self.is_over:
             return no_selection()
@@ -154,7 +154,4 @@ class LightSelectionModel:
         cumulative = np.zeros((int(pays.sum()), probability.shape[1] + 1), np.float32)
         cumulative[:, 1:] = np.cumsum(probability[pays], axis=1)
         cumulative[:, -1] = 1.0
-        field = model.field
-        return LightSelection(
-            field.node_split, field.node_link, field.bounds, field.grid, field.grid_scale, table, cumulative
-        )
+        return LightSelection(**regions.published._asdict(), table=table, cumulative=cumulative)

@@ -158,7 +158,7 @@ class RegionModels:
         leaf = self._leaves(records.position[:row_count])
         self.selection.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
         if self._light_selection is not None:
-            self._light_selection.update(self.mixture, records, leaf)
+            self._light_selection.update(self.mixture.regions, records, leaf)
         if not was_guided:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
@@ -167,7 +167,7 @@ class RegionModels:
         """How likely regions choose each cluster of lights; None once nothing is learned about lights any more."""
         if self._light_selection is None:
             return None
-        selection = self._light_selection.selection(self.mixture)
+        selection = self._light_selection.selection(self.mixture.regions)
         return None if self._light_selection.is_over else selection
 
     def variance_deltas(self) -> Float32Array:

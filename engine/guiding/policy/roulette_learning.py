@@ -1,36 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What Russian roulette learns in the first iterations: which surfaces bring much for what they cost.
 
-`RouletteLearner` alone is the learner of a render that guides nothing; otherwise `RouletteModel` is a part of
-`Learner`. Without guiding a few samples a pixel teach enough: from then on nothing is recorded, and no thread waits.
+`RouletteModel` is a part of the learner of a render, guided (`Learner`) or not (`UnguidedLearner`).
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Sequence
 
 import numpy as np
 
 from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, ReflectedField
 from engine.guiding.fields.reflected.model import ReflectedModel
-from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.trial import GuidingTrial, Part
-from engine.guiding.records.of_unit import UnitRecords
-from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, join_records
-from engine.ris.orca import image_variance, pixel_weights, sample_variance
-from engine.scene.description import Notice
-from engine.settings import RenderSettings
+from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
+from engine.ris.orca import image_variance, sample_variance
 from engine.state.film import FilmTile
-from engine.state.unit import CHALLENGER, CURRENT, Unit, UnitCosts
+from engine.state.unit import CHALLENGER, CURRENT, Unit
 
-#: Samples a pixel from which on nothing more is learned, and records that an iteration aims at until then.
-_LEARNED_SAMPLES = 15
-_RECORDS = 1 << 15
 #: By how much longer paths live than the theory says, and the least probability of going on: estimates are uncertain,
 #: and ending paths that mattered costs more than tracing some that do not.
 _FACTOR = 2.0
@@ -126,70 +115,3 @@ class RouletteTrial:
         # Written so that NaN, nothing compared, loses.
         self.is_won = efficiency >= _LEAST_EFFICIENCY
         return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"
-
-
-class RouletteLearner:
-    """Owns what roulette learns in a render that guides nothing.
-
-    Parameters
-    ----------
-    settings : RenderSettings
-    paths_per_sample : int
-        Pixels of the image.
-    unit_pixels : int
-        Of the largest unit of work.
-    """
-
-    #: Nothing outlives the render.
-    wants_last = False
-    known_samples = 0.0
-
-    def __init__(self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int) -> None:
-        self.settings = settings
-        self.notices: list[Notice] = []
-        self.report = GuidingReport(method="OFF")
-        self.parts = [Part(0, 1, CURRENT)]
-        self.is_over = False
-        self._model = RouletteModel()
-        self._budget = RecordBudget(paths_per_sample, unit_pixels, _RECORDS)
-
-    def narrow(self, pixel_count: int, _expected_paths: float) -> None:
-        """Take how many pixels the next iteration has."""
-        self._budget.paths_per_sample = pixel_count
-
-    def rehearse(self) -> Guidance:
-        """Load (or compile) the kernels of learning."""
-        self._model.rehearse()
-        return Guidance(self.settings, 0)
-
-    def first(self) -> Guidance:
-        """Guidance of the first iteration: none, but record."""
-        return Guidance(self.settings, self._budget.threshold(1))
-
-    def learn(
-        self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
-        costs: IterationCosts, next_range: tuple[int, int], *, is_whole: bool = True,
-    ) -> Guidance:
-        """Learn from an iteration, and say how to go on; see `Learner.learn`."""
-        started = time.perf_counter()
-        records, row_count = join_records([unit.vertices for unit in units])
-        self.report.record_count += row_count
-        if row_count:
-            self._budget.count(row_count + costs.dropped_records, recorded_share * costs.path_count)
-        mean = sums.radiance / np.maximum(sums.weight, 1e-20)[:, None]
-        weights = pixel_weights(mean.reshape(*size, -1))
-        self._model.learn(records, row_count, sums, weights, costs)
-        self.report.field_seconds += time.perf_counter() - started
-        self.parts = [Part(*next_range, CURRENT)]
-        self.is_over = next_range[0] >= _LEARNED_SAMPLES
-        threshold = 0 if self.is_over else self._budget.threshold(next_range[1])
-        return self._model.complete(Guidance(self.settings, threshold), weights)
-
-    def keep(self, units: Sequence[UnitRecords]) -> None:
-        """There is nobody else who learns."""
-
-    def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
-        """There is nothing to compare."""
-
-    def close(self) -> None:
-        """There is nothing to end."""

@@ -11,7 +11,7 @@ def find_leaves(field, position, leaf):
 
     Parameters
     ----------
-    field : VmmField
+    field : VmmField or RegionNodes
     position : float32 (R, 3), world
     leaf : int32 (R,)
     """

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.fields.vmm.leaves import find_leaves
-from engine.guiding.fields.vmm.model import VmmModel, VmmSettings
+from engine.guiding.fields.update import make_runner
+from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.records.vertices import allocate_vertex_records, as_records
 
@@ -29,16 +30,16 @@ def learn(moment_below, moment_above, *, pmf=None):
     records.light_pmf[:], records.tree_pmf[:] = chosen[cluster], tree[cluster]
     # A contribution in proportion to 1 / P_k, whose expected square times P_k^2 is the moment.
     records.light_squared[:] = moment / chosen[cluster] ** 2
-    vmm = VmmModel([[-1, -1, -1], [1, 1, 1]], VmmSettings(int(1.5 * COUNT)))
-    vmm.update(as_records(records), 2 * COUNT)
+    regions = RegionTree([[-1, -1, -1], [1, 1, 1]], samples_per_region=int(1.5 * COUNT))
+    regions.update(as_records(records), 2 * COUNT, make_runner(None, 1))
     leaf = np.zeros(2 * COUNT, np.int32)
-    find_leaves(vmm.field, records.position, leaf)
+    find_leaves(regions.published, records.position, leaf)
     model = LightSelectionModel(np.ones(CLUSTERS, np.bool_))
-    model.update(vmm, records, leaf)
+    model.update(regions, records, leaf)
     region = np.zeros(2, np.int32)
-    find_leaves(vmm.field, np.array([[-0.5, 0, 0], [0.5, 0, 0]], np.float32), region)
+    find_leaves(regions.published, np.array([[-0.5, 0, 0], [0.5, 0, 0]], np.float32), region)
     assert region[0] != region[1]
-    selection = model.selection(vmm)
+    selection = model.selection(regions)
     if len(selection.cumulative) == 0:
         return [None, None]
     probability = np.diff(selection.cumulative, axis=1)
@@ -69,10 +70,10 @@ def test_nothing_is_learned_in_the_dark() -> None:
 
 
 def test_learning_ends_after_updates_in_vain() -> None:
-    vmm = VmmModel([[-1, -1, -1], [1, 1, 1]], VmmSettings(10))
+    regions = RegionTree([[-1, -1, -1], [1, 1, 1]], samples_per_region=10)
     model = LightSelectionModel(np.ones(CLUSTERS, np.bool_))
     ended = []
     for _ in range(7):
-        assert len(model.selection(vmm).cumulative) == 0
+        assert len(model.selection(regions).cumulative) == 0
         ended.append(model.is_over)
     assert ended == [False] * 5 + [True] * 2
