@@ -123,19 +123,20 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
 
 
 @kernel
-def leave_collision(options, paths, points, media, lane, wi, pdf):
+def leave_collision(options, paths, points, media, lane, wi, pdf, phase_pdf):
     """Go on from a point within a medium towards `wi`; the throughput is the caller's business.
 
     Parameters
     ----------
     media : MediaLanes
     wi : tuple of 3 float32, unit
-    pdf : float32 [sr^-1], of the phase functions
+    pdf : float32 [sr^-1], by which the emitter that is met next is weighed
+    phase_pdf : float32 [sr^-1], of the phase functions, by which Filter Glossy blurs what follows
     """
     # Light samples are taken on every segment, collisions happen on some.
     source_pdf = pdf * media.collision_share[lane]
     _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf)
-    paths.min_pdf[lane] = min(paths.min_pdf[lane], pdf)
+    paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     if count_collision(options, paths, media, lane):
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT

@@ -90,8 +90,6 @@ from engine.wavefront.stages import STAGES, stage_arguments
 from engine.wavefront.trace_rounds import trace_rounds
 from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneView, UnitView, Work
 
-#: Source of directions that collisions with media can be guided by.
-_GUIDES_MEDIA = "VMM"
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
@@ -389,7 +387,7 @@ class Tracer:
         header[UNIT_PATH_COUNT] = len(unit.pixels) * unit.sample_count
         header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
-        header[UNIT_GUIDES_MEDIA] = self.view.header[SCENE_HAS_MEDIA] and self._settings.source == _GUIDES_MEDIA
+        header[UNIT_GUIDES_MEDIA] = self.view.header[SCENE_HAS_MEDIA]
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising

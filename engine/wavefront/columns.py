@@ -101,7 +101,6 @@ class ClockEntries(NamedTuple):
     attenuate_shadows: int
     intersect_shadow: int
     occlusion: int
-    guide_collisions: int
     scatter: int
     sample_source: int
     draw_candidates: int

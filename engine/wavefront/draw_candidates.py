@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: propose directions by the guide and by the BSDF."""
 
-
-import numpy as np
-
 from engine.guiding.sampling.guide import ask_for_guide
 from engine.guiding.sampling.scattering import propose
-from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
 from engine.kernels.rng import sample_4d
-from engine.kernels.rounding import floor_of
 from engine.kernels.vector import store
+from engine.ris.spread import SET_CANDIDATES, rotated
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P, POINT_TIME, RGB
 from engine.wavefront.columns import (
@@ -23,27 +19,6 @@ from engine.wavefront.columns import (
     ROWS,
     VERTICES,
 )
-
-#: Offset of a vertex's candidates among the path's dimensions, far from those of its vertices.
-SET_CANDIDATES = 1 << 16
-
-#: Powers of the inverse of the root of x^5 = x + 1 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
-#: Sequences"). The one that moves two candidates furthest apart chooses between guide and BSDF.
-_STEP_0, _STEP_1 = np.float32(0.5385972), np.float32(0.6287067)
-_STEP_2, _STEP_3 = np.float32(0.7338919), np.float32(0.8566749)
-
-
-@kernel
-def _around(u, step, j):
-    """Number in [0, 1): `u` moved on by `j` steps."""
-    moved = u + step * np.float32(j)
-    return min(moved - floor_of(moved), ONE_MINUS_EPSILON)
-
-
-@kernel
-def rotated(u0, u1, u2, u3, j):
-    """Point `j` of a vertex's candidates, whose first one is (u0, u1, u2, u3): 4 x float32 in [0, 1)."""
-    return _around(u0, _STEP_0, j), _around(u1, _STEP_1, j), _around(u2, _STEP_2, j), _around(u3, _STEP_3, j)
 
 
 @kernel

@@ -1,105 +1,115 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: send paths on from collisions with media by what the mixture field has learned.
+"""Stages: decide which collisions with media are guided, ready what they sample by, and send on those that have one
+candidate.
 
-One direction is drawn, by the region's mixture times the phase function, or by the phase function itself (one-sample
-MIS). Light that such a direction meets is weighed by the phase function's density, whatever drew it: so are the light
-samples of the segment, which do not know where on it the path collides.
+They come on both sides of light sampling: where a collision samples lights, their weights need to know the guide.
 """
 
 import numpy as np
 
-from engine.guiding.fields.vmm.query import find_region, prepare_phase
-from engine.guiding.records.vertices import Scattering, log_collision
-from engine.guiding.sampling.guide import eval_guide, sample_guide
-from engine.guiding.sampling.scattering import LEAST_UNGUIDED, MOST_UNGUIDED
+from engine.guiding.fields.vmm.query import find_region
+from engine.guiding.sampling.allotment import TRIAL_BITS, allot, look_up_bits
+from engine.guiding.sampling.collisions import propose_at_collision, send_on_from_collision
+from engine.guiding.sampling.guide import query_guides, ready_collision
 from engine.kernels.binary_tree import locate_leaf
-from engine.kernels.bsdf.phase import eval_phases, mean_cosine, sample_phases
-from engine.kernels.collision import scatter_throughput
-from engine.kernels.constants import NAN, ONE_MINUS_EPSILON
-from engine.kernels.path import leave_collision, real_3
-from engine.kernels.rng import SETS_PER_VERTEX, hash_combine
+from engine.kernels.collision import all_around
+from engine.kernels.constants import NAN
+from engine.kernels.path import real_3
+from engine.kernels.rng import hash_combine
+from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_P, POINT_WO
+from engine.state.lanes import POINT_NS, POINT_P, POINT_TIME
 from engine.wavefront.columns import CANDIDATES, GUIDED_VERTICES
-
-#: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
-_SET_LOOKUP = 1 << 17
-#: Share (of 2^32) of recorded lanes for which the guide is asked, though not used, where its probability is 0.
-_TRIAL_BITS = np.uint32(1 << 28)
 
 
 @kernel
-def _ready(guidance, work, lane):
-    """Write what to sample by into the lane's guide; returns the probability of it, -1: the lane is not guided."""
-    field, probability, guide = guidance.field, guidance.probability, guidance.guide
-    paths, points, log = work.paths, work.points, work.log
-    p = real_3(points, lane, POINT_P)
-    leaf = locate_leaf(field, p)
-    # Elsewhere lights are sampled at the collision, and know the phase function alone.
-    if leaf < 0 or work.media.is_lit[lane] == 0:
-        return np.float32(-1.0)
-    bits = hash_combine(
-        hash_combine(paths.rng[lane], paths.sample[lane]), np.uint32(paths.dimension[lane] + _SET_LOOKUP)
-    )
-    if probability[leaf] == 0.0 and not (log.is_recording[lane] != 0 and bits < _TRIAL_BITS):
-        return np.float32(-1.0)
-    region = find_region(field, leaf, p, hash_combine(bits, np.uint32(1)))
-    if region < 0:
-        return np.float32(-1.0)
-    wo = real_3(points, lane, POINT_WO)
-    prepare_phase(
-        field, region, p, (-wo[0], -wo[1], -wo[2]), mean_cosine(work.closures, lane), guide, lane
-    )
-    return probability[leaf]
+def _set_normal(points, lane, n):
+    """Give a point this for its normal."""
+    for axis in range(3):
+        points.real[lane, POINT_NS + axis] = n[axis]
+
+
+@kernel
+def prepare_collision_guides(scene, unit, guidance, work, queue):
+    """Fill `guided` and `guide` of collisions; those that are not to be guided have a `rough_share` of 0.
+
+    Sources see where the path was going as the normal, as records have it.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.collided`.
+    """
+    guiding, field, allocation = guidance.options, guidance.field, guidance.allocation
+    probability, guide = guidance.probability, guidance.guide
+    paths, points, closures, guided, log = work.paths, work.points, work.closures, work.guided, work.log
+    lanes, lane_count = queue.lanes, queue.count[0]
+    # Media have rows of their own behind those of surfaces.
+    first_row = probability.shape[0] - field.is_ready.shape[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        p = real_3(points, lane, POINT_P)
+        leaf = locate_leaf(field, p)
+        if leaf < 0:
+            continue
+        bits = look_up_bits(paths, lane)
+        is_recorded = log.is_recording[lane] != 0
+        row = first_row + leaf
+        if probability[row] == 0.0 and not (is_recorded and bits < TRIAL_BITS):
+            continue
+        bits = hash_combine(bits, np.uint32(1))
+        region = find_region(field, leaf, p, bits)
+        _set_normal(points, lane, load(paths.direction, lane))
+        points.real[lane, POINT_TIME] = paths.time[lane]
+        if not ready_collision(guide, lane, field, region, points, closures, hash_combine(bits, np.uint32(4))):
+            continue
+        guided.rough_share[lane] = 1.0
+        guided.region[lane] = region if region >= 0 else leaf
+        guided.leaf[lane] = leaf
+        guided.probability[lane] = probability[row]
+        guided.candidate_count[lane] = allot(
+            guiding, allocation, row, paths, lane, unit.pixel_weight, is_recorded, bits
+        )
+    query_guides(guide, guided, paths, points, lanes, lane_count)
+    for k in range(lane_count):
+        lane = lanes[k]
+        _set_normal(points, lane, all_around(load(paths.direction, lane)))
 
 
 @kernel
 def guide_collisions(scene, unit, guidance, work, queue):
-    """Send on the paths that have a region; the others stay in the queue.
+    """Send on the paths whose collision has one candidate; those with several go to `work.several`, and those that are
+    not guided stay in the queue.
 
     Parameters
     ----------
     queue : LaneQueue
         `work.collided`. Lanes that leave it are taken from the end of `work.surface` too.
     """
-    options, guide = scene.options, guidance.guide
-    paths, points, closures, media, log, f_cos = (
-        work.paths, work.points, work.closures, work.media, work.log, work.f_cos,
-    )  # fmt: skip
+    guide, guided, paths, f_cos = guidance.guide, work.guided, work.paths, work.f_cos
+    several, several_count = work.several.lanes, 0
     lanes, lane_count = queue.lanes, queue.count[0]
     kept = 0
     for k in range(lane_count):
         lane = lanes[k]
-        probability = _ready(guidance, work, lane)
-        if probability < 0.0:
+        if not guided.rough_share[lane] > 0.0:
             lanes[kept] = lane
             kept += 1
             continue
-        work.samples.weight[lane] = 1.0
-        wo = real_3(points, lane, POINT_WO)
-        u0, u1, u2 = paths.random[lane, 0], paths.random[lane, 1], paths.random[lane, 2]
-        if u0 < probability:
-            wi = sample_guide(guide, lane, u0 / probability, u1, u2)
-        else:
-            u0 = min((u0 - probability) / (1.0 - probability), ONE_MINUS_EPSILON)
-            wi = sample_phases(closures, lane, wo, u0, u1, u2)
-        phase_pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
-        guide_pdf = eval_guide(guide, lane, wi)
-        pdf = probability * guide_pdf + (1.0 - probability) * phase_pdf
-        if not pdf > 0.0 or not scatter_throughput(paths, lane, f_cos, 1.0 / pdf) > 0.0:
-            paths.alive[lane] = 0
+        if guided.candidate_count[lane] > 1:
+            several[several_count] = lane
+            several_count += 1
             continue
-        if phase_pdf > 0.0:
-            unguided = paths.unguided[lane] * pdf / phase_pdf
-            paths.unguided[lane] = min(max(unguided, LEAST_UNGUIDED), MOST_UNGUIDED)
-        paths.survival[lane] = -1.0
-        paths.dimension[lane] += SETS_PER_VERTEX
-        if log.is_recording[lane] != 0:
-            roughness = 1.0 - abs(mean_cosine(closures, lane))
-            scattering = Scattering(wi, pdf, roughness, 1.0, NAN, phase_pdf, guide_pdf)
-            log_collision(log, paths, points, closures, work.samples, lane, scattering, f_cos)
-        leave_collision(options, paths, points, media, lane, wi, phase_pdf)
-    work.counts[GUIDED_VERTICES] += lane_count - kept
-    work.counts[CANDIDATES] += lane_count - kept
+        candidate = propose_at_collision(
+            work, guide, lane, paths.random[lane, 0], paths.random[lane, 1], paths.random[lane, 2], f_cos, lane
+        )
+        if candidate.source_pdf > 0.0:
+            send_on_from_collision(scene, unit, guide, work, lane, candidate, 1.0 / candidate.source_pdf, NAN)
+        else:
+            paths.alive[lane] = 0
+    single_count = lane_count - kept - several_count
+    work.counts[GUIDED_VERTICES] += single_count
+    work.counts[CANDIDATES] += single_count
+    work.several.count[0] = several_count
     work.surface.count[0] -= lane_count - kept
     queue.count[0] = kept

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: pick one of each vertex's candidates and send the path on."""
 
+from engine.guiding.sampling.picking import pick_candidate
 from engine.guiding.sampling.scattering import Candidate, send_on
 from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.vector import load
-from engine.ris.resample import product_target, resample
 from engine.runtime.jit import kernel
 from engine.wavefront.columns import ROWS, VERTICES
 
@@ -30,22 +30,11 @@ def guide_resample(scene, unit, guidance, work, queue):
         ask_for_point(points, ahead)
         first = candidates.first[vertex]
         last = candidates.first[vertex + 1] if vertex + 1 < vertex_count else row_count
-        count = last - first
-        for row in range(first, last):
-            candidates.target[row] = product_target(
-                paths.throughput, lane, candidates.f_cos, candidates.radiance, row, paths.channels,
-                guiding.use_scalar_target,
-            )
-        row, weight = resample(
-            candidates.target, candidates.source_pdf, candidates.is_valid, first, count, guiding.defensive_alpha,
-            paths.random[lane, 1],
-        )
+        row, weight, benefit = pick_candidate(guiding, paths, candidates, lane, first, last - first)
         if row < 0:
             paths.alive[lane] = 0
             continue
         source_pdf = candidates.source_pdf[row]
-        # Eq. (19), but for the squared radiance that the path has yet to find.
-        benefit = count / (count - 1.0) * (1.0 / (source_pdf * weight) - 1.0)
         candidate = Candidate(
             load(candidates.direction, row), source_pdf, candidates.bsdf_pdf[row], candidates.guide_pdf[row],
             candidates.label[row], candidates.roughness[row], candidates.eta[row], row,

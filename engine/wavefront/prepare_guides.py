@@ -4,21 +4,15 @@
 import numpy as np
 
 from engine.guiding.fields.vmm.query import find_region
+from engine.guiding.sampling.allotment import TRIAL_BITS, allot, look_up_bits
 from engine.guiding.sampling.guide import query_guides, ready_guide
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.bsdf import rough_share
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import hash_combine, unit_float
-from engine.ris.orca import PROBED_SHARE, candidate_count
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P
-
-#: Offset of the numbers for look-ups among a path's dimensions, far from those of its vertices.
-SET_LOOKUP = 1 << 17
-#: Share (of 2^32) of recorded lanes for which the guide is asked, though not used, where its probability is 0.
-_TRIAL_BITS = np.uint32(1 << 28)
-_PROBED_BITS = np.uint32(PROBED_SHARE * 2**32)
 
 
 @kernel
@@ -49,13 +43,11 @@ def prepare_guides(scene, unit, guidance, work, queue):
         leaf = locate_leaf(field, p)
         if leaf < 0:
             continue
-        bits = hash_combine(
-            hash_combine(paths.rng[lane], paths.sample[lane]), np.uint32(paths.dimension[lane] + SET_LOOKUP)
-        )
+        bits = look_up_bits(paths, lane)
         if light_share[leaf] < 1.0:
             taken = unit_float(hash_combine(bits, np.uint32(3))) < light_share[leaf]
             samples.weight[lane] = 1.0 / light_share[leaf] if taken else np.float32(0.0)
-        is_tried = is_recorded and bits < _TRIAL_BITS
+        is_tried = is_recorded and bits < TRIAL_BITS
         if probability[leaf] == 0.0 and not is_tried:
             continue
         share, is_diffuse = rough_share(closures, lane, guiding.min_alpha)
@@ -70,16 +62,5 @@ def prepare_guides(scene, unit, guidance, work, queue):
         guided.region[lane] = region if region >= 0 else leaf
         guided.leaf[lane] = leaf
         guided.probability[lane] = probability[leaf]
-        count = guiding.candidate_count
-        is_probe = is_recorded and hash_combine(bits, np.uint32(5)) < _PROBED_BITS
-        if count == 0 and guiding.probes_only != 0 and not is_probe:
-            count = 1
-        if count == 0:
-            squared = 0.0
-            for c in range(len(paths.channels)):
-                squared += paths.throughput[lane, c] * paths.throughput[lane, c]
-            squared *= pixel_weight[paths.pixel[lane]] / len(paths.channels)
-            u = unit_float(hash_combine(bits, np.uint32(2)))
-            count = candidate_count(allocation, leaf, squared, is_recorded, u)
-        guided.candidate_count[lane] = count
+        guided.candidate_count[lane] = allot(guiding, allocation, leaf, paths, lane, pixel_weight, is_recorded, bits)
     query_guides(guide, guided, paths, points, lanes, lane_count)

@@ -7,7 +7,7 @@ Between the two, collisions lie behind the surfaces in `work.surface`, so that o
 import math
 
 from engine.guiding.records.vertices import Scattering, log_collision
-from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, mean_cosine, sample_phases
+from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, phase_roughness, sample_phases
 from engine.kernels.collision import add_uniform_lobes, place_collision, scatter_throughput, set_lobes, share_out
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
@@ -127,7 +127,7 @@ def scatter_collisions(scene, unit, work, queue):
         paths.dimension[lane] += SETS_PER_VERTEX
         if log.is_recording[lane] != 0:
             # A roughness of 0 makes no record.
-            roughness = 1.0 - abs(mean_cosine(closures, lane)) if guides_media else 0.0
+            roughness = phase_roughness(closures, lane) if guides_media else 0.0
             scattering = Scattering(wi, pdf, roughness, 1.0, NAN, NAN, NAN)
             log_collision(log, paths, points, closures, work.samples, lane, scattering, f_cos)
-        leave_collision(options, paths, points, media, lane, wi, pdf)
+        leave_collision(options, paths, points, media, lane, wi, pdf, pdf)

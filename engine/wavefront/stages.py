@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from engine.guiding.fields.vmm.field import GuideLobes
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
 from engine.wavefront.attenuate_shadows import (
@@ -35,7 +34,7 @@ from engine.wavefront.columns import (
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
 from engine.wavefront.evaluate_shaders import evaluate_shaders
-from engine.wavefront.guide_collisions import guide_collisions
+from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
 from engine.wavefront.init_from_camera import init_from_camera
@@ -49,6 +48,7 @@ from engine.wavefront.play_roulette import play_roulette
 from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
+from engine.wavefront.resample_collisions import draw_collision_candidates, resample_collisions
 from engine.wavefront.sample_light import choose_lights, connect_lights
 from engine.wavefront.sample_medium import sample_medium
 from engine.wavefront.sample_source import sample_source
@@ -96,7 +96,10 @@ _WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
 _RECORDS = _by_name(collect_records)
 #: Take scene, unit, guidance, work and a queue.
 _GUIDED = _by_name(prepare_guides, guide_lights, draw_candidates, guide_resample, sample_source)
-_GUIDED_FEATURES, _GUIDED_MEDIA = _by_name(write_guiding), _by_name(guide_collisions)
+_GUIDED_FEATURES = _by_name(write_guiding)
+_GUIDED_MEDIA = _by_name(
+    prepare_collision_guides, guide_collisions, draw_collision_candidates, resample_collisions
+)
 #: Take what they need.
 _SHADERS = _by_name(evaluate_shaders)
 _EMISSION_WAVELENGTHS = _by_name(upsample_emission)
@@ -159,7 +162,7 @@ def stage_arguments(
     add(_RECORDS, plain, records)
     add(_GUIDED, guided, is_guided)
     add(_GUIDED_FEATURES, guided, is_guided and use_features)
-    add(_GUIDED_MEDIA, guided, is_guided and header[SCENE_HAS_MEDIA] and isinstance(guidance.guide, GuideLobes))
+    add(_GUIDED_MEDIA, guided, is_guided and header[SCENE_HAS_MEDIA])
     shading = (scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes)
     add(_SHADERS, (*shading, 0, work.registers, MODE_CLOSURES))
     add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])

@@ -159,6 +159,15 @@ def _light_segments(stages, scene, unit, guidance, work):
 
 
 @kernel
+def _predict(stages, guidance, radiance, work):
+    """Say what arrives along candidates."""
+    stages.predict_radiance(radiance, guidance, work)
+    if guidance.options.blends_mixture != 0:
+        stages.blend_with_mixture(guidance, work)
+    mark(work.clock, CLOCK.predict_radiance)
+
+
+@kernel
 def _resample(stages, scene, unit, guidance, radiance, work):
     """Draw candidates for the lanes that have several, predict what arrives along them, and pick one each."""
     clock, counts = work.clock, work.counts
@@ -166,11 +175,23 @@ def _resample(stages, scene, unit, guidance, radiance, work):
     while counts[NEXT_LANE] < work.several.count[0]:
         stages.draw_candidates(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.draw_candidates)
-        stages.predict_radiance(radiance, guidance, work)
-        if guidance.options.blends_mixture != 0:
-            stages.blend_with_mixture(guidance, work)
-        mark(clock, CLOCK.predict_radiance)
+        _predict(stages, guidance, radiance, work)
         stages.guide_resample(scene, unit, guidance, work, work.several)
+        mark(clock, CLOCK.guide_resample)
+
+
+@kernel
+def _guide_collisions(stages, scene, unit, guidance, radiance, work):
+    """Send paths on from guided collisions."""
+    clock, counts = work.clock, work.counts
+    stages.guide_collisions(scene, unit, guidance, work, work.collided)
+    mark(clock, CLOCK.sample_source)
+    counts[NEXT_LANE] = 0
+    while counts[NEXT_LANE] < work.several.count[0]:
+        stages.draw_collision_candidates(scene, unit, guidance, work, work.several)
+        mark(clock, CLOCK.draw_candidates)
+        _predict(stages, guidance, radiance, work)
+        stages.resample_collisions(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.guide_resample)
 
 
@@ -226,6 +247,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         1 if all paths have ended.
     """
     clock, has_media = work.clock, scene.header[SCENE_HAS_MEDIA] != 0
+    guides_media = has_media and unit.header[UNIT_GUIDES_MEDIA] != 0 and unit.header[UNIT_IS_GUIDED] != 0
     while stop[0] == 0:
         stages.init_from_camera(scene, unit, work, work.free)
         if has_media:
@@ -264,12 +286,14 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if has_media:
             stages.prepare_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
+            if guides_media:
+                stages.prepare_collision_guides(scene, unit, guidance, work, work.collided)
+                mark(clock, CLOCK.prepare_guides)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
             _sample_lights(stages, scene, unit, guidance, work)
         if has_media:
-            if unit.header[UNIT_GUIDES_MEDIA] != 0 and unit.header[UNIT_IS_GUIDED] != 0:
-                stages.guide_collisions(scene, unit, guidance, work, work.collided)
-                mark(clock, CLOCK.guide_collisions)
+            if guides_media:
+                _guide_collisions(stages, scene, unit, guidance, radiance, work)
             stages.scatter_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_USE_OCCLUSION] != 0:

@@ -52,6 +52,12 @@ def _ready(guide, lane, field, region, points, closures, is_diffuse, bits):
 
 
 @kernel
+def _ready_collision(guide, lane, field, region, points, closures, bits):
+    store(guide.normal, lane, real_3(points, lane, POINT_NS))
+    return True
+
+
+@kernel
 def _sample(guide, lane, u0, u1, u2):
     direction, _cosine = sample_cosine_hemisphere(load(guide.normal, lane), u0, u1)
     return direction
@@ -73,6 +79,6 @@ def _with_field(guide: CosineGuide, field: Any) -> CosineGuide:
 
 FACES = {
     CosineGuide: GuideFace(
-        _with_field, _ready, _sample, _eval, _predict, is_same_at_all, query_nothing, ask_for_nothing
+        _with_field, _ready, _ready_collision, _sample, _eval, _predict, is_same_at_all, query_nothing, ask_for_nothing
     )
 }

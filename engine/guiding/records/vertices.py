@@ -16,6 +16,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array, Uint8Array
 from engine.guiding.records.light import Records
 from engine.kernels.bsdf import mean_roughness
+from engine.kernels.bsdf.phase import phase_roughness
 from engine.kernels.constants import NAN
 from engine.kernels.path import real_3
 from engine.kernels.vector import dot
@@ -242,6 +243,7 @@ def log_collision(log, paths, points, closures, samples, lane, scattering, befor
     for c in range(len(paths.channels)):
         log.real[row, VERTEX_ARRIVAL + c] = NAN
     log.real[row, VERTEX_SCALE] = 0.0
+    log.real[row, VERTEX_SURFACE_ROUGHNESS] = phase_roughness(closures, lane)
 
 
 @kernel

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What stages sample by, whichever source has learned it: one face for all, chosen when a stage is compiled.
 
-A guide is a bundle of lanes. `ready_guide` says for a lane whether there is anything to sample by; once that has been
+A guide is a bundle of lanes. `ready_guide` says for a lane whether there is anything to sample by, `ready_collision`
+says so within media; once that has been
 asked of all lanes of a round, `query_guides` does what is better done for many at once. Then `eval_guide` is the
 density of `sample_guide`, and `predict_guide` says what radiance to expect from a direction. Arguments and results are
 those of `engine.guiding.sources.face.GuideFace`.
@@ -14,7 +15,7 @@ from typing import Any
 from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, sample_vmm
 from engine.guiding.sources import face_of, implementation
 from engine.guiding.sources.face import is_same_at_all, query_nothing
-from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm
+from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm, ready_vmm_collision
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import by_bundle
 from engine.settings import RenderSettings
@@ -31,6 +32,7 @@ def with_field(guide: Bundle, field: Any) -> Bundle:
 
 
 ready_guide = by_bundle(lambda guide: face_of(guide).ready, like=ready_vmm)
+ready_collision = by_bundle(lambda guide: face_of(guide).ready_collision, like=ready_vmm_collision)
 query_guides = by_bundle(lambda guide: face_of(guide).query, like=query_nothing)
 ask_for_guide = by_bundle(lambda guide: face_of(guide).ask, like=ask_for_lobes)
 eval_guide = by_bundle(lambda guide: face_of(guide).eval, like=eval_vmm)

@@ -58,6 +58,23 @@ class Candidate(NamedTuple):
 
 
 @kernel
+def expected_survival(unit, paths, lane, radiance, total):
+    """Probability with which roulette is to let a path go on, by what it is expected to bring to its pixel.
+
+    Parameters
+    ----------
+    radiance : float32
+        That is expected to arrive, mean over channels.
+    total : float32
+        Of the path's throughput, sum over channels.
+    """
+    # Over the pixel's value.
+    expected = radiance * math.sqrt(unit.pixel_weight[paths.pixel[lane]])
+    expected *= total / len(paths.channels)
+    return min(max(_SURE_SHARE * expected, _LEAST_SURVIVAL), 1.0)
+
+
+@kernel
 def propose(work, guide, lane, u, row):
     """A candidate, by the guide with the lane's guiding probability, else by the BSDF's rough lobes.
 
@@ -153,10 +170,7 @@ def send_on(scene, unit, guide, work, lane, candidate, weight, benefit):
         unguided = paths.unguided[lane] / (weight * bsdf_pdf)
         paths.unguided[lane] = min(max(unguided, LEAST_UNGUIDED), MOST_UNGUIDED)
     paths.dimension[lane] += SETS_PER_VERTEX
-    # What the path is expected to bring to its pixel, over the pixel's value.
-    expected = predict_guide(guide, lane, wi, guide_pdf) * math.sqrt(unit.pixel_weight[paths.pixel[lane]])
-    expected *= total / len(paths.channels)
-    paths.survival[lane] = min(max(_SURE_SHARE * expected, _LEAST_SURVIVAL), 1.0)
+    paths.survival[lane] = expected_survival(unit, paths, lane, predict_guide(guide, lane, wi, guide_pdf), total)
     if log.is_recording[lane] != 0:
         rough_guide_pdf = guided.rough_share[lane] * guide_pdf
         scattering = Scattering(

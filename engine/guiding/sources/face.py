@@ -21,6 +21,9 @@ class GuideFace(NamedTuple):
     ready : (guide, lane, field, region, points, closures, is_diffuse, bits) -> bool
         Make a lane ready to be sampled, if it can be. `field` and `region` are of the mixture field (-1: it knows
         nothing here), `bits` random.
+    ready_collision : (guide, lane, field, region, points, closures, bits) -> bool
+        The same at a collision with a medium; the closures are phase functions, and the point's normal is where the
+        path was going.
     sample : (guide, lane, u0, u1, u2) -> unit direction
     eval : (guide, lane, wi) -> float32 [sr^-1], density of `sample`
     predict : (guide, lane, wi, guide_pdf) -> float32, incident radiance along wi, mean over channels
@@ -34,6 +37,7 @@ class GuideFace(NamedTuple):
 
     with_field: Callable[[Any, Any], Any]
     ready: Any
+    ready_collision: Any
     sample: Any
     eval: Any
     predict: Any

@@ -13,6 +13,7 @@ from engine.guiding.networks.radiance import Snapshot
 from engine.guiding.sources.face import GuideFace, ask_for_nothing, is_same_at_all, query_nothing
 from engine.guiding.sources.network import NETWORK_FACE, NetworkGuide, allocate_network_guide, with_network
 from engine.kernels.bsdf import mean_roughness
+from engine.kernels.bsdf.phase import phase_roughness
 from engine.kernels.path import real_3
 from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
@@ -55,9 +56,21 @@ def _ready_flow(guide, lane, field, region, points, closures, is_diffuse, bits):
     return True
 
 
+
+@kernel
+def _ready_flow_collision(guide, lane, field, region, points, closures, bits):
+    """The flow, on condition of the collision."""
+    prepare_flow(
+        guide, lane, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO),
+        phase_roughness(closures, lane), field.fluence[region] if region >= 0 else np.float32(0.0),
+    )
+    return True
+
+
 FACES = {
     NetworkGuide: NETWORK_FACE,
     FlowGuide: GuideFace(
-        with_network, _ready_flow, sample_flow, eval_flow, predict_flow, is_same_at_all, query_nothing, ask_for_nothing
+        with_network, _ready_flow, _ready_flow_collision, sample_flow, eval_flow, predict_flow, is_same_at_all,
+        query_nothing, ask_for_nothing,
     ),
 }

@@ -39,6 +39,7 @@ from engine.guiding.networks.radiance import COARSE_U_ENCODINGS, Snapshot
 from engine.guiding.sources.face import GuideFace
 from engine.guiding.sources.network import NETWORK_FACE, NetworkGuide, allocate_network_guide, with_network
 from engine.kernels.bsdf import mean_roughness
+from engine.kernels.bsdf.phase import phase_roughness
 from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
@@ -157,10 +158,20 @@ def _ready_mixture(guide, lane, field, region, points, closures, is_diffuse, bit
     return True
 
 
+
+@kernel
+def _ready_mixture_collision(guide, lane, field, region, points, closures, bits):
+    """The same, with the roughness that records of collisions have."""
+    guide.fluence[lane] = field.fluence[region] if region >= 0 else np.float32(0.0)
+    guide.roughness[lane] = phase_roughness(closures, lane)
+    guide.is_diffuse[lane] = 0
+    return True
+
+
 FACES = {
     NetworkGuide: NETWORK_FACE,
     MixtureGuide: GuideFace(
-        with_network, _ready_mixture, sample_mixture, eval_mixture, predict_mixture, eval_mixture_wavelengths,
-        query_mixtures, ask_for_mixture,
+        with_network, _ready_mixture, _ready_mixture_collision, sample_mixture, eval_mixture, predict_mixture,
+        eval_mixture_wavelengths, query_mixtures, ask_for_mixture,
     ),
 }

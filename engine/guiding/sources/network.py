@@ -16,7 +16,7 @@ from engine.guiding.fields.vmm.field import GuideLobes, allocate_guide
 from engine.guiding.fields.vmm.query import clear_vmm, eval_vmm, predict_vmm, sample_vmm
 from engine.guiding.sources import face_of
 from engine.guiding.sources.face import GuideFace, is_same_at_all, query_nothing
-from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm
+from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm, ready_vmm_collision
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import by_bundle, kernel
 
@@ -61,6 +61,7 @@ def _with_field(guide: NetworkGuide, field: Any) -> NetworkGuide:
 
 
 _ready_lanes = by_bundle(lambda lanes: face_of(lanes).ready, like=ready_vmm)
+_ready_lanes_collision = by_bundle(lambda lanes: face_of(lanes).ready_collision, like=ready_vmm_collision)
 _query_lanes = by_bundle(lambda lanes: face_of(lanes).query, like=query_nothing)
 _ask_for_lanes = by_bundle(lambda lanes: face_of(lanes).ask, like=ask_for_lobes)
 _eval_lanes = by_bundle(lambda lanes: face_of(lanes).eval, like=eval_vmm)
@@ -82,6 +83,19 @@ def _ready_network(guide, lane, field, region, points, closures, is_diffuse, bit
         if not is_known:
             clear_vmm(guide.mixture, lane)
     return _ready_lanes(guide.lanes, lane, field, region, points, closures, is_diffuse, bits)
+
+
+@kernel
+def _ready_network_collision(guide, lane, field, region, points, closures, bits):
+    """The same at a collision. What the region's mixture predicts needs no phase function: that is divided out again."""
+    is_early = guide.has_network[0] == 0
+    if is_early or guide.learns_product[0] != 0:
+        is_known = ready_vmm_collision(guide.mixture, lane, field, region, points, closures, bits)
+        if is_early:
+            return is_known
+        if not is_known:
+            clear_vmm(guide.mixture, lane)
+    return _ready_lanes_collision(guide.lanes, lane, field, region, points, closures, bits)
 
 
 @kernel
@@ -135,6 +149,6 @@ def _predict_network(guide, lane, wi, guide_pdf):
 
 
 NETWORK_FACE = GuideFace(
-    _with_field, _ready_network, _sample_network, _eval_network, _predict_network, _eval_network_wavelengths,
+    _with_field, _ready_network, _ready_network_collision, _sample_network, _eval_network, _predict_network, _eval_network_wavelengths,
     _query_network, _ask_for_network,
 )

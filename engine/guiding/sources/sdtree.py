@@ -106,6 +106,12 @@ def _ready_sdtree(guide, lane, field, region, points, closures, is_diffuse, bits
     return True
 
 
+@kernel
+def _ready_sdtree_collision(guide, lane, field, region, points, closures, bits):
+    """The same as on surfaces: the tree is multiplied with nothing."""
+    return _ready_sdtree(guide, lane, field, region, points, closures, False, bits)
+
+
 def _with_field(guide: SdTreeGuide, field: SdTreeField | None) -> SdTreeGuide:
     """The lanes of a tree, or of one that knows nothing."""
     return guide._replace(tree=no_sdtree_field() if field is None else field)
@@ -113,7 +119,7 @@ def _with_field(guide: SdTreeGuide, field: SdTreeField | None) -> SdTreeGuide:
 
 FACES = {
     SdTreeGuide: GuideFace(
-        _with_field, _ready_sdtree, sample_sdtree, eval_sdtree, predict_sdtree, is_same_at_all, query_nothing,
-        ask_for_nothing,
+        _with_field, _ready_sdtree, _ready_sdtree_collision, sample_sdtree, eval_sdtree, predict_sdtree,
+        is_same_at_all, query_nothing, ask_for_nothing,
     )
 }

@@ -6,8 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 from engine.guiding.fields.vmm.field import GUIDE_LINES, GuideLobes, allocate_guide
-from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_vmm, sample_vmm
+from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_phase, prepare_vmm, sample_vmm
 from engine.guiding.sources.face import GuideFace, is_same_at_all, query_nothing
+from engine.kernels.bsdf.phase import mean_cosine
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import prefetch_lines
 from engine.runtime.jit import kernel
@@ -39,6 +40,16 @@ def ready_vmm(guide, lane, field, region, points, closures, is_diffuse, bits):
 
 
 @kernel
+def ready_vmm_collision(guide, lane, field, region, points, closures, bits):
+    """The region's mixture, as seen from the collision, times a lobe in the phase functions' place."""
+    if region < 0:
+        return False
+    forward = real_3(points, lane, POINT_NS)
+    prepare_phase(field, region, real_3(points, lane, POINT_P), forward, mean_cosine(closures, lane), guide, lane)
+    return True
+
+
+@kernel
 def ask_for_lobes(guide, lane):
     """Have a lane's lobes brought to the cache."""
     prefetch_lines(guide.lobes, lane, GUIDE_LINES)
@@ -51,6 +62,7 @@ def _with_field(guide: GuideLobes, field: Any) -> GuideLobes:
 
 FACES = {
     GuideLobes: GuideFace(
-        _with_field, ready_vmm, sample_vmm, eval_vmm, predict_vmm, is_same_at_all, query_nothing, ask_for_lobes
+        _with_field, ready_vmm, ready_vmm_collision, sample_vmm, eval_vmm, predict_vmm, is_same_at_all, query_nothing,
+        ask_for_lobes,
     )
 }

@@ -101,6 +101,12 @@ def mean_cosine(closures, lane):
 
 
 @kernel
+def phase_roughness(closures, lane):
+    """What stands for the roughness of a surface: 1 where a medium scatters evenly, 0 where straight on or back."""
+    return 1.0 - abs(mean_cosine(closures, lane))
+
+
+@kernel
 def sample_phases(closures, lane, wo, u0, u1, u2):
     """Direction, unit, by one of a lane's phase functions; see `eval_phases`."""
     total = 0.0

@@ -25,7 +25,8 @@ _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
     "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "begin_tracking",
     "find_collisions", "meet_media", "begin_shadows", "find_shadow_collisions", "dim_shadows",
-    "light_segments", "leave_segments", "guide_collisions",
+    "light_segments", "leave_segments", "prepare_collision_guides", "guide_collisions", "draw_collision_candidates",
+    "resample_collisions",
 }  # fmt: skip
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
