@@ -13,8 +13,8 @@ from benchmarks.bias import find_bias
 from engine.guiding.models.residual import known_residual, residual_noise
 from engine.render.adaptive import ActivePixels, NoiseThreshold, pixel_errors
 from engine.render.film import Film
-from engine.render.job import tiles_of
 from engine.render.session import Session
+from engine.render.tiles import tiles_of
 from engine.scene.description import Frame, Light, World
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout

@@ -9,9 +9,9 @@ import pytest
 
 from engine.builder.geometry import empty_instances
 from engine.render.film import Film
-from engine.render.job import tiles_of
 from engine.render.schedule import sample_ranges
 from engine.render.session import Session
+from engine.render.tiles import tiles_of
 from engine.scene.description import (
     Frame,
     Light,
