@@ -14,7 +14,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from statistics import median
 
-from engine.cluster.ranges import SampleRange
+from engine.cluster.ranges import TaskRange
 
 #: Tickets that a worker has at a time.
 TICKETS = 2
@@ -28,7 +28,7 @@ _REMEMBERED = 64
 class Ticket:
     """One order to one worker; `began` is when it became the worker's first ticket, None before."""
 
-    item: SampleRange
+    item: TaskRange
     worker: str
     began: float | None = None
 
@@ -87,7 +87,7 @@ class Crew:
         """Workers with nothing to do."""
         return [name for name, worker in self._workers.items() if not worker.tickets and not worker.is_late]
 
-    def assign(self, name: str, item: SampleRange, now: float) -> int:
+    def assign(self, name: str, item: TaskRange, now: float) -> int:
         """Give a worker a range; returns the ticket's number."""
         number, self._next_ticket = self._next_ticket, self._next_ticket + 1
         worker = self._workers[name]
@@ -138,7 +138,7 @@ class Crew:
             return tracing
         return self._longest_first + (tracing or 0.0) if self._longest_first else None
 
-    def is_in_hand(self, item: SampleRange) -> bool:
+    def is_in_hand(self, item: TaskRange) -> bool:
         """Whether a worker that is not late has a ticket for this range."""
         return any(
             ticket.item.number == item.number
@@ -147,7 +147,7 @@ class Crew:
             for ticket in self.tickets.values()
         )
 
-    def takeable(self, now: float) -> SampleRange | None:
+    def takeable(self, now: float) -> TaskRange | None:
         """A range that only one worker has, and with which somebody idle may be sooner; None if there is none.
 
         Ranges that nobody has begun come first, then those that take longer than expected.

@@ -38,7 +38,7 @@ class DaskPool:
         self._cluster = cluster
         self._run = uuid.uuid4().hex[:12]
         self._scene: Future | None = None
-        self._held = ""
+        self._learned: Future | None = None
         self._futures: dict[int, Future] = {}
         self._come: queue.SimpleQueue[tuple[int, Answer]] = queue.SimpleQueue()
         self._submitted = 0
@@ -56,16 +56,24 @@ class DaskPool:
         known: dict[str, int] = self._client.run(_process_id)
         return known
 
-    def hold(self, digest: str, scene: bytes) -> None:
+    def hold(self, scene: str, blob: bytes) -> None:
         """Have a scene at hand: one worker holds it, the others fetch it from those that have it by then.
 
         The scheduler keeps it as well, so that it is there again when its holder is lost.
         """
-        if digest == self._held:
-            return
+        self._scene = self._hold(self._scene, "scene", scene, blob)
+
+    def hold_learned(self, learned: str, blob: bytes) -> None:
+        """As `hold`, for what orders go by; digest '': nothing."""
+        self._learned = self._hold(self._learned, "learned", learned, blob) if learned else None
+
+    def _hold(self, held: Future | None, name: str, digest: str, blob: bytes) -> Future:
+        key = f"{name}-{digest}-{self._run}"
+        if held is not None and held.key == key:
+            return held
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            self._scene = self._ask(lambda: self._client.submit(keep, scene, key=f"scene-{digest}-{self._run}"))
-        self._held = digest
+            made: Future = self._ask(lambda: self._client.submit(keep, blob, key=key))
+        return made
 
     def workers(self) -> frozenset[str]:
         """Addresses of who is connected."""
@@ -77,8 +85,8 @@ class DaskPool:
         """Have a worker do an order."""
         self._submitted += 1
         future = self._client.submit(
-            trace, source_version(), order, self._scene, key=f"range-{self._run}-{self._submitted}", workers=[worker],
-            allow_other_workers=False, pure=False,
+            trace, source_version(), order, self._scene, self._learned, key=f"range-{self._run}-{self._submitted}",
+            workers=[worker], allow_other_workers=False, pure=False,
         )
         self._futures[ticket] = future
         self._keys[ticket] = key = self._submitted
@@ -112,7 +120,7 @@ class DaskPool:
 
     def close(self) -> None:
         """Leave the cluster, and end what was started here."""
-        self._scene = None
+        self._scene = self._learned = None
         self._futures.clear()
         if self._local is not None:
             self._local.close()

@@ -5,37 +5,45 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
+from concurrent.futures import Future, ThreadPoolExecutor
 
-from engine.cluster.collector import Collector
+import numpy as np
+
 from engine.cluster.crew import Crew, Ticket
 from engine.cluster.pool import ClusterError, Pool
-from engine.cluster.ranges import SampleRange, plan_ranges
-from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, pack
+from engine.cluster.ranges import RangeCutter, TaskRange
+from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, digest_of, pack, pack_guidance, unpack_traced
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.render.batch import Statistics
+from engine.render.course import Course
 from engine.render.film import Film
-from engine.render.report import ENDINGS, Progress
-from engine.scene.description import Frame, Notice
-from engine.settings import RenderSettings
-from engine.state.film import FilmTile
+from engine.render.report import Progress
+from engine.render.traced import TracedTiles, rows_of
+from engine.scene.description import Notice
+from engine.state.unit import ALL_STRATA
 
 #: Least time that a range may take before others are asked for it as well [s].
 PATIENCE = 20.0
-#: Parts of the picture a worker, so that all have something to do at the end of a render too.
-_PARTS_PER_WORKER = 2
+#: Ranges a worker that the tasks of an iteration are divided into.
+_RANGES_PER_WORKER = 3
 #: A range of so many paths is not too small for what sending it costs.
-_MOST_PATHS = 1 << 23
+_MOST_PATHS = 1 << 22
 #: A range that has failed so often, or taken so many workers with it, is not tried again.
 _MOST_FAILURES = 3
 #: Workers are counted so often [s].
 _ROLL_CALL = 0.5
+#: How long workers may wait for what is learned to be noticed [s].
+_LEARNING_POLL = 0.01
 
 
 class ClusterJob:
-    """One render, as `engine.render.job.AnyJob`; all happens in the thread that calls `wait`.
+    """One render, as `engine.render.job.AnyJob`; all but learning happens in the thread that calls `wait`.
+
+    Between iterations it learns here, from what all workers have recorded, in the order of the tiles. What is learned
+    has a digest; orders name it, and workers fetch what they do not have.
 
     Parameters
     ----------
@@ -43,53 +51,80 @@ class ClusterJob:
         That holds the scene.
     scene : str
         Digest of the description.
-    settings : RenderSettings
-        By which nothing is learned.
-    film : Film
-    frame : Frame
-    samples : int
+    course : Course
+        Which tells `follow` what tasks go by.
     patience : float
         Least time [s] that a range may take before others are asked for it as well.
     """
 
-    learner: Learner | CacheLearner | UnguidedLearner | None = None
     prepare_seconds = 0.0
-    guidance: Guidance | None = None
     is_preparing = False
 
-    def __init__(
-        self, pool: Pool, scene: str, settings: RenderSettings, film: Film, frame: Frame, samples: int,
-        patience: float = PATIENCE,
-    ) -> None:
-        self.film, self.film_lock = film, threading.Lock()
-        self.ended_by = ""
+    def __init__(self, pool: Pool, scene: str, course: Course, patience: float = PATIENCE) -> None:
+        self.film: Film = course.film
         self.render_seconds = 0.0
-        self.notices: list[Notice] = []
-        self._pool, self._scene, self._settings, self._samples = pool, scene, settings, samples
-        self._frame = frame
+        self._notices: list[Notice] = []
+        self._pool, self._scene, self._course = pool, scene, course
         self._crew = Crew(patience)
+        self._cutter = RangeCutter(course)
         self._statistics = Statistics()
         self._failures: Counter[int] = Counter()
         self._left_out: set[str] = set()
         self._is_stopped = False
-        self._created = self._started = pool.now
         self._counted = float("-inf")
-        self._ranges: list[SampleRange] = []
-        self._waiting: deque[SampleRange] = deque()
-        self._collector = Collector(film, frame.region, [])
+        #: Ranges that have not come, by number; and those of them that are to be handed out again.
+        self._open: dict[int, TaskRange] = {}
+        self._waiting: deque[TaskRange] = deque()
+        #: Learns while the thread that calls `wait` goes on asking who is there.
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix="learn")
+        self._learning: Future[None] | None = None
+        self._learned = "", b""
+        self._weights: np.ndarray | None = None
 
     # -- as a session sees it -----------------------------------------------------------------------------------------
 
+    @property
+    def film_lock(self) -> threading.Lock:
+        """For whoever reads the film meanwhile."""
+        return self._course.film_lock
+
+    @property
+    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
+        """What learns."""
+        return self._course.learner
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What the newest iteration goes by; None of a render that learns nothing."""
+        return self._course.guidance
+
+    @property
+    def ended_by(self) -> str:
+        """Of `ENDINGS`, once it is known."""
+        return self._course.ended_by
+
+    @ended_by.setter
+    def ended_by(self, ending: str) -> None:
+        self._course.ended_by = ending
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What users should know of how it went."""
+        return [*self._notices, *self._course.notices]
+
+    def follow(self, guidance: Guidance) -> None:
+        """Take what tasks go by from now on."""
+        blob = pack_guidance(guidance)
+        self._learned = digest_of(blob), blob
+        self._weights = guidance.newest_pixel_weight
+
     def start(self) -> None:
-        """Divide the frame."""
-        x0, y0, x1, y1 = self._frame.region
-        paths = (x1 - x0) * (y1 - y0) * min(self._samples, 64)
-        workers = len(self._pool.workers())
-        count = max(_PARTS_PER_WORKER * workers if workers > 1 else 1, -(-paths // _MOST_PATHS))
-        self._ranges = plan_ranges(self._frame, self._samples, count)
-        self._waiting = deque(self._ranges)
-        self._collector = Collector(self.film, self._frame.region, self._ranges)
-        self._started = self._pool.now
+        """Begin; kernels of learning are loaded while workers trace the first samples."""
+        course = self._course
+        if course.learner is not None:
+            self._executor.submit(course.learner.rehearse)
+        course.ready()
+        course.begin()
 
     def stop(self) -> None:
         """End with what is there."""
@@ -105,65 +140,51 @@ class ClusterJob:
         """
         deadline = self._pool.now + seconds
         while True:
-            if self._is_stopped or self._collector.is_complete or self._time_is_up():
+            if self._learning is not None and self._learning.done():
+                self._learning.result()
+                self._learning = None
+            is_learning = self._learning is not None
+            if self._is_stopped or not (self._open or is_learning or self._cutter.has_task):
                 return True
             self._call_roll()
-            self._hand_out()
+            if not is_learning:
+                self._hand_out()
             left = deadline - self._pool.now
             if left <= 0.0:
                 return False
-            come = self._pool.take(min(left, _ROLL_CALL))
+            come = self._pool.take(min(left, _LEARNING_POLL if is_learning else _ROLL_CALL))
             if come is not None:
                 self._receive(*come)
 
     def join(self) -> None:
-        """Leave what is still out; put on the film what has come."""
+        """Leave what is still out."""
         self._pool.cancel(list(self._crew.tickets))
-        with self.film_lock:
-            self._collector.flush()
+        self._executor.shutdown(wait=True)
         self.ended_by = self.ended_by or "SAMPLES"
-        self.render_seconds = self._pool.now - self._started
+        self.render_seconds = self._course.elapsed
 
     @property
     def has_paths(self) -> bool:
         """Whether there is anything to show; it may be a part of the image."""
-        return self._collector.has_paths
+        return self._course.has_paths
 
     def statistics(self) -> Statistics:
         """Sum over all ranges on the film."""
-        return self._statistics
+        total = Statistics()
+        total.add(self._statistics)
+        return total
 
     def progress(self) -> Progress:
         """Where it stands now."""
-        elapsed = self._pool.now - self._started
-        total = sum(item.path_count for item in self._ranges)
-        fraction = self._collector.path_count / total if total else 0.0
-        remaining = elapsed * (1.0 - fraction) / fraction if fraction else None
-        limit = self._settings.time_limit
-        if limit:
-            fraction = max(fraction, min(elapsed / limit, 1.0))
-            remaining = max(limit - elapsed, 0.0) if remaining is None else min(remaining, max(limit - elapsed, 0.0))
-        rays = sum(self._statistics.rays.values()) / max(elapsed, 1e-6)
         count = len(self._crew.names)
         message = f"{count} workers" if count != 1 else "1 worker"
         if not count:
             message = "Waiting for workers"
-        if self.ended_by:
-            message = ENDINGS[self.ended_by]
-        return Progress(fraction, int(fraction * self._samples), self._samples, elapsed, remaining, rays, message)
+        elif self._learning is not None:
+            message += ", learning"
+        return self._course.progress(sum(self._statistics.rays.values()), message)
 
     # -- the work -----------------------------------------------------------------------------------------------------
-
-    def _time_is_up(self) -> bool:
-        limit = self._settings.time_limit
-        # As on one machine there is a whole picture first: every part has its first range.
-        has_image = self._collector.has_paths and all(
-            self._collector.has(item.number) for item in self._ranges if item.step == 0
-        )
-        if limit and has_image and self._pool.now - self._started >= limit:
-            self.ended_by = "TIME_LIMIT"
-            return True
-        return False
 
     def _call_roll(self) -> None:
         """See who is here, and who is late."""
@@ -182,14 +203,14 @@ class ClusterJob:
 
     def _hand_out(self) -> None:
         """Give work to all who have room for it."""
-        while self._waiting:
-            if self._collector.has(self._waiting[0].number):
+        while self._waiting or self._cutter.has_task:
+            if self._waiting and self._waiting[0].number not in self._open:
                 self._waiting.popleft()
                 continue
             name = self._crew.idlest()
             if name is None:
                 return
-            self._submit(name, self._waiting.popleft())
+            self._submit(name, self._waiting.popleft() if self._waiting else self._cut())
         # Nothing is left but what is out: whoever has nothing to do helps with that.
         for name in self._crew.idle():
             item = self._crew.takeable(self._pool.now)
@@ -197,9 +218,31 @@ class ClusterJob:
                 return
             self._submit(name, item)
 
-    def _submit(self, name: str, item: SampleRange) -> None:
+    def _cut(self) -> TaskRange:
+        """A range of tasks that nobody had before."""
+        share = len(self._course.tiles) // (_RANGES_PER_WORKER * max(len(self._crew.names), 1))
+        item = self._cutter.cut(max(share, 1), _MOST_PATHS)
+        self._open[item.number] = item
+        return item
+
+    def _submit(self, name: str, item: TaskRange) -> None:
         number = self._crew.assign(name, item, self._pool.now)
-        self._pool.submit(number, name, pack(Order(self._scene, self._settings, self.film.layout, item)))
+        self._pool.hold_learned(*self._learned)
+        self._pool.submit(number, name, pack(self._order(item)))
+
+    def _order(self, item: TaskRange) -> Order:
+        course, task = self._course, item.tasks[0]
+        indices = tuple(task.tile for task in item.tasks)
+        tiles = [course.tiles[index] for index in indices]
+        weights = self._weights
+        if weights is not None:
+            weights = weights[np.concatenate([film_index for _, film_index in tiles])]
+        is_whole = course.has_all_pixels
+        return Order(
+            self._scene, self._learned[0], course.settings, course.film.layout, indices if is_whole else (),
+            None if is_whole else [pixels for pixels, _ in tiles], task.part, task.stratum, weights,
+            course.records(task.part.arm),
+        )
 
     def _receive(self, number: int, answer: Answer) -> None:
         """A ticket has come back."""
@@ -207,7 +250,7 @@ class ClusterJob:
         if ticket is None:
             return
         if answer.kind == SUMS:
-            self._put_on_film(ticket.item, answer)
+            self._keep(ticket.item, answer)
         elif answer.kind == LOST:
             # Whether the worker is still there will be seen.
             self._give_up(self._crew.dismiss(ticket.worker), is_failure=False)
@@ -215,11 +258,14 @@ class ClusterJob:
         else:
             self._do_without(ticket, answer)
 
-    def _put_on_film(self, item: SampleRange, answer: Answer) -> None:
-        with self.film_lock:
-            is_new = self._collector.take(item.number, FilmTile(*answer.sums))
-        if is_new and answer.statistics is not None:
+    def _keep(self, item: TaskRange, answer: Answer) -> None:
+        """Put a range on the film, once."""
+        course = self._course
+        if self._open.pop(item.number, None) is None:
+            return
+        if answer.statistics is not None:
             self._statistics.add(answer.statistics)
+        is_waiting = self._put_on_film(item, unpack_traced(answer.traced, course.film.layout))
         # What others have not begun of the same range would come for nothing.
         spare = [
             number
@@ -227,6 +273,22 @@ class ClusterJob:
             if ticket.item.number == item.number and ticket.began is None
         ]
         self._give_up(spare, is_failure=False)
+        if is_waiting:
+            self._learning = self._executor.submit(course.begin_next, self.statistics())
+
+    def _put_on_film(self, item: TaskRange, traced: TracedTiles) -> bool:
+        """Put tasks on the film; True if the course waits for what follows."""
+        course = self._course
+        is_waiting, row = False, 0
+        for index, task in enumerate(item.tasks):
+            unit = course.unit(task)
+            last = row + len(unit.pixels) * (unit.strata if task.stratum == ALL_STRATA else 1)
+            records = None if traced.records is None else traced.records[index]
+            with course.film_lock:
+                course.keep(task, unit, rows_of(traced.sums, row, last), traced.costs[index], records)
+            is_waiting |= course.finish(task)
+            row = last
+        return is_waiting
 
     def _do_without(self, ticket: Ticket, answer: Answer) -> None:
         """Ask no more of a worker that is of another version, or has failed."""
@@ -256,21 +318,19 @@ class ClusterJob:
             else:
                 self._again(ticket.item)
 
-    def _fail(self, item: SampleRange, reason: str) -> None:
+    def _fail(self, item: TaskRange, reason: str) -> None:
         self._failures[item.number] += 1
-        if self._failures[item.number] >= _MOST_FAILURES and not self._collector.has(item.number):
-            raise ClusterError(
-                f"Cluster: samples {item.first} to {item.first + item.count - 1} of a part of the picture have failed "
-                f"{_MOST_FAILURES} times; the last time: {reason}"
-            )
+        if self._failures[item.number] >= _MOST_FAILURES and item.number in self._open:
+            raise ClusterError(f"Cluster: {item} have failed {_MOST_FAILURES} times; the last time: {reason}")
         self._again(item)
 
-    def _again(self, item: SampleRange) -> None:
+    def _again(self, item: TaskRange) -> None:
         """Have a range done by somebody, before all others, if it has not come and nobody is at it."""
-        if not (self._collector.has(item.number) or item in self._waiting or self._crew.is_in_hand(item)):
+        is_needed = item.number in self._open and item not in self._waiting
+        if is_needed and not self._crew.is_in_hand(item):
             self._waiting.appendleft(item)
 
     def _notice(self, subject: str, problem: str, fallback: str) -> None:
         notice = Notice(f"Cluster, {subject}", problem, fallback)
-        if notice not in self.notices:
-            self.notices.append(notice)
+        if notice not in self._notices:
+            self._notices.append(notice)

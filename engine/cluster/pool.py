@@ -19,14 +19,17 @@ class Pool(Protocol):
     def now(self) -> float:
         """Time [s] since whenever."""
 
-    def hold(self, digest: str, scene: bytes) -> None:
-        """Have this scene, a pickled description, at hand for the orders that come; earlier ones are let go.
+    def hold(self, scene: str, blob: bytes) -> None:
+        """Have a scene, a pickled description with this digest, at hand for the orders that come, instead of the last.
 
         Raises
         ------
         ClusterError
             If there is no cluster any more.
         """
+
+    def hold_learned(self, learned: str, blob: bytes) -> None:
+        """As `hold`, for what orders go by; digest '': nothing."""
 
     def workers(self) -> frozenset[str]:
         """Who is connected now.
@@ -38,7 +41,7 @@ class Pool(Protocol):
         """
 
     def submit(self, ticket: int, worker: str, order: bytes) -> None:
-        """Have this worker, and no other, do an order about the scene that is held."""
+        """Have this worker, and no other, do an order about what is held now."""
 
     def take(self, seconds: float) -> tuple[int, Answer] | None:
         """The next ticket that has come back, with its answer; None after so many seconds."""

@@ -1,79 +1,74 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a frame is divided: parts of the picture by ranges of samples.
+"""What a worker does at a time: tasks of several tiles.
 
-Both follow what one machine's threads do (`engine.render.schedule.sample_ranges`, `engine.render.tiles`): a part
-is made of whole tiles, and a range is one of a tile's successive tasks. So each float32 sum is added up in the same
-order as on one machine, and the picture is the same to the last bit.
+Tasks are those that one machine's threads work on (`engine.render.schedule`), and each is put on the film by itself. So
+float32 sums are added up in the same order as on one machine, however tasks are bundled, and the picture is the same to
+the last bit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
-from engine.render.schedule import sample_ranges
-from engine.render.tiles import TILE_SIZE
-from engine.scene.description import Frame
-
-Region = tuple[int, int, int, int]
+from engine.render.course import Course
+from engine.render.schedule import Task
 
 
 @dataclass(frozen=True)
-class SampleRange:
-    """What a worker renders at a time.
+class TaskRange:
+    """Tasks of several tiles: the same samples of each, by the same arm.
 
     number : int, of all ranges of a render: whoever brings the same number brings the same sums
-    part, step : int, which part of the picture, and which of its successive ranges
-    region : (x0, y0, x1, y1) in pixels of the full image
-    first, count : int, samples
+    tasks : tuple of Task
+    path_count : int, paths that it takes
     """
 
     number: int
-    part: int
-    step: int
-    region: Region
-    first: int
-    count: int
+    tasks: tuple[Task, ...]
+    path_count: int
 
-    @property
-    def path_count(self) -> int:
-        """Paths that it takes."""
-        x0, y0, x1, y1 = self.region
-        return (x1 - x0) * (y1 - y0) * self.count
+    def __str__(self) -> str:
+        """For messages: which samples."""
+        part = self.tasks[0].part
+        return f"samples {part.first_sample} to {part.first_sample + part.sample_count - 1} of a part of the picture"
 
 
-def plan_ranges(frame: Frame, samples: int, part_count: int) -> list[SampleRange]:
-    """All ranges of a render: the first of every part, then the second of every part, and so on.
+class RangeCutter:
+    """Bundles a course's tasks in their order.
 
     Parameters
     ----------
-    part_count : int
-        Parts that are wanted; there are not more than tiles.
+    course : Course
     """
-    regions = list(_regions(frame.region, part_count))
-    steps = sample_ranges(samples)
-    return [
-        SampleRange(step * len(regions) + part, part, step, region, *steps[step])
-        for step in range(len(steps))
-        for part, region in enumerate(regions)
-    ]
+
+    def __init__(self, course: Course) -> None:
+        self._course = course
+        #: Was taken, and did not fit to those before.
+        self._held: Task | None = None
+        self._next_number = 0
+
+    @property
+    def has_task(self) -> bool:
+        """Whether there is something to hand out now."""
+        if not self._course.has_task and self._course.ended_by:
+            self._held = None
+        return self._held is not None or self._course.has_task
+
+    def cut(self, tile_count: int, most_paths: int) -> TaskRange:
+        """The next range: up to so many tiles, and paths if it is more than one tile. There must be a task."""
+        tasks: list[Task] = []
+        path_count = 0
+        while len(tasks) < tile_count and self.has_task:
+            task, self._held = self._held or self._course.take(), None
+            paths = len(self._course.tiles[task.tile][0]) * task.part.sample_count
+            if tasks and (not _are_alike(task, tasks[0]) or path_count + paths > most_paths):
+                self._held = task
+                break
+            tasks.append(task)
+            path_count += paths
+        number, self._next_number = self._next_number, self._next_number + 1
+        return TaskRange(number, tuple(tasks), path_count)
 
 
-def _regions(region: Region, count: int) -> Iterator[Region]:
-    """Rectangles of whole tiles that fill the region: rows first, then columns where there are too few rows."""
-    x0, y0, x1, y1 = region
-    row_count, column_count = -(-(y1 - y0) // TILE_SIZE), -(-(x1 - x0) // TILE_SIZE)
-    if not row_count or not column_count:
-        return
-    rows = max(min(row_count, count), 1)
-    columns = max(min(column_count, -(-count // rows)), 1)
-    for bottom, top in _cuts(y0, y1, row_count, rows):
-        for left, right in _cuts(x0, x1, column_count, columns):
-            yield left, bottom, right, top
-
-
-def _cuts(start: int, end: int, tile_count: int, count: int) -> Iterator[tuple[int, int]]:
-    """`tile_count` tiles from `start` on in `count` pieces of about the same size; the last tile may be smaller."""
-    edges = [start + tile_count * piece // count * TILE_SIZE for piece in range(count)] + [end]
-    yield from pairwise(edges)
+def _are_alike(one: Task, other: Task) -> bool:
+    return one.part == other.part and one.stratum == other.stratum

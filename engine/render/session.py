@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 
@@ -16,7 +16,9 @@ from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
+from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.batch import Statistics
@@ -28,6 +30,7 @@ from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.strata import StrataFilm, strata_count
+from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
@@ -35,7 +38,7 @@ from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
 from engine.scene.limits import texture_memory
 from engine.settings import RenderSettings
-from engine.state.film import FilmLayout, FilmTile
+from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
 from engine.state.media import MAX_MEDIA
 from engine.wavefront.columns import CACHED_DEPTHS
@@ -377,27 +380,25 @@ class Session:
         frame = scene.description.frame
         return Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
 
-    def render_range(
-        self, settings: RenderSettings, layout: FilmLayout, region: tuple[int, int, int, int], first: int, count: int
-    ) -> tuple[FilmTile, Statistics]:
-        """Render a range of samples of a part of the loaded scene's frame, for whoever puts such parts together.
+    def trace_tiles(
+        self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
+        guidance: Guidance | None, *, records: bool,
+    ) -> tuple[TracedTiles, Statistics]:
+        """Trace samples of some of the loaded scene's tiles, for whoever puts them on a film (`Course`).
 
         Parameters
         ----------
         settings : RenderSettings
-            As the one who asks has worked them out: nothing may be learned by them.
+            As the one who asks has worked them out.
         layout : FilmLayout
-        region : (x0, y0, x1, y1)
-            In pixels of the full image. Its corner is the corner of a tile.
-        first, count : int
-            Samples.
-
-        Returns
-        -------
-        FilmTile
-            Sums of the region's pixels.
-        Statistics
-            What that took.
+        tiles : int32 (P, 2) each
+            Column and row of pixels in the full image.
+        part, stratum
+            As of a `Task`.
+        guidance : Guidance or None
+            What paths go by; its pixel weights are of the tiles' pixels one after the other.
+        records : bool
+            Whether what paths record is wanted.
 
         Raises
         ------
@@ -406,22 +407,9 @@ class Session:
         """
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
-        x0, y0, x1, y1 = region
-        film = Film(x1 - x0, y1 - y0, layout)
         tracer = self._take_tracer(self.scene, settings, layout)
         tracer.ray_observer = None
-        frame = replace(self.scene.description.frame, region=region)
-        job = Job(tracer, frame, film, settings, self.thread_count, samples=first + count, first=first)
-        job.start()
-        try:
-            while not job.wait(FINAL.poll_seconds):
-                pass
-        except BaseException:
-            job.stop()
-            raise
-        finally:
-            job.join()
-        return film.sums, job.statistics()
+        return trace_tiles(tracer, settings, self.thread_count, tiles, part, stratum, guidance, records=records)
 
     @property
     def light_digest(self) -> str:

@@ -75,6 +75,17 @@ class Guidance:
         """The same, but nothing is recorded."""
         return replace(self, record_threshold=0, challenger=None)
 
+    @property
+    def newest_pixel_weight(self) -> np.ndarray | None:
+        """Weights of the pixels, if it or its challenger asks for them."""
+        challenger = self.challenger
+        return self.pixel_weight if self.pixel_weight is not None or challenger is None else challenger.pixel_weight
+
+    def with_pixel_weight(self, pixel_weight: np.ndarray | None) -> Guidance:
+        """The same, for other pixels."""
+        challenger = None if self.challenger is None else self.challenger.with_pixel_weight(pixel_weight)
+        return replace(self, pixel_weight=pixel_weight, challenger=challenger)
+
     def with_roulette(self, reflected: ReflectedField, pixel_weight: np.ndarray | None) -> Guidance:
         """The same, with roulette by what surfaces send back."""
         challenger = None if self.challenger is None else self.challenger.with_roulette(reflected, pixel_weight)

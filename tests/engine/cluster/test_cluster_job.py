@@ -12,16 +12,19 @@ import pickle
 import numpy as np
 import pytest
 
-from engine.cluster.collector import Collector
 from engine.cluster.job import ClusterJob
 from engine.cluster.pool import ClusterError
-from engine.cluster.ranges import plan_ranges
+from engine.cluster.ranges import RangeCutter
 from engine.cluster.version import source_version
-from engine.cluster.work import REFUSED, SUMS, Answer, trace
+from engine.cluster.work import REFUSED, SUMS, Answer, pack_traced, trace
+from engine.render.course import Course
 from engine.render.film import Film
+from engine.render.tiles import FrameTiles
+from engine.render.traced import TracedTiles
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
 from engine.state.film import allocate_tile
+from engine.state.unit import UnitCosts
 
 FRAME = Frame(96, 64, (0, 0, 96, 64))
 SAMPLES = 200
@@ -30,31 +33,39 @@ SAMPLES = 200
 class SimulatedPool:
     """Workers with a speed each [paths per second], 0: hung; those with a time to die are gone from then on."""
 
-    def __init__(self, speeds, dies=None, refuses=()):
+    def __init__(self, speeds, dies=None, refuses=(), copies=1):
         self.now = 0.0
         self.begun = []
         self._speeds, self._dies, self._refuses = speeds, dies or {}, refuses
+        self._copies = copies
         self._free = dict.fromkeys(speeds, 0.0)
         self._events = []
         self._cancelled = set()
 
-    def hold(self, digest, scene):
+    def hold(self, scene, blob):
+        pass
+
+    def hold_learned(self, learned, blob):
         pass
 
     def workers(self):
         return frozenset(name for name in self._speeds if self.now < self._dies.get(name, np.inf))
 
     def submit(self, ticket, worker, order):
-        item = pickle.loads(order).range
-        self.begun.append((worker, item.number))
+        wanted = pickle.loads(order)
+        self.begun.append((worker, wanted.tiles, wanted.part))
         speed = self._speeds[worker]
         if speed == 0.0:
             return
-        self._free[worker] = done = max(self._free[worker], self.now) + item.path_count / speed
+        sums = ones(wanted)
+        self._free[worker] = done = max(self._free[worker], self.now) + sums.sums.count.sum() / speed
         if done >= self._dies.get(worker, np.inf):
             return
-        answer = Answer(REFUSED, "another version") if worker in self._refuses else Answer(SUMS, "", tuple(ones(item)))
-        heapq.heappush(self._events, (done, ticket, answer))
+        answer = Answer(SUMS, "", pack_traced(sums))
+        if worker in self._refuses:
+            answer = Answer(REFUSED, "another version")
+        for _ in range(self._copies):
+            heapq.heappush(self._events, (done, ticket, answer))
 
     def take(self, seconds):
         while self._events and self._events[0][0] <= self.now + seconds:
@@ -72,19 +83,26 @@ class SimulatedPool:
         pass
 
 
-def ones(item):
-    """Sums of a range whose samples are all one."""
-    x0, y0, x1, y1 = item.region
-    tile = allocate_tile((x1 - x0) * (y1 - y0), 3)
-    tile.radiance[:] = item.count
-    tile.count[:] = item.count
-    return tile
+def ones(order):
+    """What a range brings whose samples are all one."""
+    tiles = FrameTiles(FRAME)
+    pixel_count = sum(len(tiles[tile][0]) for tile in order.tiles)
+    tile = allocate_tile(pixel_count, 3)
+    tile.radiance[:] = order.part.sample_count
+    tile.count[:] = order.part.sample_count
+    return TracedTiles(tile, [UnitCosts()] * len(order.tiles), None)
+
+
+def plain_course(film, samples=SAMPLES):
+    """Of an unguided render."""
+    settings = RenderSettings(samples=samples, guiding_method="OFF", roulette="THROUGHPUT")
+    return Course(FRAME, film, settings, 1, lambda guidance: None)
 
 
 def run(pool, samples=SAMPLES, limit=10000.0):
     """A whole render; the film and the job."""
     film = Film(96, 64)
-    job = ClusterJob(pool, "scene", RenderSettings(samples=samples, guiding_method="OFF"), film, FRAME, samples, 1.0)
+    job = ClusterJob(pool, "scene", plain_course(film, samples), 1.0)
     job.start()
     while not job.wait(1.0):
         assert pool.now < limit, "the render does not end"
@@ -96,30 +114,34 @@ def is_whole(film, samples=SAMPLES):
     return (film.sums.count == samples).all() and (film.sums.radiance == samples).all()
 
 
-def test_ranges_cover_each_sample_of_each_pixel_once():
-    for count in (1, 2, 5, 100):
-        covered = np.zeros((64, 96, SAMPLES), int)
-        for item in plan_ranges(FRAME, SAMPLES, count):
-            x0, y0, x1, y1 = item.region
-            covered[y0:y1, x0:x1, item.first : item.first + item.count] += 1
-        assert (covered == 1).all()
+def test_ranges_cover_each_sample_of_each_tile_once_and_in_order():
+    for tile_count, most_paths in ((1, 1), (2, 1 << 20), (100, 40000), (100, 1 << 20)):
+        film = Film(96, 64)
+        course = plain_course(film)
+        cutter = RangeCutter(course)
+        reached = np.zeros(6, int)
+        numbers = []
+        while cutter.has_task:
+            item = cutter.cut(tile_count, most_paths)
+            numbers.append(item.number)
+            assert len(item.tasks) <= tile_count and (len(item.tasks) == 1 or item.path_count <= most_paths)
+            for task in item.tasks:
+                assert task.part[:2] == item.tasks[0].part[:2] and task.part.first_sample == reached[task.tile]
+                reached[task.tile] += task.part.sample_count
+                course.finish(task)
+        assert (reached == SAMPLES).all() and len(set(numbers)) == len(numbers)
 
 
 def test_a_range_that_comes_twice_counts_once():
-    film = Film(96, 64)
-    ranges = plan_ranges(FRAME, SAMPLES, 2)
-    collector = Collector(film, FRAME.region, ranges)
-    for item in reversed(ranges):
-        assert collector.take(item.number, ones(item))
-        assert not collector.take(item.number, ones(item))
-    assert collector.is_complete and is_whole(film)
+    film, job = run(SimulatedPool(dict.fromkeys("abcd", 10000.0), copies=2))
+    assert is_whole(film) and not job.notices
 
 
 def test_four_workers_share_the_work():
     pool = SimulatedPool(dict.fromkeys("abcd", 10000.0))
     film, job = run(pool)
     assert is_whole(film) and not job.notices
-    assert {worker for worker, _ in pool.begun} == set("abcd")
+    assert {worker for worker, _, _ in pool.begun} == set("abcd")
 
 
 def test_ranges_of_a_lost_worker_are_done_again():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Four workers on this machine: the picture is that of one process, whatever happens to them."""
+"""Four workers on this machine: a guided picture is that of one process, whatever happens to them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.helpers.small_scenes import corner_scene
 
 pytest.importorskip("distributed")
 PASSES = ("Combined", "Variance", "Depth")
-SETTINGS = RenderSettings(samples=21, guiding_method="OFF", threads=1, seed=3)
+SETTINGS = RenderSettings(samples=15, guiding_method="VMM", deterministic=True, threads=1, seed=3)
 
 
 @pytest.fixture

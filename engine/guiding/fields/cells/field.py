@@ -5,6 +5,8 @@ Direction and shader make a cell (`hash_grid`): so the two sides of a thin wall,
 different colours are apart. Each size is twice the next smaller one.
 """
 
+from typing import Any
+
 import numpy as np
 
 from engine.array_types import Float32Array, Uint32Array
@@ -44,6 +46,10 @@ class CellField(Bundle):
     size: Float32Array
     mask: Uint32Array
 
+    def __reduce__(self) -> Any:
+        used = np.flatnonzero(self.tag)
+        return _with_cells, (float(self.size[0]), len(self.tag), used, self.tag[used], self.sums[used])
+
 
 def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
     """A field that knows nothing, with room for so many cells, the smallest of this size [m]."""
@@ -52,6 +58,13 @@ def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
         places.view(np.uint32)[:, SUM_WIDTH], places[:, :SUM_WIDTH], np.full(1, size, np.float32),
         np.full(1, slot_count - 1, np.uint32),
     )
+
+
+def _with_cells(size: float, slot_count: int, used: np.ndarray, tag: np.ndarray, sums: np.ndarray) -> CellField:
+    """A field from another process: strides are a part of its type, so it is made here."""
+    cells = empty_cells(size, slot_count)
+    cells.tag[used], cells.sums[used] = tag, sums
+    return cells
 
 
 def no_cells() -> CellField:

@@ -6,6 +6,8 @@ direction of the light plays no part: a look-up finds one number, in a table tha
 nothing.
 """
 
+from typing import Any
+
 import numpy as np
 
 from engine.array_types import Float32Array, Uint32Array
@@ -47,6 +49,10 @@ class ReflectedField(Bundle):
     mask: Uint32Array
     numbers: Float32Array
 
+    def __reduce__(self) -> Any:
+        used = np.flatnonzero(self.tag)
+        return _with_places, (len(self.tag), self.numbers, used, self.tag[used], self.importance[used])
+
 
 def empty_reflected(size: float = 1.0, slot_count: int = SLOT_COUNT) -> ReflectedField:
     """A field that knows nothing, with room for so many cells, the smallest of this size [m]."""
@@ -55,6 +61,15 @@ def empty_reflected(size: float = 1.0, slot_count: int = SLOT_COUNT) -> Reflecte
         places.view(np.uint32)[:, 0], places[:, 1], np.full(1, slot_count - 1, np.uint32),
         np.array([1.0 / size, 1.0, 1.0], np.float32),
     )
+
+
+def _with_places(
+    slot_count: int, numbers: np.ndarray, used: np.ndarray, tag: np.ndarray, importance: np.ndarray
+) -> ReflectedField:
+    """A field from another process: strides are a part of its type, so it is made here."""
+    field = empty_reflected(slot_count=slot_count)
+    field.tag[used], field.importance[used], field.numbers[:] = tag, importance, numbers
+    return field
 
 
 def no_reflected() -> ReflectedField:

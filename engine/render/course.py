@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a render does from its first sample to its last, whoever traces it: threads of this process, or a cluster.
+
+It hands out tasks, puts what comes of them on the film, and learns between iterations. Which task is traced where and
+when changes nothing: a tile's tasks follow each other in the order of their samples, and what was recorded is learned
+from tile by tile.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.guiding.models.record_sink import RecordSink
+from engine.guiding.models.source_model import TrainedSource
+from engine.guiding.policy import trial
+from engine.guiding.policy.cache_learning import CacheLearner
+from engine.guiding.policy.costs import IterationCosts
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iterations import LearningRests, iteration_weight
+from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import Part
+from engine.guiding.policy.unguided_learning import UnguidedLearner
+from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.saved.learned import LearnedField
+from engine.render.adaptive import ActivePixels
+from engine.render.batch import Statistics
+from engine.render.film import Film
+from engine.render.report import ENDINGS, Progress
+from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
+from engine.render.strata import StrataFilm, StrataSchedule
+from engine.render.tiles import FrameTiles, Tile
+from engine.scene.description import Frame, Notice
+from engine.settings import RenderSettings
+from engine.state.film import FilmTile
+from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
+
+
+class Course:
+    """One render's course.
+
+    Who shares it among threads holds `changed` for `has_task`, `take`, `clear` and `finish`, and `film_lock` for
+    `keep`. `begin_next` takes `changed` itself.
+
+    Parameters
+    ----------
+    frame : Frame
+    film : Film
+    settings : RenderSettings
+    thread_count : int
+        To learn with.
+    follow : callable (Guidance) -> None
+        Is told what tasks go by that are handed out after the call; no task is out meanwhile.
+    light_clusters : bool (C,), optional
+        As `Learner` takes it.
+    source, sink, start, keeps
+        See `Session.render`.
+    samples : int, optional
+        Where to stop, before the number of the settings.
+
+    Attributes
+    ----------
+    changed : threading.Condition
+        To be notified when there may be tasks.
+    ended_by : str
+        Of `ENDINGS`, once it is known.
+    has_image : bool
+        Whether every tile has been handed out once.
+    guidance : Guidance or None
+        What `follow` was told last.
+    tiles : sequence of Tile
+        That tasks speak of; a noise threshold changes them between steps.
+    strata : int
+    largest : int
+        Pixels of the largest tile.
+    """
+
+    def __init__(
+        self, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
+        follow: Callable[[Guidance], None], light_clusters: npt.NDArray[np.bool_] | None = None,
+        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
+        keeps: bool = False, samples: int | None = None,
+    ) -> None:
+        self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
+        self.film, self.settings = film, settings
+        self._follow = follow
+        self.film_lock = threading.Lock()
+        self.changed = threading.Condition()
+        self.ended_by = ""
+        self.has_image = False
+        self.learner: Learner | CacheLearner | UnguidedLearner | None = None
+        self.guidance: Guidance | None = None
+        tiles = FrameTiles(frame)
+        self.tiles: Sequence[Tile] = tiles
+        self.strata = max(settings.strata, 1)
+        #: Of samples that lie in all of u.
+        self._whole = ALL_STRATA if self.strata > 1 else 0
+        #: Which pixels go on, where there is a noise threshold.
+        self._active: ActivePixels | None = None
+        if settings.use_adaptive_sampling:
+            self._active = ActivePixels(settings, film, frame.exposure, tiles)
+        self._schedule: Schedule
+        self._iterations: Iterations | None = None
+        self._steps: Steps | None = None
+        self.largest, pixel_count = tiles.largest, tiles.pixel_count
+        if not settings.learns_lights:
+            light_clusters = None
+        if settings.is_guided:
+            self.learner = Learner(
+                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters
+            )
+        elif settings.radiance_cache != "OFF":
+            self.learner = CacheLearner(settings, pixel_count, tiles.largest)
+        elif settings.learns_roulette or light_clusters is not None:
+            self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters)
+        if self.learner is not None:
+            strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
+            self._schedule = self._iterations = Iterations(samples, strata)
+            self._iterations.begin(self.learner.parts, len(self.tiles))
+        else:
+            self._go_on_plainly()
+        self._units: dict[int, list[UnitRecords]] = {}
+        #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
+        self._learned: Guidance | None = None
+        self._rests = LearningRests(pixel_count)
+        self._before = Statistics()
+        self._finished_paths = 0
+        self._total_paths = float(pixel_count * samples)
+        self._sample = 0
+        self._fraction = 0.0
+        self._start: float | None = None
+
+    # -- tasks --------------------------------------------------------------------------------------------------------
+
+    def ready(self) -> None:
+        """Say what the first tasks go by."""
+        if self.learner is not None:
+            self._go_by(self.learner.first())
+
+    def begin(self) -> None:
+        """The first task is about to be traced: time runs from here on."""
+        self._start = time.perf_counter()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether `begin` was called."""
+        return self._start is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Time since `begin` [s]."""
+        return 0.0 if self._start is None else time.perf_counter() - self._start
+
+    @property
+    def time_is_up(self) -> bool:
+        """Whether a time limit is reached, and there is an image."""
+        limit = self.settings.time_limit
+        return bool(limit and self.has_image and self.elapsed >= limit)
+
+    @property
+    def has_task(self) -> bool:
+        """Whether there is something to hand out now. Once the time is up there is not."""
+        if self._schedule.has_task and self.time_is_up:
+            self.ended_by = "TIME_LIMIT"
+            self._schedule.clear()
+        return self._schedule.has_task
+
+    def take(self) -> Task:
+        """The next task; there must be one."""
+        return self._schedule.take()
+
+    def unit(self, task: Task) -> Unit:
+        """What there is to trace."""
+        return Unit(*self.tiles[task.tile], *task.part, task.stratum, self.strata)
+
+    def finish(self, task: Task) -> bool:
+        """Take note of a task that `keep` has taken; True if `begin_next` is to be called: there is no other task."""
+        is_waiting = self._schedule.finish(task)
+        if not task.is_first or not self._schedule.lacks_first_tasks:
+            self.has_image = True
+        return is_waiting
+
+    # -- what comes of them -------------------------------------------------------------------------------------------
+
+    def records(self, arm: int) -> bool:
+        """Whether what units of an arm record is of use now."""
+        return self.learner is not None and arm != PLAIN and self._is_learning
+
+    def keep(self, task: Task, unit: Unit, sums: FilmTile, costs: UnitCosts, records: UnitRecords | None) -> None:
+        """Put a finished unit on the film, and what it recorded aside (None: nothing that `records` asks for)."""
+        weight = 1.0
+        if self.learner is not None:
+            weight = iteration_weight(task.weighs_as, self.settings, self.learner.known_samples)
+            if unit.arm == PLAIN:
+                weight *= trial.PLAIN_WEIGHT
+        if records is not None:
+            self._units.setdefault(task.tile, []).append(records)
+        if isinstance(self.film, StrataFilm):
+            sums = self.film.merge_stratum(unit.film_index, sums, weight, unit.stratum)
+        else:
+            self.film.merge(unit.film_index, sums, weight)
+        self._finished_paths += len(unit.pixels) * unit.sample_count
+        self._sample = max(self._sample, unit.sample_first + unit.sample_count)
+        if self.learner is not None:
+            self.learner.compare(unit, sums, costs)
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether there is anything to show; it may be a part of the image."""
+        return self._finished_paths > 0
+
+    @property
+    def has_all_pixels(self) -> bool:
+        """Whether `tiles` are those of the whole frame (`FrameTiles`)."""
+        return self._active is None or not self._active.has_looked
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What users should know of how it went: what the learner says."""
+        return [] if self.learner is None else self.learner.notices
+
+    def progress(self, rays: int, message: str = "") -> Progress:
+        """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
+
+        Parameters
+        ----------
+        rays : int
+            Traced so far.
+        message : str
+            While it is not known how the render ends.
+        """
+        elapsed = self.elapsed
+        samples, limit, active = self.samples, self.settings.time_limit, self._active
+        fraction = min(self._finished_paths / max(self._total_paths, 1.0), 1.0)
+        sample = int(fraction * samples) if active is None else self._sample
+        remaining = None
+        if fraction > 0.0 and (active is None or active.has_looked):
+            remaining = elapsed * (1.0 - fraction) / fraction
+        if limit:
+            remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
+            fraction = max(fraction, min(elapsed / limit, 1.0))
+        # What is expected after a look may be more than what was before.
+        self._fraction = max(self._fraction, fraction)
+        share = None
+        if active is not None and active.has_looked:
+            share = active.count / max(self.film.width * self.film.height, 1)
+        message = ENDINGS[self.ended_by] if self.ended_by else message
+        return Progress(
+            self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share
+        )
+
+    # -- between iterations and steps ---------------------------------------------------------------------------------
+
+    @property
+    def _is_learning(self) -> bool:
+        """Whether the render goes in iterations: it is guided, and guiding has not been given up."""
+        return self._schedule is self._iterations
+
+    def begin_next(self, counted: Statistics, *, is_stopped: bool = False) -> None:
+        """After the last unit of an iteration or a step: look at the picture, learn, and begin the next.
+
+        Nobody else calls anything meanwhile but `has_task` and `progress`.
+
+        Parameters
+        ----------
+        counted : Statistics
+            What all units have counted so far.
+        is_stopped : bool
+            Whether nothing more is to be rendered.
+        """
+        if self._is_learning:
+            self._finish_iteration(counted, is_stopped)
+            return
+        steps, active = self._steps, self._active
+        assert steps is not None and active is not None
+        if steps.is_last or self._look(steps.next_sample):
+            return
+        with self.changed:
+            self.tiles = active.tiles
+            steps.begin(len(self.tiles))
+
+    def _go_by(self, guidance: Guidance) -> None:
+        self.guidance = guidance
+        self._follow(guidance)
+
+    def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
+        """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
+        samples, active = self.samples, self._active
+        if active is None:
+            self._schedule = PlainSchedule(len(self.tiles), samples, first, count, self._whole)
+        else:
+            self._schedule = self._steps = Steps(samples, active.rule.next_look, first, count, self._whole)
+            self._steps.begin(len(self.tiles))
+
+    def _look(self, samples: int) -> bool:
+        """Drop the pixels that have converged, if it is time to look; True if there are no others."""
+        active = self._active
+        if active is None or not active.is_due(samples):
+            return False
+        active.look(samples)
+        self._total_paths = self._finished_paths + active.expected_paths
+        if active.count == 0:
+            self.ended_by = "NOISE_THRESHOLD"
+        return active.count == 0
+
+    def _finish_iteration(self, counted: Statistics, is_stopped: bool) -> None:
+        """After the last unit of an iteration."""
+        learner, iterations = self.learner, self._iterations
+        assert learner is not None and iterations is not None
+        samples = iterations.next_sample
+        following = iterations.plan(self.elapsed)
+        time_is_up = self.time_is_up
+        if following is not None and time_is_up:
+            self.ended_by = "TIME_LIMIT"
+        is_last = following is None or time_is_up or self._look(samples)
+        has_rested = self._learned is not None
+        if is_stopped or (is_last and (has_rested or not learner.wants_last)):
+            return
+        units = [records for tile in range(len(self.tiles)) for records in self._units[tile]]
+        self._units = {}
+        if is_last:
+            assert isinstance(learner, Learner)
+            learner.take_last(units)
+            return
+        assert following is not None
+        costs = self._costs_since(counted)
+        tiles = self.tiles
+        if self._active is not None:
+            tiles = self._active.tiles
+            learner.narrow(self._active.count, self._active.expected_paths)
+        if not has_rested:
+            assert self.guidance is not None
+            learned = learner.learn(
+                units, self.guidance.record_threshold / 2**32, self.film.sums,
+                (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
+            )
+            self._go_by(learned)
+        with self.changed:
+            self.tiles = tiles
+            if learner.is_over:
+                # Nobody waits for anybody from here on, but for a look at the picture.
+                self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
+            else:
+                iterations.begin(self._parts_of(*following), len(self.tiles))
+
+    def _parts_of(self, first: int, count: int) -> list[Part]:
+        """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
+        assert self.learner is not None
+        rested, self._learned = self._learned, None
+        parts = self.learner.parts
+        if rested is not None:
+            self._go_by(rested)
+            parts = [Part(first, count, CURRENT)]
+        active, guidance = self._active, self.guidance
+        assert guidance is not None
+        if active is not None and active.has_looked and self._rests.take(active.count, count):
+            self._learned = guidance
+            self._go_by(guidance.without_records())
+            parts = [Part(first, count, CURRENT)]
+        return parts
+
+    def _costs_since(self, total: Statistics) -> IterationCosts:
+        """What has been counted since this was last asked."""
+        before, self._before = self._before, total
+        return IterationCosts(
+            total.stage_seconds - before.stage_seconds,
+            sum(total.rays.values()) - sum(before.rays.values()),
+            total.path_count - before.path_count,
+            total.guided_count - before.guided_count,
+            total.several_count - before.several_count,
+            total.several_candidate_count - before.several_candidate_count,
+            total.record_drop_count - before.record_drop_count,
+            total.rays["closest"] - before.rays["closest"],
+        )

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples of some tiles, traced for somebody else's film: what a worker of a cluster does for one order."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.array_types import Int32Array
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.trial import Part
+from engine.guiding.records.of_unit import UnitRecords
+from engine.render.batch import Batch, Statistics
+from engine.render.tiles import TILE_SIZE
+from engine.render.tracer import Tracer
+from engine.settings import RenderSettings
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.lanes import RGB
+from engine.state.unit import ALL_STRATA, Unit, UnitCosts
+
+#: Of a tile: int32 (P, 2), column and row in the full image.
+Pixels = Int32Array
+
+
+@dataclass(frozen=True)
+class TracedTiles:
+    """What comes of tasks of several tiles.
+
+    sums : FilmTile, rows of all tiles one after the other
+    costs : of each tile
+    records : of each tile, None if they were not wanted
+    """
+
+    sums: FilmTile
+    costs: list[UnitCosts]
+    records: list[UnitRecords] | None
+
+
+def trace_tiles(
+    tracer: Tracer, settings: RenderSettings, thread_count: int, tiles: Sequence[Pixels], part: Part, stratum: int,
+    guidance: Guidance | None, *, records: bool,
+) -> tuple[TracedTiles, Statistics]:
+    """As `engine.render.session.Session.trace_tiles`, by a tracer that has taken scene and settings."""
+    strata = max(settings.strata, 1)
+    # Always the same memory, however many tiles there are, so that it is kept from call to call.
+    batches = tracer.make_batches(
+        thread_count, TILE_SIZE**2 * strata, is_guided=settings.is_guided, records=guidance is not None
+    )
+    if not tracer.is_linked(batches[0]):
+        tracer.warm_up(batches[0])
+    if guidance is not None:
+        tracer.guidance = guidance
+    rows = strata if stratum == ALL_STRATA else 1
+    offsets = np.cumsum([0, *(len(pixels) for pixels in tiles)])
+    sums = allocate_tile(int(offsets[-1]) * rows, RGB, tracer.layout)
+    free: queue.SimpleQueue[Batch] = queue.SimpleQueue()
+    for batch in batches:
+        free.put(batch)
+    never = np.zeros(1, np.int32)
+
+    def trace(index: int) -> tuple[UnitCosts, UnitRecords | None]:
+        first, last = offsets[index], offsets[index + 1]
+        unit = Unit(tiles[index], np.arange(first, last), *part, stratum, strata)
+        batch = free.get()
+        try:
+            tracer.trace_unit(batch, unit, never)
+            for column, of_tile in zip(sums, batch.film, strict=True):
+                if len(column):
+                    column[first * rows : last * rows] = of_tile[: (last - first) * rows]
+            return batch.unit_costs, batch.take_records() if records else None
+        finally:
+            free.put(batch)
+
+    with ThreadPoolExecutor(thread_count, thread_name_prefix="trace") as pool:
+        costs, recorded = zip(*pool.map(trace, range(len(tiles))), strict=True)
+    total = Statistics()
+    for batch in batches:
+        total.add(batch.statistics)
+    return TracedTiles(sums, list(costs), list(recorded) if records else None), total
+
+
+def rows_of(sums: FilmTile, first: int, last: int) -> FilmTile:
+    """Some rows of sums."""
+    return FilmTile(*(column[first:last] for column in sums))
+
+
+def split_records(together: UnitRecords, counts: Sequence[tuple[int, int]]) -> Iterator[UnitRecords]:
+    """Records of units from those of all one after the other; `counts` are of vertices and taught ones, by unit."""
+    vertex = taught = 0
+    for vertex_count, taught_count in counts:
+        yield UnitRecords(
+            type(together.vertices)(*(column[vertex : vertex + vertex_count] for column in together.vertices)),
+            type(together.taught)(*(column[taught : taught + taught_count] for column in together.taught)),
+        )
+        vertex, taught = vertex + vertex_count, taught + taught_count

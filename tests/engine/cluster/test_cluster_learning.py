@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What workers record is learned from as if one process had: the picture is the same to the last bit.
+
+The workers are calls in this process, each with what would come over the network.
+"""
+
+from __future__ import annotations
+
+import pickle
+import random
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.cluster.session import ClusterSession
+from engine.cluster.version import source_version
+from engine.cluster.work import FAILED, SUMS, Answer, trace, unpack_traced
+from engine.render.session import Session
+from engine.settings import RenderSettings
+from tests.helpers.small_scenes import corner_scene
+
+PASSES = ("Combined", "Variance", "Depth")
+#: Tiles of 32 x 32: six.
+SCENE = corner_scene(size=(96, 64))
+
+
+class WorkersHere:
+    """So many workers that do their orders in any order."""
+
+    def __init__(self, count):
+        self.orders = []
+        self.scene = self.learned = b""
+        self._names = frozenset(f"worker {index}" for index in range(count))
+        self._waiting = []
+        self._random = random.Random(count)
+
+    @property
+    def now(self):
+        return time.monotonic()
+
+    def hold(self, scene, blob):
+        self.scene = blob
+
+    def hold_learned(self, learned, blob):
+        self.learned = blob
+
+    def workers(self):
+        return self._names
+
+    def submit(self, ticket, worker, order):
+        self.orders.append((order, self.learned))
+        self._waiting.append((ticket, order, self.learned))
+
+    def take(self, seconds):
+        if not self._waiting:
+            time.sleep(min(seconds, 0.01))
+            return None
+        ticket, order, learned = self._waiting.pop(self._random.randrange(len(self._waiting)))
+        return ticket, Answer(*trace(source_version(), order, self.scene, learned))
+
+    def cancel(self, tickets):
+        self._waiting = [item for item in self._waiting if item[0] not in tickets]
+
+    def close(self):
+        pass
+
+
+def by_one(settings, **options):
+    session = Session(replace(settings, deterministic=True))
+    session.load(SCENE)
+    return session.render(passes=PASSES, **options)
+
+
+def by_workers(pool, settings, **options):
+    session = ClusterSession(settings, pool)
+    session.load(SCENE)
+    return session.render(passes=PASSES, **options)
+
+
+def is_same(a, b):
+    return all(np.array_equal(a.passes[name], b.passes[name]) for name in PASSES)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"guiding_method": "VMM", "samples": 24},
+        {"guiding_method": "VMM", "samples": 64, "use_adaptive_sampling": True, "adaptive_threshold": 0.05},
+        {"guiding_method": "OFF", "samples": 90, "roulette": "THROUGHPUT"},  # the last tasks are divided
+        {"guiding_method": "OFF", "samples": 24, "roulette": "LEARNED"},
+    ],
+    ids=["guided", "noise threshold", "unguided", "learned roulette"],
+)
+def test_the_picture_is_one_process_s(changes):
+    settings = RenderSettings(threads=1, seed=3, **changes)
+    wanted = by_one(settings)
+    for count in (1, 3):
+        result = by_workers(WorkersHere(count), settings)
+        assert is_same(result, wanted)
+        assert result.report.sample_count == wanted.report.sample_count
+        assert result.report.guiding.lines[1:] == wanted.report.guiding.lines[1:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"guiding_method": "AUTO", "samples": 128},  # tries guiding, gives it up, and tries learned roulette
+        {"guiding_method": "VMM", "samples": 32, "radiance_cache": "CONVERGING"},
+        {"guiding_method": "SDTREE", "samples": 24},
+        {"guiding_method": "TABLE_RIS", "samples": 24},
+    ],
+    ids=["AUTO", "radiance cache", "SD-tree", "table"],
+)
+def test_the_picture_is_one_process_s_whatever_learns(changes):
+    settings = RenderSettings(threads=1, seed=3, **changes)
+    assert is_same(by_workers(WorkersHere(3), settings), by_one(settings))
+
+
+@pytest.mark.slow
+def test_networks_are_trained_by_the_coordinator():
+    pytest.importorskip("torch")
+    settings = RenderSettings(threads=1, seed=3, guiding_method="NASG", samples=16)
+    session = ClusterSession(settings, WorkersHere(3))
+    notices = [(notice.subject, notice.problem) for notice in session.load(SCENE)]
+    assert ("Cluster", "workers train no networks") in notices
+    result = session.render(passes=PASSES)
+    assert any("snapshots" in line for line in result.report.guiding.lines)
+    assert is_same(result, by_one(settings))
+
+
+def test_what_workers_have_learned_is_kept_and_begun_with():
+    settings = RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=24)
+    first, other = by_one(settings, keep=True), by_workers(WorkersHere(2), settings, keep=True)
+    assert other.learned is not None and other.learned.samples == first.learned.samples
+    again = by_workers(WorkersHere(2), settings, start=other.learned)
+    assert again.report.guiding.started_from and is_same(again, by_one(settings, start=first.learned))
+
+
+def test_a_worker_goes_by_what_the_order_names():
+    """Whatever it went by before; what is not what the order names is no answer."""
+    pool = WorkersHere(1)
+    by_workers(pool, RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=15))
+    named = {pickle.loads(order).learned: (order, learned) for order, learned in pool.orders}
+    assert len(named) == 4  # iterations of 1, 2, 4 and 8 samples
+    (first, first_learned), *_, (last, last_learned) = named.values()
+    layout = pickle.loads(last).layout
+
+    def radiance(order, learned):
+        kind, _, packed, *_ = trace(source_version(), order, pool.scene, learned)
+        assert kind == SUMS
+        return unpack_traced(packed, layout).sums.radiance
+
+    wanted = radiance(last, last_learned)
+    radiance(first, first_learned)
+    kind, sentence, *_ = trace(source_version(), last, pool.scene, first_learned)
+    assert kind == FAILED and "another digest" in sentence
+    assert np.array_equal(radiance(last, last_learned), wanted)
+    # Once it has a field it needs no other copy.
+    assert np.array_equal(radiance(last, first_learned), wanted)
