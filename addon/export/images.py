@@ -17,6 +17,7 @@ from engine.scene.texel_file import TexelFile, check_room
 
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext
+from .image_headers import expected_bytes
 
 _PINK = "Blender's pink"
 #: Rows of pixels converted at a time.
@@ -34,6 +35,8 @@ class ImageExporter:
     #: What was asked for, in order: what identifies an image, and its index.
     met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
+    #: Full names of the images so far.
+    _names: set[str] = field(default_factory=set)
     #: Of the pixels so far, in memory and in files [bytes].
     _in_memory: int = 0
     _in_files: int = 0
@@ -91,6 +94,7 @@ class ImageExporter:
 
     def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:
         context = self.context
+        self._names.add(image.name_full)
         if image.source == "TILED" and len(image.tiles) > 1:
             context.notice(f"{subject} / {image.name}", "UDIM tiles are not supported", "the first tile everywhere")
         if image.source == "MOVIE":
@@ -130,6 +134,8 @@ class ImageExporter:
             return
         folder = bpy.app.tempdir or tempfile.gettempdir()
         if not self._in_files:
+            # Said before hours are spent on reading what has no room in the end.
+            check_room(self._in_memory + size + expected_bytes(self._names), folder)
             what = f"need more than the {most / 2**30:.1f} GiB that Texture Memory allows"
             self.context.notice("Textures", what, f"they lie in a temporary file in {folder}, and are read from there")
         self._in_files += size

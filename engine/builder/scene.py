@@ -32,7 +32,7 @@ from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept
 from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import content_digest
-from engine.scene.limits import check_frame, check_light_groups
+from engine.scene.limits import check_frame, check_light_groups, check_memory
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.state.camera import CameraArrays
@@ -251,6 +251,7 @@ def build_scene(
     """
     check_frame(description.frame)
     check_light_groups(description)
+    check_memory(description)
     notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
     notices += programs.notices

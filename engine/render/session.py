@@ -36,7 +36,7 @@ from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import light_digest
-from engine.scene.limits import texture_memory
+from engine.scene.limits import check_film, texture_memory
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
@@ -47,6 +47,8 @@ from engine.wavefront.columns import CACHED_DEPTHS
 _COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
 _DENOISING = "Denoising"
+#: Of most passes, or nearly.
+_PASS_CHANNELS = 4
 
 
 class LoadCancelled(Exception):
@@ -297,6 +299,8 @@ class Session:
         ------
         RuntimeError
             If no scene is loaded.
+        ValueError
+            If the machine cannot hold the picture's passes.
         """
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
@@ -323,7 +327,7 @@ class Session:
             names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
             has_media=scene.media.is_used, has_varying_media=scene.media.varies,
         )
-        film, strata = _make_film(frame, settings, layout)
+        film, strata = _make_film(frame, settings, layout, len(names))
         settings = replace(settings, strata=strata)
         job = self._job(scene, settings, film, ray_observer, source, sink, start, keep, samples)
 
@@ -490,9 +494,12 @@ class Session:
         )
 
 
-def _make_film(frame: Frame, settings: RenderSettings, layout: FilmLayout) -> tuple[Film, int]:
+def _make_film(
+    frame: Frame, settings: RenderSettings, layout: FilmLayout, pass_count: int
+) -> tuple[Film, int]:
     """A film for the frame's region, and how many strata it has."""
     x0, y0, x1, y1 = frame.region
+    check_film(frame, Film(1, 1, layout).nbytes, _PASS_CHANNELS * pass_count)
     film = Film(x1 - x0, y1 - y0, layout)
     strata = strata_count(settings, film.nbytes)
     if strata > 1:

@@ -14,6 +14,11 @@ from engine.scene.description import Frame, SceneDescription
 _BYTES_PER_PIXEL = 80
 #: Where Linux tells how much memory a container may use.
 _LIMIT_FILES = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+#: What building a scene adds to its description at its most [bytes]: a triangle's share of the arrays and of Embree's
+#: hierarchy, an instance, a light.
+_BYTES_PER_TRIANGLE, _BYTES_PER_INSTANCE, _BYTES_PER_LIGHT = 160, 500, 3000
+#: Of a pass, by channel: the engine's image of it and the host's.
+_BYTES_PER_CHANNEL = 8
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
 
@@ -35,6 +40,68 @@ def usable_memory() -> int:
         except (OSError, ValueError):  # there is no such file, or it says "max"
             continue
     return most
+
+
+def swap_memory() -> int:
+    """Memory that this machine has on disk [bytes]; 0 where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next((int(line.split()[1]) << 10 for line in lines if line.startswith("SwapTotal")), 0)
+    except (OSError, ValueError):
+        return 0
+
+
+def resident_memory() -> int:
+    """Memory that this process has now [bytes]; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return 0
+
+
+def check_memory(description: SceneDescription) -> None:
+    """Refuse a scene that this machine cannot hold: before it is built, since the system would end the process.
+
+    Raises
+    ------
+    ValueError
+        Naming what is large, and saying what to do.
+    """
+    triangles = sum(len(mesh.triangles) for mesh in description.meshes)
+    instances, lights = len(description.instances.mesh), len(description.lights)
+    building = triangles * _BYTES_PER_TRIANGLE + instances * _BYTES_PER_INSTANCE + lights * _BYTES_PER_LIGHT
+    needed, there = resident_memory() + building, usable_memory() + swap_memory()
+    if needed > there:
+        raise ValueError(
+            f"the scene needs {needed / 2**30:.1f} GiB of memory and this machine has {there / 2**30:.1f}: it has "
+            f"{triangles:,} triangles, {instances:,} instances and {lights:,} lights. Lower subdivisions, instance "
+            "objects instead of copying them, or render parts of the scene on view layers of their own"
+        )
+
+
+def check_film(frame: Frame, sums: int, channels: int) -> None:
+    """Refuse a picture whose passes this machine cannot hold.
+
+    Parameters
+    ----------
+    sums : int
+        Of a pixel of the film [bytes].
+    channels : int
+        Of all passes together.
+
+    Raises
+    ------
+    ValueError
+        Saying what to do.
+    """
+    x0, y0, x1, y1 = frame.region
+    needed = resident_memory() + (x1 - x0) * (y1 - y0) * (sums + channels * _BYTES_PER_CHANNEL)
+    there = usable_memory() + swap_memory()
+    if needed > there:
+        raise ValueError(
+            f"{x1 - x0} x {y1 - y0} pixels with passes of {channels} channels need {needed / 2**30:.1f} GiB of memory "
+            f"and this machine has {there / 2**30:.1f}: leave passes out, lower the resolution or set a render border"
+        )
 
 
 def texture_memory(chosen: int) -> int:

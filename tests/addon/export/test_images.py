@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -381,3 +382,62 @@ def test_working_space_of_the_file(node: Any) -> None:
     assert image is not None and image.encoding == "LINEAR"
     # Red of Rec.709 in Rec.2020 (ITU-R BT.2087, Table 3).
     np.testing.assert_allclose(image.pixels[0, 0, :3], (0.6274, 0.0691, 0.0164), atol=1e-4)
+
+
+def save_file(folder: Path, name: str, size: int = 64) -> Path:
+    """A PNG file of so many pixels in each direction."""
+    import bpy
+
+    made = make_image(np.full((size, size, 4), 0.5), name)
+    made.filepath_raw, made.file_format = str(folder / f"{name}.png"), "PNG"
+    made.save()
+    bpy.data.images.remove(made)
+    return folder / f"{name}.png"
+
+
+def use_files(node: Any, paths: list[Path]) -> None:
+    """Have a texture node of the material of `node` for each file."""
+    import bpy
+
+    for path in paths:
+        texture = node.id_data.nodes.new("ShaderNodeTexImage")
+        texture.image = bpy.data.images.load(str(path))
+        mix = node.id_data.nodes.new("ShaderNodeMixRGB")
+        emission = node.id_data.nodes["Emission"]
+        links = node.id_data.links
+        links.new(emission.inputs["Color"].links[0].from_socket, mix.inputs[1])
+        links.new(texture.outputs["Color"], mix.inputs[2])
+        links.new(mix.outputs[0], emission.inputs["Color"])
+
+
+def test_textures_beyond_their_memory_lie_in_a_file(node: Any, tmp_path: Path) -> None:
+    size = 64 * 64 * 4
+    node.image = make_image(gradient() / 255.0)
+    use_files(node, [save_file(tmp_path, name) for name in "abc"])
+    plain, limited = export(), export(texture_memory=2 * size)
+    assert [bool(image.folder) for image in plain.images] == [False] * 4
+    assert sum(image.pixels.nbytes for image in limited.images if not image.folder) <= 2 * size
+    assert sum(bool(image.folder) for image in limited.images) == 2
+    for kept, in_file in zip(plain.images, limited.images, strict=True):
+        np.testing.assert_array_equal(kept.pixels, in_file.pixels)
+    (notice,) = [notice for notice in limited.notices if notice.subject == "Textures"]
+    assert "they lie in a temporary file in" in notice.fallback
+
+
+def test_textures_without_room_are_refused_before_they_are_read(
+    node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk has room for the one that is to be put there first, and not for those that follow."""
+    use_files(node, [save_file(tmp_path, name) for name in "abcd"])
+    size = 64 * 64 * 4
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: usage._replace(free=3 * size))
+    with pytest.raises(ValueError, match=r"has no room for .* use smaller images, free disk space"):
+        export(texture_memory=size)
+
+
+def test_image_files_say_how_large_they_are(tmp_path: Path) -> None:
+    from addon.export.image_headers import texel_bytes
+
+    assert texel_bytes(str(save_file(tmp_path, "a", 48))) == 48 * 48 * 4
+    assert texel_bytes(str(tmp_path / "missing.png")) == 0

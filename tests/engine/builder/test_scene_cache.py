@@ -5,6 +5,7 @@ import copy
 import dataclasses
 import inspect
 import itertools
+import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -370,6 +371,7 @@ CHANGES: dict[str, list[Change]] = {
     "Image.encoding": [_set("images.0.encoding", "LINEAR"), _set("images.1.encoding", "RAW")],
     "Image.is_associated": [_set("images.0.is_associated", True)],
     "Image.alpha_mode": [_set("images.0.alpha_mode", "NONE")],
+    "Image.folder": [_set("images.0.folder", tempfile.gettempdir())],
     "Attribute.domain": [lambda d: (_set("meshes.0.attributes", {
         **d.meshes[0].attributes, "UV": Attribute("FACE", d.meshes[0].attributes["UV"].data[::3].copy())})(d))],
     "Attribute.data": [lambda d: (_set("meshes.1.attributes", {
@@ -441,7 +443,8 @@ CHANGES: dict[str, list[Change]] = {
 UNSEEN = frozenset({
     "SceneDescription.working_space", "SceneDescription.frame_current", "SceneDescription.shutter", "World.key",
     "World.name", "Light.key", "Light.name", "Light.random", "Material.key", "Material.name", "Material.user",
-    "Node.name", "Image.key", "Image.name", "Mesh.key", "Mesh.name", "Instances.name", "Instances.asset",
+    "Node.name", "Image.key", "Image.name", "Image.folder", "Mesh.key", "Mesh.name", "Instances.name",
+    "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
     "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
