@@ -34,7 +34,7 @@ from engine.state.unit import CURRENT, Unit, UnitCosts
 #: Samples a pixel from which on nothing more is learned; of lights, if by the first number nothing was found to pay.
 _LEARNED_SAMPLES, _LIGHTS_SAMPLES = 15, 31
 #: Records that an iteration aims at until then.
-_ROULETTE_RECORDS, _LIGHTS_RECORDS = 1 << 15, 1 << 17
+_RECORDS = 1 << 15
 _REHEARSED_RECORDS = 16
 
 
@@ -114,8 +114,7 @@ class UnguidedLearner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         self._lights = None if light_clusters is None else LightsByRegion(light_clusters)
         self.is_over = False
-        wanted = _ROULETTE_RECORDS if self._lights is None else _LIGHTS_RECORDS
-        self._budget = RecordBudget(paths_per_sample, unit_pixels, wanted)
+        self._budget = RecordBudget(paths_per_sample, unit_pixels, _RECORDS)
 
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""
