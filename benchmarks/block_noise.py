@@ -2,9 +2,9 @@
 """How noisy a picture's mean is, whose pixels share their random numbers with neighbours; and Student's t for it.
 
 The pixels of a block of 8 x 8 have one scrambled sequence (`engine.kernels.pixel_shifts`), so that their errors go
-together: mostly in opposite directions, at edges in the same. Blocks know nothing of each other, whatever was learned from all of them: given
-that, the samples of an iteration are independent and their mean is the pixel's value. So sums over blocks are the units
-of which the noise is known, and there are few of them: a score is one of Student's t.
+together: mostly in opposite directions, at edges in the same. Blocks know nothing of each other, whatever was learned
+from all of them: given that, the samples of an iteration are independent and their mean is the pixel's value. So sums
+over blocks are the units of which the noise is known. There are few of them: a score is one of Student's t.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.update import make_runner
+from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.records.vertices import allocate_vertex_records, as_records
