@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Is a picture biased? Z-tests of means over independent seeds, and how large a bias they would have found.
 
-Standard errors come from the pixels' variances over seeds, summed: noise of pixels of different blocks is uncorrelated,
-also in a guided render, where what was learned depends on all pixels. Given what was learned, the samples of an
-iteration are independent and their mean is the pixel's value; so is the product of two pixels' errors, of one iteration
-or two, zero on average. Within a block of 8 x 8 neighbours err in opposite directions, so that the sum errs a little
-less than is said. A thousand pixels say more about the noise than a handful of seeds' means.
+The noise of a picture's mean comes from sums over blocks of pixels, which are independent (`benchmarks.block_noise`):
+many blocks say more about it than a handful of seeds' means. A cell has few blocks. Its noise comes from the variances
+of its pixels, as if they were independent, times what blocks have said of all the picture, if that is more than one.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from statistics import NormalDist
 import numpy as np
 
 from benchmarks import metrics
+from benchmarks.block_noise import joint_freedom, mean_noise, normal_score, student_score
 from benchmarks.metrics import FloatArray
 
 #: Chance that an unbiased picture is called biased, for normal noise. Half of it goes to the mean of the whole picture,
@@ -38,8 +37,9 @@ class BiasTest:
     """Means of a method against those of a reference, both with their noise.
 
     difference, error : of the picture's mean over pixels and channels, relative to the reference's; its standard error
-    z : the difference in standard errors
-    worst_z : largest of a channel's mean or of a cell's, in standard errors
+    z : the difference in standard errors, as a normal score: as many as make it as unlikely for normal noise of known
+        variance
+    worst_z : largest of a channel's mean or of a cell's, likewise
     worst_part : which that is, 'R', 'G', 'B' or 'cell (column, row)', row 0 as in the pictures
     worst_difference : its relative difference
     detectable : relative bias of the whole picture that is found with probability POWER
@@ -77,27 +77,43 @@ def find_bias(images: Sequence[FloatArray], references: Sequence[FloatArray]) ->
     """
     a = [np.asarray(image, np.float64)[..., :3] for image in images]
     b = [np.asarray(image, np.float64)[..., :3] for image in references]
-    grey_difference, grey_error = metrics.compare_means(
-        [image.mean(axis=-1, keepdims=True) for image in a], [image.mean(axis=-1, keepdims=True) for image in b]
-    )
+    grey = [[image.mean(axis=-1, keepdims=True) for image in images] for images in (a, b)]
+    grey_difference, grey_error, grey_freedom, correlation = _compare_means(*grey)
     difference, error = float(grey_difference[0]), float(grey_error[0])
-    channels, channel_errors = metrics.compare_means(a, b)
+    channels, channel_errors, freedom, _ = _compare_means(a, b)
     side = min(max(int(math.sqrt(a[0].shape[0] * a[0].shape[1] / LEAST_CELL_PIXELS)), 1), GRID)
     cells = metrics.compare_cells(a, b, side, side)
     names = ["R", "G", "B"] + [f"cell ({x}, {y})" for y, x in np.ndindex(cells.difference.shape)]
     differences = np.concatenate([channels, cells.difference.ravel()])
-    errors = np.concatenate([channel_errors, cells.standard_error.ravel()])
-    scores = _scores(differences, errors)
+    cell_errors = cells.standard_error.ravel() * math.sqrt(max(float(correlation[0]), 1.0))
+    scores = np.concatenate(
+        [_scores(channels, channel_errors, freedom), _scores(cells.difference.ravel(), cell_errors, math.inf)]
+    )
     worst = int(np.argmax(np.where(np.isnan(scores), np.inf, scores)))
     return BiasTest(
-        difference, error, float(_scores(grey_difference, grey_error)[0]), float(scores[worst]), names[worst],
-        float(differences[worst]), (MEAN_LIMIT + NormalDist().inv_cdf(POWER)) * error,
+        difference, error, float(_scores(grey_difference, grey_error, grey_freedom)[0]), float(scores[worst]),
+        names[worst], float(differences[worst]),
+        (student_score(MEAN_LIMIT, float(grey_freedom[0])) + NormalDist().inv_cdf(POWER)) * error,
     )  # fmt: skip
 
 
-def _scores(difference: FloatArray, error: FloatArray) -> FloatArray:
-    """Differences in standard errors; what is equal but for rounding counts as equal, even without noise."""
-    return np.asarray(np.abs(difference) / np.maximum(error, 1e-6 + 0.0 * difference))
+def _compare_means(
+    a: Sequence[FloatArray], b: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Relative differences of channels' means, their standard errors, these errors' degrees of freedom, and variances
+    over those of independent pixels."""
+    difference, by_pixels = metrics.compare_means(a, b)
+    noise_a, noise_b = mean_noise(a), mean_noise(b)
+    independent = noise_a.of_pixels + noise_b.of_pixels
+    together = noise_a.variance + noise_b.variance
+    correlation = np.where(independent > 0.0, together / np.maximum(independent, 1e-300), 1.0)
+    return difference, by_pixels * np.sqrt(correlation), joint_freedom(noise_a, noise_b), correlation
+
+
+def _scores(difference: FloatArray, error: FloatArray, freedom: FloatArray | float) -> FloatArray:
+    """Differences in standard errors, as normal scores; what is equal but for rounding counts as equal, even without
+    noise."""
+    return normal_score(np.abs(difference) / np.maximum(error, 1e-6 + 0.0 * difference), freedom)
 
 
 def detects(images: Sequence[FloatArray], references: Sequence[FloatArray], bias: float) -> bool:

@@ -24,6 +24,8 @@ DENOISED = "+oidn"
 VARIANTS: dict[str, dict[str, Any]] = {
     "OFF-SPECTRAL": {"guiding_method": "OFF", "spectral": "ON"},
     "VMM-SPECTRAL": {"guiding_method": "VMM", "spectral": "ON"},
+    "OFF-LIGHTS": {"guiding_method": "OFF", "light_selection": "LEARNED"},
+    "AUTO-TREE": {"guiding_method": "AUTO", "light_selection": "TREE"},
     "OFF-FAST": {"guiding_method": "OFF", "radiance_cache": "FAST"},
     "OFF-CONVERGING": {"guiding_method": "OFF", "radiance_cache": "CONVERGING"},
     "AUTO-FAST": {"guiding_method": "AUTO", "radiance_cache": "FAST"},

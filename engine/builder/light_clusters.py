@@ -16,7 +16,7 @@ from engine.builder.environment import EnvironmentMap
 from engine.state.lights import GROUP_SIZE, NODE_ENERGY
 
 #: Nodes of the cut through the light tree, about: the last one that is divided may add a few.
-CUT_SIZE = 32
+CUT_SIZE = 128
 #: Patches of the background: bands of latitude and sectors of longitude. A window is about as wide as one.
 BANDS, SECTORS = 8, 16
 

@@ -86,6 +86,8 @@ def _compile_guiding() -> None:
     # Every method has a stage of its own; the rest is the same.
     _render("VMM_RIS", roulette="LEARNED")
     _render("TABLE_RIS")
+    # Learns with regions of its own.
+    _render("OFF", roulette="LEARNED", light_selection="LEARNED")
 
 
 def _compile_spectral() -> None:

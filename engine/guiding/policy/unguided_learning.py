@@ -33,8 +33,8 @@ from engine.state.unit import CURRENT, Unit, UnitCosts
 
 #: Samples a pixel from which on nothing more is learned; of lights, if by the first number nothing was found to pay.
 _LEARNED_SAMPLES, _LIGHTS_SAMPLES = 15, 31
-#: Records that an iteration aims at until then.
-_ROULETTE_RECORDS, _LIGHTS_RECORDS = 1 << 15, 1 << 17
+#: Records that an iteration aims at until then; and of lights alone, while nothing was found to pay.
+_RECORDS, _FIRST_RECORDS = 1 << 15, 1 << 14
 _REHEARSED_RECORDS = 16
 
 
@@ -114,8 +114,7 @@ class UnguidedLearner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         self._lights = None if light_clusters is None else LightsByRegion(light_clusters)
         self.is_over = False
-        wanted = _ROULETTE_RECORDS if self._lights is None else _LIGHTS_RECORDS
-        self._budget = RecordBudget(paths_per_sample, unit_pixels, wanted)
+        self._budget = RecordBudget(paths_per_sample, unit_pixels, _RECORDS)
 
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""
@@ -130,8 +129,9 @@ class UnguidedLearner:
         return Guidance(self.settings, 0)
 
     def first(self) -> Guidance:
-        """Guidance of the first iteration: none, but record."""
-        return self._guidance(self._budget.threshold(1), None)
+        """Guidance of the first iteration: none. Lights are not learned from it: what a sample brings to a pixel is
+        judged by the pixel's value, which nobody knows."""
+        return self._guidance(0 if self._roulette is None else self._budget.threshold(1), None)
 
     def _guidance(self, threshold: int, weights: np.ndarray | None) -> Guidance:
         """What paths go by, given the weights of the film's pixels."""
@@ -159,6 +159,7 @@ class UnguidedLearner:
         self.report.field_seconds += time.perf_counter() - started
         self.parts = [Part(*next_range, CURRENT)]
         has_lights = self._lights is not None and self._lights.share > 0.0
+        self._budget.wanted = _FIRST_RECORDS if self._roulette is None and not has_lights else _RECORDS
         self.is_over = next_range[0] >= (_LIGHTS_SAMPLES if has_lights else _LEARNED_SAMPLES)
         return self._guidance(0 if self.is_over else self._budget.threshold(next_range[1]), weights)
 
