@@ -50,6 +50,14 @@ def add_uniform_lobes(arrays, closures, lane, medium):
 def share_out(closures, lane):
     """Give phase functions, whose weights are what each scatters [m^-1], their shares of all of it by channel."""
     param, count = closures.param, closures.count[lane]
+    if count == 1:
+        param[lane, 0, CLOSURE_SAMPLE_WEIGHT] = 1.0
+        for c in range(RGB):
+            param[lane, 0, CLOSURE_WEIGHT + c] = 1.0 if param[lane, 0, CLOSURE_WEIGHT + c] > 0.0 else 0.0
+        if len(closures.channels) > RGB:
+            for c in range(len(closures.channels)):
+                param[lane, 0, CLOSURE_WEIGHT + c] = 1.0
+        return
     total = 0.0
     for i in range(count):
         total += param[lane, i, CLOSURE_SAMPLE_WEIGHT]

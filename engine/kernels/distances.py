@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where along a segment within homogeneous media to look for the light of an emitter.
 
-Candidates are drawn in equal steps of the angle under which the emitter sees the segment, and in equal steps of what
-collides; one of them is taken in proportion to what it would scatter if nothing hid the emitter. The estimate is that
-of resampling, with the balance heuristic over both techniques.
+One candidate is drawn in equal steps of the angle under which the emitter sees the segment, another in equal steps of
+what collides; one of the two is taken in proportion to what it would scatter if nothing hid the emitter. The estimate
+is that of resampling, with the balance heuristic over both techniques. Emitters at infinity have the second candidate
+only. More candidates make the noise no less, for what hides the emitter is not known to them.
 
 References
 ----------
@@ -17,6 +18,7 @@ import numpy as np
 
 from engine.kernels.bsdf.phase import PHASE_G, henyey_greenstein
 from engine.kernels.constants import INV_FOUR_PI, ONE_MINUS_EPSILON
+from engine.kernels.exponential import decay
 from engine.kernels.lights.segments import (
     emission_cone,
     emission_towards,
@@ -32,9 +34,6 @@ from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT
 from engine.state.lights import GROUP_SIZE, NODE_SPREAD
 from engine.state.media import EXTINCTION, PROPOSAL_WEIGHT, SCATTERING, SEEN_LENGTH
 
-#: Candidates by angle; as many by collisions. Emitters at infinity have the latter only. More of them make the noise no
-#: less: what hides the emitter is not known to them.
-CANDIDATES = 2
 #: Mean cosines beyond which a phase function is smoothed, and the share that is the same everywhere: what resamples
 #: sees the emitter's centre only.
 _LARGEST_G = np.float32(0.8)
@@ -70,7 +69,7 @@ def weigh_distances(channels, coefficients, throughput, lane, start, length):
     total = 0.0
     for c in range(len(channels)):
         extinction = coefficients[EXTINCTION, c]
-        weight = abs(throughput[lane, c]) * coefficients[SCATTERING, c] * math.exp(-extinction * start)
+        weight = abs(throughput[lane, c]) * coefficients[SCATTERING, c] * decay(extinction * start)
         coefficients[PROPOSAL_WEIGHT, c] = weight
         coefficients[SEEN_LENGTH, c] = emitted_length(extinction, length)
         total += weight * coefficients[SEEN_LENGTH, c]
@@ -104,29 +103,15 @@ def collision_distance(channels, coefficients, length, u):
 @kernel
 def collision_pdf(channels, coefficients, distance):
     """Density [m^-1] of `collision_distance`."""
-    return _dimmed(channels, coefficients, PROPOSAL_WEIGHT, distance, _is_grey(channels, coefficients))
-
-
-@kernel
-def _is_grey(channels, coefficients):
-    """Whether all channels have the same extinction: one exponential does for them."""
-    is_grey = True
+    extinction = coefficients[EXTINCTION, 0]
+    total, others = coefficients[PROPOSAL_WEIGHT, 0], 0.0
     for c in range(1, len(channels)):
-        is_grey = is_grey and coefficients[EXTINCTION, c] == coefficients[EXTINCTION, 0]
-    return is_grey
-
-
-@kernel
-def _dimmed(channels, coefficients, row, distance, is_grey):
-    """Sum over the channels of a row of weights, each times its transmittance."""
-    total = 0.0
-    if is_grey:
-        for c in range(len(channels)):
-            total += coefficients[row, c]
-        return total * math.exp(-coefficients[EXTINCTION, 0] * distance)
-    for c in range(len(channels)):
-        total += coefficients[row, c] * math.exp(-coefficients[EXTINCTION, c] * distance)
-    return total
+        if coefficients[EXTINCTION, c] == extinction:
+            # One exponential does for all that are alike.
+            total += coefficients[PROPOSAL_WEIGHT, c]
+        else:
+            others += coefficients[PROPOSAL_WEIGHT, c] * decay(coefficients[EXTINCTION, c] * distance)
+    return total * decay(extinction * distance) + others
 
 
 @kernel
@@ -138,6 +123,16 @@ def _phase_towards(closures, lane, cosine):
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         value += (1.0 - _EVEN_SHARE) * weight * henyey_greenstein(cosine, g)
     return value
+
+
+@kernel
+def _least_extinction(channels, coefficients):
+    """Of the channels that are scattered [m^-1]."""
+    least = coefficients[EXTINCTION, 0]
+    for c in range(1, len(channels)):
+        if coefficients[SCATTERING, c] > 0.0:
+            least = min(least, coefficients[EXTINCTION, c])
+    return least
 
 
 @kernel
@@ -166,67 +161,48 @@ def choose_distance(
     weight : float32 [m], one over the density with which it was drawn, on the average; 0 = none
     """
     nodes, channels = lights.nodes, closures.channels
-    start = 0.0 * length
-    end = length
-    across = 1.0 + start
-    along = start
-    by_angle = 0
-    outer, inverse_span = start, start
-    if node >= 0:
-        outer, inverse_span = emission_cone(nodes, node)
-        start, end = lit_interval(nodes, node, origin, direction, length)
-        if not end > start:
-            return start, 0.0 * start
-        offset = from_node(nodes, node, origin)
-        along = -dot(offset, direction)
-        spread = nodes[node // GROUP_SIZE, NODE_SPREAD, node % GROUP_SIZE]
-        across = math.sqrt(max(dot(offset, offset) - along * along, 0.0) + spread)
-        across = max(across, 1e-6 * (abs(along) + 1e-3))
-        along -= start
-        by_angle = CANDIDATES
+    none = 0.0 * length
+    if node < 0:
+        if not weigh_distances(channels, coefficients, throughput, lane, none, length) > 0.0:
+            return none, none
+        place = collision_distance(channels, coefficients, length, u_candidates)
+        pdf = collision_pdf(channels, coefficients, place)
+        return (place, 1.0 / pdf) if pdf > 0.0 else (none, none)
+    start, end = lit_interval(nodes, node, origin, direction, length)
+    if not end > start:
+        return none, none
     reach = end - start
     if not weigh_distances(channels, coefficients, throughput, lane, start, reach) > 0.0:
-        return start, 0.0 * start
-    count = by_angle + CANDIDATES
-    places, targets, weights = local_floats(), local_floats(), local_floats()
-    step = 1.0 / np.float32(CANDIDATES)
-    is_grey = _is_grey(channels, coefficients)
+        return none, none
+    outer, inverse_span = emission_cone(nodes, node)
+    offset = from_node(nodes, node, origin)
+    along = -dot(offset, direction)
+    spread = nodes[node // GROUP_SIZE, NODE_SPREAD, node % GROUP_SIZE]
+    across = math.sqrt(max(dot(offset, offset) - along * along, 0.0) + spread)
+    across = max(across, 1e-6 * (abs(along) + 1e-3))
+    along -= start
     angle = subtended_angle(across, along, reach)
-    # The angle of a candidate, turned on from one to the next.
-    sine, cosine = math.sin(u_candidates * step * angle), math.cos(u_candidates * step * angle)
-    turn_sine, turn_cosine = math.sin(step * angle), math.cos(step * angle)
-    total = 0.0
-    for k in range(count):
-        if k < by_angle:
-            place = equiangular_distance(across, along, reach, sine, cosine)
-            sine, cosine = sine * turn_cosine + cosine * turn_sine, cosine * turn_cosine - sine * turn_sine
-        else:
-            u = (np.float32(k - by_angle) + u_candidates) * step
-            place = collision_distance(channels, coefficients, reach, min(u, ONE_MINUS_EPSILON))
+    # For what is lost between the point and the emitter one exponential does: nothing hangs on it but the choice.
+    beyond = _least_extinction(channels, coefficients) if fills_all else none
+    first = equiangular_distance(
+        across, along, reach, math.sin(u_candidates * angle), math.cos(u_candidates * angle)
+    )
+    second = collision_distance(channels, coefficients, reach, u_candidates)
+    places, targets, weights = local_floats(), local_floats(), local_floats()
+    for k in range(2):
+        place = first if k == 0 else second
+        away = from_node(nodes, node, add(origin, scale(direction, start + place)))
+        apart = math.sqrt(max(dot(away, away), 1e-20))
         # What collides is both what is proposed and, times a constant, what the segment scatters.
-        pdf = _dimmed(channels, coefficients, PROPOSAL_WEIGHT, place, is_grey)
-        target = pdf
-        if by_angle > 0:
-            pdf += equiangular_pdf(across, along, angle, place)
-            p = add(origin, scale(direction, start + place))
-            away = from_node(nodes, node, p)
-            apart = math.sqrt(max(dot(away, away), 1e-20))
-            if fills_all:
-                target = _dimmed(channels, coefficients, PROPOSAL_WEIGHT, place + apart, is_grey)
-            target *= emission_towards(nodes, node, away, apart, outer, inverse_span)
-            target *= _phase_towards(closures, lane, -dot(direction, away) / apart)
-        pdf *= np.float32(CANDIDATES)
+        pdf = collision_pdf(channels, coefficients, place)
+        target = pdf * decay(beyond * apart) * emission_towards(nodes, node, away, apart, outer, inverse_span)
+        target *= _phase_towards(closures, lane, -dot(direction, away) / apart)
+        pdf += equiangular_pdf(across, along, angle, place)
         places[k] = place
         targets[k] = target
-        weight = target / pdf if pdf > 0.0 else 0.0
-        weights[k] = weight
-        total += weight
+        weights[k] = target / pdf if pdf > 0.0 else 0.0
+    total = weights[0] + weights[1]
     if not total > 0.0:
-        return start, 0.0 * start
-    rest = u_pick * total
-    chosen = -1
-    for k in range(count):
-        if weights[k] > 0.0 and (chosen < 0 or rest >= 0.0):
-            chosen = k
-        rest -= weights[k]
+        return none, none
+    chosen = 1 if weights[1] > 0.0 and u_pick * total >= weights[0] else 0
     return start + places[chosen], total / targets[chosen]

@@ -4,11 +4,10 @@
 Media that overlap add up. A row of `MediaLanes` lists those that a path, or a shadow ray, is in.
 """
 
-import math
-
 import numpy as np
 
 from engine.kernels.constants import FAR
+from engine.kernels.exponential import decay
 from engine.kernels.spectrum import upsample_light
 from engine.runtime.jit import kernel
 from engine.state.lanes import RGB
@@ -131,7 +130,7 @@ def transmittance(extinction, distance):
     """Share of light that is left after a distance (Beer's law)."""
     if not extinction > 0.0:
         return np.float32(1.0)
-    return np.float32(math.exp(-extinction * distance))
+    return decay(extinction * distance)
 
 
 @kernel
@@ -164,7 +163,7 @@ def emitted_length(extinction, distance):
     depth = extinction * distance
     if depth < 1e-3:
         return distance * (1.0 - 0.5 * depth)
-    return (1.0 - math.exp(-depth)) / extinction
+    return (1.0 - decay(depth)) / extinction
 
 
 @kernel

@@ -100,3 +100,10 @@ def ask_for_closures(closures, lane):
     """Emission and the like, and the first line of the first lobe."""
     prefetch(closures.count, lane)
     prefetch(closures.kind, lane)
+
+
+@kernel
+def ask_for_media(media, lane):
+    """The first media that a path is in."""
+    prefetch(media.instance, lane)
+    prefetch(media.medium, lane)

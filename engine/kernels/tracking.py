@@ -18,7 +18,6 @@ import numpy as np
 from engine.kernels.constants import INFINITY
 from engine.kernels.motion import direction_to_object, point_to_object
 from engine.kernels.path_depths import store_depths
-from engine.kernels.rounding import floor_of
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import add, scale
 from engine.runtime.jit import kernel
@@ -77,7 +76,8 @@ def _within_cell(x, v, count):
 
     Outside of the grid the next cell goes on, to where the grid begins or for ever.
     """
-    cell = min(max(floor_of(x + math.copysign(_BEYOND, v)), 0), count - 1)
+    # Cut off, not rounded down: what is below 0 is in cell 0 either way.
+    cell = min(max(int(x + math.copysign(_BEYOND, v)), 0), count - 1)
     leave = INFINITY
     if v > 0.0:
         leave = (np.float32(cell + 1) - x) / v
@@ -96,7 +96,7 @@ def _warped(x, count):
 def _within_world(x, d, count):
     """As `_within_cell`, of the world's grid and in metres; and whether the coordinate is in the grid."""
     place = _warped(x, count)
-    cell = min(max(floor_of(place + math.copysign(_BEYOND, d)), 0), count - 1)
+    cell = min(max(int(place + math.copysign(_BEYOND, d)), 0), count - 1)
     leave = INFINITY
     if d != 0.0:
         side = np.float32(cell + 1) if d > 0.0 else np.float32(cell)
@@ -121,6 +121,16 @@ def _world_majorant(grids, row, p, d):
 
 
 @kernel
+def _grid_of(grids, instance, medium):
+    """The row of a medium's grid, -1: it has none there."""
+    end = grids.first[instance + 2]
+    for row in range(grids.first[instance + 1], end):
+        if grids.table[row, GRID_MEDIUM] == medium:
+            return row
+    return -1
+
+
+@kernel
 def majorant_at(scene, instance, medium, origin, direction, time, t):
     """Bound on the extinction of a medium at a point of a ray, and how much further it holds.
 
@@ -132,11 +142,8 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
     grids = scene.media.majorants
     if scene.media.program[medium] < 0:
         return scene.media.media[medium, MEDIUM_MAJORANT], INFINITY
-    row = grids.first[instance + 1]
-    end = grids.first[instance + 2]
-    while row < end and grids.table[row, GRID_MEDIUM] != medium:
-        row += 1
-    if row >= end:
+    row = _grid_of(grids, instance, medium)
+    if row < 0:
         return 0.0 * t, INFINITY
     p = add(origin, scale(direction, t))
     if instance == WORLD:
@@ -164,6 +171,88 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
 
 
 @kernel
+def _inverse_speed(v):
+    """1 / v, 0 where nothing moves."""
+    return 1.0 / v if v != 0.0 else 0.0 * v
+
+
+@kernel
+def _leaves_after(x, cell, v, inverse):
+    """How far a coordinate is from the end of its cell; see `_within_cell`."""
+    side = np.float32(cell + 1) if v > 0.0 else np.float32(cell)
+    leave = (side - x) * inverse
+    return leave if leave > 0.0 else INFINITY
+
+
+@kernel
+def _cross_grid(scene, instance, medium, origin, direction, time, t, end, depth, margin):
+    """What `next_collision` does in the only grid that counts, which is none of the world's: the ray is put into the
+    grid's space once, not at every cell.
+
+    Parameters
+    ----------
+    depth : float32
+        Optical depth, by the bounds, at which the ray may collide.
+    margin : float32
+        Factor on the bounds.
+
+    Returns
+    -------
+    t : float32 [m]
+    majorant : float32 [m^-1], 0: it reaches `end`
+    """
+    grids = scene.media.majorants
+    none = 0.0 * t
+    row = _grid_of(grids, instance, medium)
+    if row < 0:
+        return end, none
+    p = point_to_object(scene.geometry, instance, time, origin)
+    d = direction_to_object(scene.geometry, instance, time, direction)
+    scale_x, scale_y = grids.space[row, GRID_SCALE], grids.space[row, GRID_SCALE + 1]
+    scale_z = grids.space[row, GRID_SCALE + 2]
+    start_x = (p[0] - grids.space[row, GRID_LOWER]) * scale_x
+    start_y = (p[1] - grids.space[row, GRID_LOWER + 1]) * scale_y
+    start_z = (p[2] - grids.space[row, GRID_LOWER + 2]) * scale_z
+    vx, vy, vz = d[0] * scale_x, d[1] * scale_y, d[2] * scale_z
+    nx, ny = grids.table[row, GRID_RESOLUTION], grids.table[row, GRID_RESOLUTION + 1]
+    nz, first = grids.table[row, GRID_RESOLUTION + 2], grids.offset[row]
+    fastest = max(abs(vx), abs(vy), abs(vz))
+    least = _BEYOND / fastest if fastest > 0.0 else INFINITY
+    bx, by, bz = math.copysign(_BEYOND, vx), math.copysign(_BEYOND, vy), math.copysign(_BEYOND, vz)
+    ix, iy, iz = _inverse_speed(vx), _inverse_speed(vy), _inverse_speed(vz)
+    for _ in range(_MOST_CELLS):
+        x, y, z = start_x + t * vx, start_y + t * vy, start_z + t * vz
+        i = min(max(int(x + bx), 0), nx - 1)
+        j = min(max(int(y + by), 0), ny - 1)
+        k = min(max(int(z + bz), 0), nz - 1)
+        bound = margin * grids.values[first + i + nx * (j + ny * np.int64(k))]
+        ahead = min(_leaves_after(x, i, vx, ix), _leaves_after(y, j, vy, iy), _leaves_after(z, k, vz, iz))
+        ahead = min(max(ahead, least), end - t)
+        if depth < bound * ahead:
+            return min(t + depth / bound, end), bound
+        depth -= bound * ahead
+        t += ahead
+        if not t < end:
+            break
+    return end, none
+
+
+@kernel
+def _only_one(scene, media, row, uniform):
+    """The entry of a row's media that takes part if that is one alone, and varies on an object; else -1."""
+    only = -1
+    for k in range(media.count[row]):
+        if scene.media.program[media.medium[row, k]] < 0:
+            if uniform:
+                return -1
+        elif only >= 0 or media.instance[row, k] == WORLD:
+            return -1
+        else:
+            only = k
+    return only
+
+
+@kernel
 def next_collision(scene, paths, media, row, origin, direction, time, t, end, u_distance, u_choice, uniform):
     """Where the media of a row may collide next, behind `t` and before `end`.
 
@@ -180,6 +269,12 @@ def next_collision(scene, paths, media, row, origin, direction, time, t, end, u_
     """
     margin = _SPECTRAL_MARGIN if len(paths.channels) > RGB else 1.0
     depth = -math.log(1.0 - u_distance)
+    only = _only_one(scene, media, row, uniform)
+    if only >= 0:
+        t, bound = _cross_grid(
+            scene, media.instance[row, only], media.medium[row, only], origin, direction, time, t, end, depth, margin
+        )
+        return t, only if bound > 0.0 else -1, bound
     for _ in range(_MOST_CELLS):
         total = 0.0
         ahead = end - t

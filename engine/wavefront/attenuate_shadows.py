@@ -16,6 +16,7 @@ from engine.accel import (
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import real_3
+from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
 from engine.kernels.surface import offset_origin, program_of, surface_point
 from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
@@ -33,17 +34,21 @@ from engine.state.lanes import (
     RAY_SHADOW,
 )
 from engine.state.media import EXTINCTION, MOST_CROSSINGS
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MAJORANTS_EXCEEDED,
     MEDIA_DROPPED,
     MEDIUM_REJECTS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
+    SCENE_HAS_TRANSPARENT_SHADOWS,
     SHADOW_ROWS,
     TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
+
+_ROWS_AHEAD = 4
 
 
 @kernel
@@ -61,12 +66,26 @@ def _leave_point(scene, work, lane, row, direction):
 
 
 @kernel
-def _next_boundary(scene, work, origin, direction, rest, time):
-    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
+def _stops_light(scene, instance, triangle):
+    """Whether what a shadow ray has met is opaque, in a scene where what casts shadows is either that or a boundary."""
+    casts = scene.geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
+    flags = scene.shaders.programs[program_of(scene.geometry, instance, triangle), PROGRAM_FLAGS]
+    return casts and flags & PROGRAM_IS_BOUNDARY == 0
+
+
+@kernel
+def _next_boundary(scene, work, origin, direction, rest, time, mask):
+    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it.
+
+    Parameters
+    ----------
+    mask : int
+        MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
+    """
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
     hit = trace_closest(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
-        MASK_MEDIUM,
+        mask,
     )
     if not hit:
         return False, -1, -1, rest, 0.0, 0.0
@@ -88,10 +107,21 @@ def _cross(scene, work, row, direction, instance, triangle, u, v, time):
 
 
 @kernel
+def _end_ray(work, row, is_blocked):
+    """Spare `intersect_shadow` a shadow ray of which it is known whether something opaque hides its light."""
+    work.shadows.distance[row] = 0.0
+    if is_blocked:
+        for c in range(len(work.paths.channels)):
+            work.shadows.radiance[row, c] = 0.0
+
+
+@kernel
 def attenuate_shadows(scene, unit, work, queue):
     """Multiply the light of all shadow rays by the transmittance on their way.
 
-    Lights without shadows are not dimmed, as in Cycles.
+    Lights without shadows are not dimmed, as in Cycles. Most rays meet no boundary: where nothing is transparent, one
+    look for boundaries and for what is opaque does for them. Others are left to `intersect_shadow`, for behind a
+    boundary they go on a little further, which may be behind what is opaque there.
 
     Parameters
     ----------
@@ -102,8 +132,13 @@ def attenuate_shadows(scene, unit, work, queue):
     media, radiance = work.media, work.shadows.radiance
     has_boundaries, follows = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_FOLLOWS] != 0
     own = media.count.shape[0] - 1
-    for row in range(work.counts[SHADOW_ROWS]):
+    settles = has_boundaries and not follows and scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
+    row_count = work.counts[SHADOW_ROWS]
+    for row in range(row_count):
         lane = shadows.lane[row]
+        ahead = shadows.lane[min(row + _ROWS_AHEAD, row_count - 1)]
+        ask_for_media(media, ahead)
+        ask_for_point(work.points, ahead)
         rest = shadows.distance[row]
         if not rest > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
@@ -112,8 +147,16 @@ def attenuate_shadows(scene, unit, work, queue):
         if not has_boundaries:
             attenuate(scene, paths, media, lane, own, rest, radiance, row)
             continue
-        for _ in range(MOST_CROSSINGS):
-            hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time)
+        mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
+        for crossing in range(MOST_CROSSINGS):
+            hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time, mask)
+            if settles and crossing == 0:
+                mask = MASK_MEDIUM
+                if not hit:
+                    _end_ray(work, row, False)
+                elif _stops_light(scene, instance, triangle):
+                    _end_ray(work, row, True)
+                    break
             if not hit:
                 attenuate(scene, paths, media, lane, own, rest, radiance, row)
                 break
@@ -131,7 +174,7 @@ def _start_leg(scene, work, row, own):
     instance, distance = -1, rest
     if scene.header[SCENE_HAS_BOUNDARIES] != 0:
         hit, met, triangle, at, u, v = _next_boundary(
-            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[lane]
+            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[lane], MASK_MEDIUM
         )
         if hit:
             instance, distance = met, at
@@ -160,6 +203,7 @@ def begin_shadows(scene, unit, work, queue):
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
+    settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
@@ -172,6 +216,7 @@ def begin_shadows(scene, unit, work, queue):
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, shadows.distance[row], paths.time[lane], opaque,
         ):
+            _end_ray(work, row, True)
             continue
         _leave_point(scene, work, lane, own, direction)
         store(tracking.origin, own, load(shadows.origin, row))
@@ -181,6 +226,8 @@ def begin_shadows(scene, unit, work, queue):
         for c in range(len(paths.channels)):
             tracking.weight[own, c] = 1.0
         _start_leg(scene, work, row, own)
+        if settles:
+            _end_ray(work, row, False)
         queue.lanes[kept] = row
         kept += 1
     queue.count[0] = kept

@@ -23,7 +23,15 @@ from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.media import any_varies, leave_objects, sum_coefficients, transmittance, weigh_channels
 from engine.kernels.path import real_3
-from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_history,
+    ask_for_media,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+)
 from engine.kernels.rng import SET_SEGMENT, SET_SEGMENT_LIGHT, sample_4d
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -118,6 +126,9 @@ def light_segments(scene, unit, work, queue):
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
+        ask_for_media(media, ahead)
+        ask_for_closures(closures, ahead)
+        ask_for_point(points, ahead)
         media.is_lit[lane] = 0
         media.collision_share[lane] = 1.0
         flags = paths.flags[lane]

@@ -16,7 +16,7 @@ from engine.kernels.media import (
     weigh_channels,
 )
 from engine.kernels.path import real_3
-from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.prefetch import ask_for_history, ask_for_media, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
 from engine.kernels.surface import offset_origin, prepare_point, program_of
@@ -135,16 +135,15 @@ def _collide(paths, media, lane, distance):
         t = -math.log(1.0 - u) / extinction
     collides = t < distance
     pdf = 0.0
+    end = t if collides else distance
     for c in range(len(paths.channels)):
-        density = transmittance(sums[EXTINCTION, c], t if collides else distance)
-        if collides:
-            density *= sums[EXTINCTION, c]
-        pdf += sums[CHANNEL_WEIGHT, c] / total * density
+        passed = transmittance(sums[EXTINCTION, c], end)
+        pdf += sums[CHANNEL_WEIGHT, c] * passed * (sums[EXTINCTION, c] if collides else 1.0)
+        # The weight has done its duty: what is left of the channel takes its place.
+        sums[CHANNEL_WEIGHT, c] = passed * (sums[SCATTERING, c] if collides else 1.0)
+    factor = total / pdf if pdf > 0.0 else 0.0
     for c in range(len(paths.channels)):
-        value = transmittance(sums[EXTINCTION, c], t if collides else distance)
-        if collides:
-            value *= sums[SCATTERING, c]
-        paths.throughput[lane, c] *= value / pdf if pdf > 0.0 else 0.0
+        paths.throughput[lane, c] *= sums[CHANNEL_WEIGHT, c] * factor
     return t if collides else -1.0
 
 
@@ -218,6 +217,7 @@ def sample_medium(scene, unit, work, queue):
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
+        ask_for_media(media, ahead)
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
         distance = paths.hit_distance[lane]

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import ONE_MINUS_EPSILON
-from engine.kernels.local import local_floats
+from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, sums_before
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
 from engine.state.lights import (
@@ -30,6 +30,11 @@ from engine.state.lights import (
     NODE_TWO_SIDED,
 )
 
+# Of a group, and as a node: int64, as in `engine.kernels.lights.tree`.
+_ROOT = np.int64(0)
+_LAST = np.int64(GROUP_SIZE - 1)
+#: [rad]
+_QUARTER_TURN = np.float32(0.5 * math.pi)
 #: Length [m] that stands for an endless segment: its square is a float still.
 LONGEST = np.float32(1e15)
 #: Cosine of a cone's half angle from which on it counts as a half-space, and sine of its normals' that this allows.
@@ -69,57 +74,101 @@ def subtended_angle(across, along, length):
     return math.atan2(across * length, across * across - along * (length - along))
 
 
-@kernel(forceinline=True)
-def segment_importance(nodes, node, origin, direction, length, reach):
-    """Irradiance that a node may cause, integrated along a segment, up to a constant; 0 only where it causes none.
+@kernel
+def _angles(y, x):
+    """About the angles [rad] of eight points (x, y) with y >= 0 against the x axis, in [0, pi]; off by 1e-4 at most.
 
-    Distances are those of the node's energy, as in `node_importance`, integrated without a cosine; emission is that
-    of the most favourable point of the segment and of the node's bounding sphere.
+    References: Hastings 1955, "Approximations for Digital Computers", sheet 11.
+    """
+    width = absolute(x)
+    is_steep = y > width
+    ratio = choose(is_steep, width, y) / choose(is_steep, y, choose(width > 1e-30, width, 1e-30))
+    squared = ratio * ratio
+    angle = 0.0208351 * squared - 0.085133
+    angle = angle * squared + 0.180141
+    angle = angle * squared - 0.3302995
+    angle = (angle * squared + 0.999866) * ratio
+    angle = choose(is_steep, _QUARTER_TURN - angle, angle)
+    return choose(x >= 0.0, angle, 2.0 * _QUARTER_TURN - angle)
+
+
+@kernel
+def segment_importances(nodes, group, origin, direction, length, reach):
+    """Irradiance that each node of a group may cause, integrated along a segment, up to a constant.
+
+    It is 0 only where a node causes none. Distances are those of the node's energy, as in `group_importances`,
+    integrated without a cosine; emission is that of the most favourable point of the segment and of the node's bounding
+    sphere.
 
     Parameters
     ----------
     origin, direction : 3-tuples, world space [m], unit
     length : float [m], at most `LONGEST`
     reach : float [m], at most `length`: what lies beyond is too dim to matter
+
+    Returns
+    -------
+    EIGHT
     """
-    g, k = node // GROUP_SIZE, node % GROUP_SIZE
-    start = from_node(nodes, node, origin)
-    along = -dot(start, direction)
-    squared = dot(start, start)
-    across = math.sqrt(max(squared - along * along, 0.0) + nodes[g, NODE_SPREAD, k] + 1e-20)
-    importance = nodes[g, NODE_ENERGY, k] * subtended_angle(across, along, reach) / across
+    dx = origin[0] - load_eight(nodes, group, NODE_CENTER)
+    dy = origin[1] - load_eight(nodes, group, NODE_CENTER + 1)
+    dz = origin[2] - load_eight(nodes, group, NODE_CENTER + 2)
+    along = 0.0 - (direction[0] * dx + direction[1] * dy + direction[2] * dz)
+    squared = dx * dx + dy * dy + dz * dz
+    across_squared = squared - along * along
+    across_squared = choose(across_squared > 0.0, across_squared, 0.0) + load_eight(nodes, group, NODE_SPREAD) + 1e-20
+    across = root(across_squared)
+    energy = load_eight(nodes, group, NODE_ENERGY)
+    importance = energy * _angles(across * reach, across_squared - along * (reach - along)) / across
 
     # The cosine of the axis and a point of the line has one extremum.
-    axis = _node_axis(nodes, node)
-    at_start = dot(axis, start)
-    slope = dot(axis, direction)
+    axis_x = load_eight(nodes, group, NODE_AXIS)
+    axis_y = load_eight(nodes, group, NODE_AXIS + 1)
+    axis_z = load_eight(nodes, group, NODE_AXIS + 2)
+    is_two_sided = load_eight(nodes, group, NODE_TWO_SIDED) > 0.0
+    at_start = axis_x * dx + axis_y * dy + axis_z * dz
+    slope = axis_x * direction[0] + axis_y * direction[1] + axis_z * direction[2]
     denominator = at_start + slope * along
-    extremum = (at_start * along + slope * squared) / denominator if denominator != 0.0 else 0.0
-    extremum = min(max(extremum, 0.0), length)
-    cosine = np.float32(-1.0)
-    closest = squared
-    for point in range(3):
-        t = extremum if point == 0 else (length if point == 1 else 0.0)
-        at = squared + t * (t - 2.0 * along)
-        closest = min(closest, at)
-        projected = at_start + slope * t
-        projected = abs(projected) if nodes[g, NODE_TWO_SIDED, k] > 0.0 else projected
-        cosine = max(cosine, projected / math.sqrt(max(at, 1e-30)))
-    t = min(max(along, 0.0), length)
-    closest = min(closest, squared + t * (t - 2.0 * along))
-    cosine = min(cosine, 1.0)
-    radius = nodes[g, NODE_RADIUS, k]
-    if closest <= radius * radius * 1.0001:
-        return importance
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    sine_around = radius / math.sqrt(closest)
-    cosine_around = math.sqrt(max(0.0, 1.0 - sine_around * sine_around))
+    has_extremum = absolute(denominator) > 0.0
+    extremum = (at_start * along + slope * squared) / choose(has_extremum, denominator, 1.0)
+    extremum = choose(has_extremum & (extremum > 0.0), extremum, 0.0)
+    extremum = choose(extremum >= length, length, extremum)
+    cosine_there, closest_there = _seen_from(is_two_sided, at_start, slope, squared, along, extremum)
+    cosine_at_end, closest_at_end = _seen_from(is_two_sided, at_start, slope, squared, along, 0.0 * squared + length)
+    cosine, closest = _seen_from(is_two_sided, at_start, slope, squared, along, 0.0 * squared)
+    cosine = choose(cosine_there > cosine, cosine_there, cosine)
+    cosine = choose(cosine_at_end > cosine, cosine_at_end, cosine)
+    closest = choose(closest_at_end > closest, closest, closest_at_end)
+    closest = choose(closest_there > closest, closest, closest_there)
+    foot = choose(along > 0.0, along, 0.0)
+    foot = choose(foot >= length, length, foot)
+    beside = squared + foot * (foot - 2.0 * along)
+    closest = choose(beside > closest, closest, beside)
+    cosine = choose(cosine >= 1.0, 1.0, cosine)
+
+    radius = load_eight(nodes, group, NODE_RADIUS)
+    is_inside = closest <= radius * radius * 1.0001
+    sine = root(1.0 - cosine * cosine)
+    sine_around = radius / root(choose(is_inside, 1.0, closest))
+    cosine_around = root(1.0 - sine_around * sine_around)
+    cos_normals = load_eight(nodes, group, NODE_COS_NORMALS)
     nearest = cosine * cosine_around + sine * sine_around
-    if cosine >= cosine_around or nearest >= nodes[g, NODE_COS_NORMALS, k]:
-        return importance
+    faces = is_inside | (cosine >= cosine_around) | (nearest >= cos_normals)
     nearest_sine = sine * cosine_around - cosine * sine_around
-    emitted = nearest * nodes[g, NODE_COS_NORMALS, k] + nearest_sine * nodes[g, NODE_SIN_NORMALS, k]
-    return importance * max(emitted, 0.0) if emitted > nodes[g, NODE_COS_EMISSION, k] else 0.0
+    emitted = nearest * cos_normals + nearest_sine * load_eight(nodes, group, NODE_SIN_NORMALS)
+    is_lit = emitted > load_eight(nodes, group, NODE_COS_EMISSION)
+    importance = importance * choose(faces, 1.0, choose(emitted > 0.0, emitted, 0.0))
+    # Where there is no node, there is no energy.
+    return choose((energy > 0.0) & (faces | is_lit), importance, 0.0)
+
+
+@kernel
+def _seen_from(is_two_sided, at_start, slope, squared, along, t):
+    """Cosine of eight nodes' axes at points of a segment, and the points' squared distance [m^2]."""
+    apart = squared + t * (t - 2.0 * along)
+    projected = at_start + slope * t
+    projected = choose(is_two_sided, absolute(projected), projected)
+    return projected / root(choose(apart > 1e-30, apart, 1e-30)), apart
 
 
 @kernel
@@ -130,7 +179,7 @@ def _distant_importance(distant, k, length, reach):
 
 @kernel
 def pick_for_segment(lights, origin, direction, length, reach, u):
-    """Choose an emitter for a segment; see `segment_importance`.
+    """Choose an emitter for a segment; see `segment_importances`.
 
     What regions have learned of lights is of points, and counts for nothing here.
 
@@ -144,7 +193,7 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
     if distant.shape[0] > 0:
         local = 0.0 * u
         if nodes.shape[0] > 0:
-            local = segment_importance(nodes, np.int64(0), origin, direction, length, reach)
+            local = at(segment_importances(nodes, _ROOT, origin, direction, length, reach), _ROOT)
         total = local
         for k in range(distant.shape[0]):
             total += _distant_importance(distant, k, length, reach)
@@ -170,30 +219,21 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
         u = min(u / local, ONE_MINUS_EPSILON)
     elif nodes.shape[0] == 0:
         return np.int64(-1), 0.0 * pmf
-    importances = local_floats()
     group = np.int64(children[0, 0])
     while group >= 0:
-        below = 0.0 * pmf
-        for k in range(GROUP_SIZE):
-            importance = segment_importance(nodes, GROUP_SIZE * group + k, origin, direction, length, reach)
-            importances[k] = importance
-            below += importance
+        importances = segment_importances(nodes, group, origin, direction, length, reach)
+        before = sums_before(importances)
+        below = at(before, _LAST) + at(importances, _LAST)
         if not below > 0.0:
             return np.int64(-1), below
         # The last that counts and begins at or before the target, so that rounding always leaves one.
         target = u * below
-        chosen = np.int64(0)
-        begin = 0.0 * pmf
-        mine = begin
-        reached = begin
-        for k in range(GROUP_SIZE):
-            importance = importances[k]
-            if importance > 0.0 and reached <= target:
-                chosen = k
-                begin = reached
-                mine = importance
-            reached += importance
-        u = min((target - begin) / mine, ONE_MINUS_EPSILON)
+        chosen = last_of((importances > 0.0) & (before <= target))
+        if chosen < 0:
+            # Only of a total that is infinite.
+            return np.int64(-1), 0.0 * u
+        mine = at(importances, chosen)
+        u = min((target - at(before, chosen)) / mine, ONE_MINUS_EPSILON)
         pmf *= mine / below
         group = np.int64(children[group, chosen])
     return ~group, pmf

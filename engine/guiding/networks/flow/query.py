@@ -16,12 +16,12 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.vmm.numeric import exp_nonpositive
 from engine.guiding.networks.encoding import blob, contract
 from engine.guiding.networks.flow.field import BLOB_COUNT, BLOB_FIRST, SPLINE_EDGE, SPLINE_HEIGHT, SPLINE_SUM
 from engine.guiding.networks.flow.shape import ACTIVATION_LIMIT, LOGIT_LIMIT, MIN_WIDTH, UNIFORM_SHARE
 from engine.guiding.records.training_rows import ROW_NORMAL, ROW_POSITION, ROW_ROUGHNESS, ROW_WI, ROW_WO
 from engine.kernels.constants import FLOAT_MAX, INV_FOUR_PI, INV_TWO_PI, ONE_MINUS_EPSILON, TWO_PI
+from engine.kernels.exponential import exp_nonpositive
 from engine.runtime.jit import kernel
 
 _ACTIVATION_LIMIT = np.float32(ACTIVATION_LIMIT)

@@ -42,7 +42,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.vmm.numeric import exp_nonpositive, spread
+from engine.guiding.fields.vmm.numeric import spread
 from engine.guiding.fields.vmm.query import EVEN_SHARE
 from engine.guiding.networks.lobes.vmf import (
     LOG_KAPPA_HIGH,
@@ -54,6 +54,7 @@ from engine.guiding.networks.lobes.vmf import (
     valid_fluence,
 )
 from engine.kernels.constants import INV_FOUR_PI, ONE_MINUS_EPSILON
+from engine.kernels.exponential import exp_nonpositive
 from engine.kernels.vector import cross
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel

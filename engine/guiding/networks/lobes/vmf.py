@@ -33,9 +33,10 @@ from engine.guiding.fields.vmm.field import (
     GUIDE_Y,
     GUIDE_Z,
 )
-from engine.guiding.fields.vmm.numeric import exp_nonpositive, spread
+from engine.guiding.fields.vmm.numeric import spread
 from engine.guiding.fields.vmm.query import COSINE_LOBE_KAPPA, COSINE_LOBE_NORM, multiply_lobe
 from engine.kernels.constants import INV_FOUR_PI
+from engine.kernels.exponential import exp_nonpositive
 from engine.runtime.jit import kernel
 
 #: Outputs a lobe.
