@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.regions import RegionModels
-from engine.guiding.policy.media_trial import BOTH, MEDIA, SURFACES
-from engine.scene.description import Light
+from engine.guiding.policy import learning
+from engine.guiding.policy.media_trial import BOTH, MEDIA, SURFACES, MediaTrial
+from engine.scene.description import Light, SceneDescription
 from tests.helpers.media_renders import is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, varying
+from tests.helpers.untrained_networks import Untrained
 
 #: Enough for the furnace: what is left of paths beyond is next to nothing.
 BOUNCES = {"volume_bounces": 64, "max_bounces": 64}
@@ -68,6 +70,32 @@ def test_the_furnace_stays_white_by_networks(method):
     assert not is_mean(1.02 * means, np.ones(3))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["NPM", "NASG", "FLOW"])
+def test_the_furnace_stays_white_by_networks_that_know_nothing(method, monkeypatch):
+    """Their parameters are drawn at random, and wild: no other is as wrong."""
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    means = means_by_seed(furnace(False), **guided(method, samples=255))
+    assert is_mean(means, np.ones(3))
+    assert not is_mean(1.02 * means, np.ones(3))
+
+
+@pytest.mark.slow
+def test_mixtures_that_see_the_wavelength_keep_the_mean(monkeypatch):
+    """Each wavelength scatters by another mixture, a wild one: the shares of the path's wavelengths must follow."""
+    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    scene = furnace(False)
+    # Out of sight, so that there are wavelengths to tell apart.
+    monkeypatch.setattr(SceneDescription, "has_dispersion", True)
+    settings = {"samples": 511, "spectral": "ON", "seeds": 4}
+    means = means_by_seed(scene, **guided("NPM", mixture_u="FREQUENCY", **settings))
+    expected = means_by_seed(media_scene([], np.zeros((0, 4, 4))), **settings)
+    error = np.sqrt((means.var(axis=0, ddof=1) + expected.var(axis=0, ddof=1)) / len(means))
+    difference = np.abs(means.mean(axis=0) - expected.mean(axis=0))
+    assert (difference <= 4.0 * error + 1e-4).all()
+    assert (4.0 * error < 0.03 * expected.mean(axis=0)).all()
+
+
 def test_collisions_draw_as_many_candidates_as_asked_for_or_allocated(monkeypatch):
     scene = media_scene([medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=2.0)], [placed()])
     report = render(scene, **guided("VMM_RIS", samples=15, candidate_count=4)).report.guiding
@@ -98,8 +126,6 @@ def test_the_picture_does_not_depend_on_threads(method):
 @pytest.mark.slow
 @pytest.mark.parametrize("scope", [SURFACES, MEDIA])
 def test_guiding_one_of_the_two_alone_keeps_the_mean(scope, monkeypatch):
-    from engine.guiding.policy.media_trial import MediaTrial
-
     begin = MediaTrial.__init__
 
     def begin_with(trial, pixel_count):
@@ -107,8 +133,8 @@ def test_guiding_one_of_the_two_alone_keeps_the_mean(scope, monkeypatch):
         trial.guided = scope
 
     monkeypatch.setattr(MediaTrial, "__init__", begin_with)
-    alone = means_by_seed(foggy_box(), **guided("VMM_RIS", samples=255, volume_bounces=0, max_bounces=12))
-    plain = means_by_seed(foggy_box(), samples=255, volume_bounces=0, max_bounces=12)
+    alone = means_by_seed(foggy_box(), **guided("VMM_RIS", samples=255, volume_bounces=4, max_bounces=12))
+    plain = means_by_seed(foggy_box(), samples=255, volume_bounces=4, max_bounces=12)
     error = np.sqrt((plain.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(plain))
     assert (np.abs(plain.mean(axis=0) - alone.mean(axis=0)) <= 4.0 * error).all()
     assert (4.0 * error < 0.02 * plain.mean(axis=0)).all()
