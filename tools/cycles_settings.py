@@ -68,7 +68,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("no need", "guiding_directional_sampling_type use_surface_guiding", _GUIDING),
             *_rows("no need", "surface_guiding_probability guiding_training_samples", _GUIDING),
             *_rows("no need", "use_guiding_direct_light use_guiding_mis_weights guiding_roughness_threshold", _GUIDING),
-            *_rows("no need", "use_volume_guiding volume_guiding_probability", "within volumes nothing is guided"),
+            *_rows("no need", "use_volume_guiding volume_guiding_probability", _GUIDING),
         ),
     ),
     (

@@ -387,7 +387,9 @@ class Tracer:
         header[UNIT_PATH_COUNT] = len(unit.pixels) * unit.sample_count
         header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
-        header[UNIT_GUIDES_MEDIA] = self.view.header[SCENE_HAS_MEDIA]
+        header[UNIT_GUIDES_MEDIA] = (
+            self.view.header[SCENE_HAS_MEDIA] and guidance is not None and guidance.guides_media
+        )
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising

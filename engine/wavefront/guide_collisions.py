@@ -10,11 +10,19 @@ import numpy as np
 from engine.guiding.fields.vmm.query import find_region
 from engine.guiding.sampling.allotment import TRIAL_BITS, allot, look_up_bits
 from engine.guiding.sampling.collisions import propose_at_collision, send_on_from_collision
-from engine.guiding.sampling.guide import query_guides, ready_collision
+from engine.guiding.sampling.guide import ask_for_guide, query_guides, ready_collision
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.collision import all_around
 from engine.kernels.constants import NAN
 from engine.kernels.path import real_3
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_history,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+)
 from engine.kernels.rng import hash_combine
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -48,6 +56,11 @@ def prepare_collision_guides(scene, unit, guidance, work, queue):
     first_row = probability.shape[0] - field.is_ready.shape[0]
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
         p = real_3(points, lane, POINT_P)
         leaf = locate_leaf(field, p)
         if leaf < 0:
@@ -92,6 +105,13 @@ def guide_collisions(scene, unit, guidance, work, queue):
     kept = 0
     for k in range(lane_count):
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(work.points, ahead)
+        ask_for_closures(work.closures, ahead)
+        ask_for_guide(guide, ahead)
         if not guided.rough_share[lane] > 0.0:
             lanes[kept] = lane
             kept += 1

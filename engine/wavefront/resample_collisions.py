@@ -5,8 +5,17 @@
 """
 
 from engine.guiding.sampling.collisions import PhaseCandidate, propose_at_collision, send_on_from_collision
+from engine.guiding.sampling.guide import ask_for_guide
 from engine.guiding.sampling.picking import pick_candidate
 from engine.kernels.path import real_3
+from engine.kernels.prefetch import (
+    ask_for_closures,
+    ask_for_history,
+    ask_for_point,
+    ask_for_ray,
+    ask_for_throughput,
+    lane_ahead,
+)
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import load, store
 from engine.ris.spread import SET_CANDIDATES, rotated
@@ -40,6 +49,11 @@ def draw_collision_candidates(scene, unit, guidance, work, queue):
     capacity = candidates.label.shape[0]
     while k < lane_count and row + guided.candidate_count[lanes[k]] <= capacity:
         lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_throughput(paths, ahead)
+        ask_for_point(work.points, ahead)
+        ask_for_closures(work.closures, ahead)
+        ask_for_guide(guide, ahead)
         k += 1
         candidates.lane[vertex] = lane
         candidates.first[vertex] = row
@@ -81,6 +95,11 @@ def resample_collisions(scene, unit, guidance, work, queue):
     vertex_count, row_count = work.counts[VERTICES], work.counts[ROWS]
     for vertex in range(vertex_count):
         lane = candidates.lane[vertex]
+        ahead = lane_ahead(candidates.lane, vertex, vertex_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_history(paths, ahead)
+        ask_for_point(work.points, ahead)
         first = candidates.first[vertex]
         last = candidates.first[vertex + 1] if vertex + 1 < vertex_count else row_count
         row, weight, benefit = pick_candidate(guidance.options, paths, candidates, lane, first, last - first)

@@ -77,7 +77,8 @@ class RadianceView(Bundle):
 class GuidanceView(Bundle):
     """`engine.guiding.policy.guidance.Guidance` for kernels; where there is none, of its shape and never read.
 
-    probability : float32 (R,), of guiding; light_share : float32 (R,), of sampling a light
+    probability : float32 (R,) or (2 R,), of guiding on surfaces and within media
+    light_share : float32 (R,), of sampling a light
     benefit : float32 (R,), of guiding (`engine.guiding.models.selection.SelectionModel`)
     guide : a thread's lanes, see `engine.guiding.sampling.guide`
     """

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is learned by region whatever the method: the mixture field, how often to guide, how often to sample lights, and
-which."""
+which.
+
+Surfaces and collisions with media share the mixtures, but not the choices: what pays at the one may cost at the other
+(docs/decisions/guiding-in-media.md). Arrays of choices hold the regions' rows for surfaces, and behind them, once there
+are any collisions, those for media.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +22,7 @@ from engine.guiding.fields.vmm.model import VmmModel
 from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.models.light_share import LightShareModel
 from engine.guiding.models.selection import SelectionModel
+from engine.guiding.records.collisions import is_collision
 from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.ris.orca import VarianceDeltas, mean_by_region
 from engine.state.lights import LightSelection
@@ -34,6 +40,41 @@ def _bounds(records: VertexRecords, row_count: int) -> np.ndarray:
 def _reach(bounds: np.ndarray) -> float:
     """Distances that tell apart where light comes from: up to twice the size of the scene [m]."""
     return 2.0 * float(np.linalg.norm(bounds[1] - bounds[0]))
+
+
+class CollisionChoices:
+    """What is chosen by region at collisions with media: how often to guide, and how many candidates to draw.
+
+    selection : SelectionModel
+    deltas : VarianceDeltas
+    """
+
+    def __init__(self, selection: SelectionModel) -> None:
+        self.selection = selection
+        self.deltas = VarianceDeltas()
+
+
+def without_surfaces(probability: Float32Array, region_count: int) -> Float32Array:
+    """Guiding probabilities of `RegionModels.probability` for guiding media alone."""
+    kept = probability.copy()
+    kept[:region_count] = 0.0
+    return kept
+
+
+def _deltas_state(deltas: VarianceDeltas) -> State:
+    """What is known of the variance that resampling saves, as arrays, thinned."""
+    position, estimate = deltas.gathered()
+    step = -(-len(position) // _KEPT_DELTAS) or 1
+    return {
+        "deltas.position": np.ascontiguousarray(position[::step]),
+        "deltas.estimate": np.ascontiguousarray(estimate[::step]),
+    }
+
+
+def _take_deltas(state: State, deltas: VarianceDeltas) -> None:
+    """Add what `_deltas_state` has written."""
+    position = take(state, "deltas.position", np.float32, (None, 3))
+    deltas.add(position, take(state, "deltas.estimate", np.float32, (len(position),)))
 
 
 class RegionModels:
@@ -58,6 +99,7 @@ class RegionModels:
         self._guiding_probability = guiding_probability
         self._max_distance = max_distance
         self._deltas = VarianceDeltas()
+        self._collisions: CollisionChoices | None = None
         self._light_selection: LightSelectionModel | None = None
 
     @classmethod
@@ -92,21 +134,27 @@ class RegionModels:
             LightShareModel.of_state(part(state, "light_share"), count), guiding_probability,
             float(take(state, "max_distance", np.float64, (1,))[0]),
         )
-        position = take(state, "deltas.position", np.float32, (None, 3))
-        models._deltas.add(position, take(state, "deltas.estimate", np.float32, (len(position),)))
+        _take_deltas(state, models._deltas)
+        collisions = part(state, "collisions")
+        if collisions:
+            selection = SelectionModel.of_state(part(collisions, "selection"), guiding_probability, count)
+            models._collisions = CollisionChoices(selection)
+            _take_deltas(collisions, models._collisions.deltas)
         return models
 
     def state(self) -> State:
         """All that is known, as arrays."""
-        position, estimate = self._deltas.gathered()
-        step = -(-len(position) // _KEPT_DELTAS) or 1
+        collisions = self._collisions
+        of_collisions = {} if collisions is None else {
+            **prefixed("selection", collisions.selection.state()), **_deltas_state(collisions.deltas),
+        }
         return {
             **prefixed("mixture", self.mixture.state()),
             **prefixed("selection", self.selection.state()),
             **prefixed("light_share", self.light_share.state()),
             "max_distance": np.array([self._max_distance]),
-            "deltas.position": np.ascontiguousarray(position[::step]),
-            "deltas.estimate": np.ascontiguousarray(estimate[::step]),
+            **_deltas_state(self._deltas),
+            **prefixed("collisions", of_collisions),
         }
 
     def begin_light_selection(self, is_possible: npt.NDArray[np.bool_]) -> None:
@@ -126,6 +174,11 @@ class RegionModels:
         self._max_distance = max(self._max_distance, _reach(bounds))
 
     @property
+    def knows_media(self) -> bool:
+        """Whether there were collisions to learn from."""
+        return self._collisions is not None
+
+    @property
     def field(self) -> VmmField:
         """The mixture field."""
         return self.mixture.field
@@ -136,10 +189,16 @@ class RegionModels:
         """Fit the mixture field; distances of the records are cut to twice the size of the scene."""
         np.minimum(records.distance, self._max_distance, out=records.distance)
         self.mixture.update(as_records(records), row_count, executor, thread_count)
+        if self._collisions is None and is_collision(records, row_count).any():
+            self._collisions = CollisionChoices(SelectionModel(self._guiding_probability))
 
     def add_deltas(self, records: VertexRecords, row_count: int) -> None:
         """Take what the records say of the variance that resampling saves (Rath et al. 2025, Eq. 19)."""
-        self._deltas.add(records.position[:row_count], records.benefit[:row_count])
+        of_surfaces = ~is_collision(records, row_count)
+        position, benefit = records.position[:row_count], records.benefit[:row_count]
+        self._deltas.add(position[of_surfaces], benefit[of_surfaces])
+        if self._collisions is not None:
+            self._collisions.deltas.add(position[~of_surfaces], benefit[~of_surfaces])
 
     def learn_shares(
         self, records: VertexRecords, row_count: int, *, variance: float, ray_count: float, was_guided: bool
@@ -156,7 +215,14 @@ class RegionModels:
             Whether the paths were guided: light shares are for those.
         """
         leaf = self._leaves(records.position[:row_count])
-        self.selection.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
+        of_surfaces = leaf
+        if self._collisions is not None:
+            of_media = is_collision(records, row_count)
+            of_surfaces = np.where(of_media, np.int32(-1), leaf)
+            self._collisions.selection.update(
+                self.mixture, records, np.where(of_media, leaf, np.int32(-1)), variance=variance, ray_count=ray_count
+            )
+        self.selection.update(self.mixture, records, of_surfaces, variance=variance, ray_count=ray_count)
         if self._light_selection is not None:
             self._light_selection.update(self.mixture.regions, records, leaf)
         if not was_guided:
@@ -171,16 +237,23 @@ class RegionModels:
         return None if self._light_selection.is_over else selection
 
     def variance_deltas(self) -> Float32Array:
-        """Mean of the deltas by region, float32 (R,); NaN where there are too few."""
-        position, estimate = self._deltas.gathered()
-        leaf = self._leaves(position)
-        return mean_by_region(leaf, estimate, len(self.field.is_ready))
+        """Mean of the deltas by region and by kind of vertex, float32 (R or 2 R,); NaN where there are too few."""
+        means = [self._mean_deltas(self._deltas)]
+        if self._collisions is not None:
+            means.append(self._mean_deltas(self._collisions.deltas))
+        return np.concatenate(means)
+
+    def _mean_deltas(self, deltas: VarianceDeltas) -> Float32Array:
+        position, estimate = deltas.gathered()
+        return mean_by_region(self._leaves(position), estimate, len(self.field.is_ready))
 
     def probability(self, *, is_learned: bool) -> Float32Array:
-        """Guiding probability by region, float32 (R,): learned, or that of the settings everywhere."""
+        """Guiding probability by region and by kind of vertex, float32 (R or 2 R,): learned, or that of the settings
+        everywhere."""
+        selections = [self.selection] if self._collisions is None else [self.selection, self._collisions.selection]
         if is_learned:
-            return self.selection.probability
-        return np.full(self.mixture.region_count, self._guiding_probability, np.float32)
+            return np.concatenate([selection.probability for selection in selections])
+        return np.full(self.mixture.region_count * len(selections), self._guiding_probability, np.float32)
 
     def _leaves(self, position: Float32Array) -> Int32Array:
         leaf = np.full(len(position), -1, np.int32)

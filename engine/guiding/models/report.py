@@ -51,6 +51,10 @@ class GuidingReport:
     trials: list[str] = field(default_factory=list)
     #: Share of the regions that are guided.
     guided_share: float = float("nan")
+    #: The same of media; NaN where there are none.
+    guided_media_share: float = float("nan")
+    #: What is guided in scenes with media (`engine.guiding.policy.media_trial`), '' without.
+    guides: str = ""
     #: Share of the regions that sample the lights that they have learned to see; NaN: there is nothing to choose.
     lights_share: float = float("nan")
 
@@ -103,6 +107,11 @@ class GuidingReport:
             )
         if self.sentence:
             self.lines.append(self.sentence)
+        if self.guides and not self.stopped_at:
+            of_media = "" if math.isnan(self.guided_media_share) else (
+                f"; collisions in {self.guided_media_share:.0%} of the regions"
+            )
+            self.lines.append(f"guided: {self.guides}{of_media}")
         if self.trials:
             self.lines.append("compared: " + "; ".join(self.trials))
         if not math.isnan(self.lights_share):

@@ -24,7 +24,8 @@ class Guidance:
     """Fields, allocation and how much to record.
 
     record_threshold : int, paths whose hash is below are recorded: 0 none, 2**32 all
-    probability : float32 (R,), of guiding by region of the field (`engine.guiding.models.selection`)
+    probability : float32 (R,) or (2 R,), of guiding by region of the field, on surfaces and within media
+        (`engine.guiding.models.regions`); so are the rows of `allocation`
     field : VmmField or None, while nothing is known
     light_share : float32 (R,), of sampling a light by region (`engine.guiding.models.light_share`)
     benefit : float32 (R,), of guiding by region (`engine.guiding.models.selection`)
@@ -41,6 +42,7 @@ class Guidance:
     network_session : RadianceSession or None, what asks the same network if not the kernel
     lights : LightSelection or None, which lights to sample, of guided and unguided paths alike; None: the light tree
         chooses, and recorded paths do not say which they have sampled
+    guides_media : bool, whether collisions with media are guided and recorded, in scenes that have any
     """
 
     settings: RenderSettings
@@ -63,6 +65,7 @@ class Guidance:
     measure_threshold: int = 0
     reflected: ReflectedField | None = None
     lights: LightSelection | None = None
+    guides_media: bool = True
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""

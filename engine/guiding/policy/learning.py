@@ -21,7 +21,7 @@ import numpy.typing as npt
 from engine.guiding.fields.state import part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
 from engine.guiding.models.record_sink import RecordSink
-from engine.guiding.models.regions import RegionModels
+from engine.guiding.models.regions import RegionModels, without_surfaces
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
 from engine.guiding.policy import trial
@@ -33,6 +33,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget, is_narrow
 from engine.guiding.policy.ladder import Ladder
+from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import NewestVariance, Part
@@ -113,6 +114,7 @@ class Learner:
         )
         self._choice = Choice(paths_per_sample, self._rungs[0], tries_plain=settings.guiding_trial)
         self.report.trials = self._choice.trials
+        self._media_trial = MediaTrial(paths_per_sample)
         self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice)
         self._worth = ResamplingWorth()
         self._regions: RegionModels | None = None
@@ -205,7 +207,7 @@ class Learner:
         """Parts of the iteration in work."""
         if self._roulette_trial is not None and self._roulette_trial.is_running:
             return self._roulette_trial.parts
-        return self._choice.parts
+        return self._media_trial.parts if self._media_trial.is_running else self._choice.parts
 
     @property
     def is_over(self) -> bool:
@@ -385,8 +387,17 @@ class Learner:
             self._costs.measure(choice.rung, costs)
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
         choice.plan(*next_range, offers, is_whole=is_whole)
+        self._plan_media(regions, next_range)
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
+
+    def _plan_media(self, regions: RegionModels, next_range: tuple[int, int]) -> None:
+        """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""
+        choice = self._choice
+        is_free = self.settings.guiding_trial and regions.knows_media and choice.is_settled and not choice.is_narrow
+        self._media_trial.plan(*next_range, is_free=is_free and len(choice.parts) == 1)
+        if regions.knows_media:
+            self.report.guides = self._media_trial.guided
 
     def _guidance(
         self, regions: RegionModels, delta: np.ndarray, ray_count: float, variance: float, weights: np.ndarray,
@@ -398,21 +409,32 @@ class Learner:
         probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
         self.report.chosen = choice.rung
         ready = field.is_ready != 0
-        self.report.guided_share = float((probability[ready] > 0.0).sum() / max(ready.sum(), 1))
+        of_surfaces, of_media = probability[: len(ready)], probability[len(ready) :]
+        self.report.guided_share = float((of_surfaces[ready] > 0.0).sum() / max(ready.sum(), 1))
+        if len(of_media):
+            self.report.guided_media_share = float((of_media[ready] > 0.0).sum() / max(ready.sum(), 1))
 
-        def by(rung: str, challenger: Guidance | None = None) -> Guidance:
+        def by(rung: str, guides: str, challenger: Guidance | None = None) -> Guidance:
             predictions = self._predictor(rung).predictions
             allocation = make_allocation(
                 delta, ray_count=ray_count, variance=variance, costs=self._costs.candidates(rung)
             )
             return Guidance(
-                self.settings, self._budget.threshold(samples), field, probability, regions.light_share.share,
-                regions.selection.benefit, self._fixed_count(rung), allocation, weights, predictions.table,
-                predictions.network, predictions.session, self._probes_only(rung),
+                self.settings, self._budget.threshold(samples), field,
+                without_surfaces(probability, len(ready)) if guides == MEDIA else probability,
+                regions.light_share.share, regions.selection.benefit, self._fixed_count(rung), allocation, weights,
+                predictions.table, predictions.network, predictions.session, self._probes_only(rung),
                 self._source.field if self._source is not None else None, challenger, lights=self._lights,
+                guides_media=guides != SURFACES,
             )
 
-        return self._completed(by(choice.rung, by(choice.challenger) if choice.challenger else None), weights)
+        media = self._media_trial
+        challenger = None
+        if choice.challenger:
+            challenger = by(choice.challenger, media.guided)
+        elif media.is_running:
+            challenger = by(choice.rung, media.challenger)
+        return self._completed(by(choice.rung, media.guided, challenger), weights)
 
     def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
@@ -460,6 +482,9 @@ class Learner:
             return
         if unit.arm != PLAIN and self._regions is not None:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
+        if self._media_trial.is_running:
+            self._media_trial.compare(unit, film, self._costs.unit(costs, unit.arm, self._choice.rung))
+            return
         rung = self._choice.challenger if unit.arm == CHALLENGER else self._choice.rung
         self._choice.compare(unit, film, self._costs.unit(costs, unit.arm, rung))
 
@@ -471,6 +496,9 @@ class Learner:
             learning = 0.0 if choice.challenger else self._learning_seconds * self._thread_count
             training = self._predictor(choice.challenger).training_share(self._thread_count) if choice.challenger else 0
             overhead = learning / max(tracing, 1e-9) + training
+        said = self._media_trial.judge(weights, next_sample)
+        if said:
+            choice.trials.append(said)
         choice.judge(weights, next_sample, overhead)
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
@@ -481,6 +509,8 @@ class Learner:
             self._source = None
             self.report.source_stopped_at = next_sample
             # What stands in for it has long been learning: no more benefit of the doubt.
+            choice.restart(trial.LAST_DOUBT)
+        elif self._regions is not None and self._regions.knows_media and self._media_trial.fall_back():
             choice.restart(trial.LAST_DOUBT)
         else:
             self._is_over = True

@@ -33,6 +33,7 @@ from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_vmm
 from engine.guiding.models.predictors import Predictions
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.networks.radiance_query import predict_network
+from engine.guiding.records.collisions import is_collision
 from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.vector import load
 from engine.ris.candidates import MAX_CANDIDATES, MIXTURE_SHARE
@@ -134,7 +135,7 @@ def hold_out(
     records : VertexRecords
         Of paths that were guided by `field` with `probability`; neither has learned from them.
     row_count : int
-    probability : float32 (regions,), of guiding
+    probability : float32 (regions,) or twice as many, of guiding, as `RegionModels.probability`
     path_count : float
         Recorded paths that they are of.
     """
@@ -145,7 +146,9 @@ def hold_out(
     step = max(-(-len(known) // _MOST_RECORDS), 1)
     kept = known[::step]
     chosen = VertexRecords(*(np.ascontiguousarray(column[kept]) for column in records))
-    share = probability[leaf[kept]]
+    # Media have rows of their own behind those of surfaces.
+    of_media = np.where(is_collision(chosen, len(kept)), len(probability) - len(field.is_ready), 0)
+    share = probability[leaf[kept] + of_media]
     bsdf_pdf = np.maximum(chosen.bsdf_pdf, _LEAST_SHARE * chosen.guide_pdf)
     source_pdf = share * chosen.guide_pdf + (1.0 - share) * bsdf_pdf
     return HeldOut(chosen, leaf[kept], source_pdf.astype(np.float32), field, path_count / step)

@@ -7,15 +7,16 @@ The phase functions take the place of the BSDF: they have no normal, no cosine a
 from typing import NamedTuple
 
 from engine.guiding.records.vertices import Scattering, log_collision
-from engine.guiding.sampling.guide import eval_guide, predict_guide, sample_guide
+from engine.guiding.sampling.guide import eval_guide, eval_wavelengths, predict_guide, sample_guide
 from engine.guiding.sampling.scattering import LEAST_UNGUIDED, MOST_UNGUIDED, expected_survival
+from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.phase import eval_phases, phase_roughness, sample_phases
 from engine.kernels.collision import scatter_throughput
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import leave_collision, real_3
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_WO
+from engine.state.lanes import POINT_WO, RGB
 
 
 class PhaseCandidate(NamedTuple):
@@ -89,6 +90,15 @@ def send_on_from_collision(scene, unit, guide, work, lane, candidate, weight, be
     if not scatter_throughput(paths, lane, f_cos, weight) > 0.0:
         paths.alive[lane] = 0
         return
+    if len(paths.channels) > RGB:
+        # The guide's densities by wavelength, in the last third of the row, become those of both in the second.
+        count = len(paths.channels)
+        if eval_wavelengths(guide, lane, wi, f_cos, lane, 2 * count):
+            probability = work.guided.probability[lane]
+            for c in range(count):
+                density = probability * f_cos[lane, 2 * count + c] + (1.0 - probability) * phase_pdf
+                f_cos[lane, count + c] = density
+            share_densities(paths, lane, candidate.source_pdf, f_cos, lane)
     work.samples.weight[lane] = 1.0
     if phase_pdf > 0.0:
         unguided = paths.unguided[lane] / (weight * phase_pdf)

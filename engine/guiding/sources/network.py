@@ -87,7 +87,7 @@ def _ready_network(guide, lane, field, region, points, closures, is_diffuse, bit
 
 @kernel
 def _ready_network_collision(guide, lane, field, region, points, closures, bits):
-    """The same at a collision. What the region's mixture predicts needs no phase function: that is divided out again."""
+    """The same at a collision; the phase function is divided out again where the mixture only predicts."""
     is_early = guide.has_network[0] == 0
     if is_early or guide.learns_product[0] != 0:
         is_known = ready_vmm_collision(guide.mixture, lane, field, region, points, closures, bits)
@@ -149,6 +149,6 @@ def _predict_network(guide, lane, wi, guide_pdf):
 
 
 NETWORK_FACE = GuideFace(
-    _with_field, _ready_network, _ready_network_collision, _sample_network, _eval_network, _predict_network, _eval_network_wavelengths,
-    _query_network, _ask_for_network,
+    _with_field, _ready_network, _ready_network_collision, _sample_network, _eval_network, _predict_network,
+    _eval_network_wavelengths, _query_network, _ask_for_network,
 )
