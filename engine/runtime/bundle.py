@@ -7,9 +7,9 @@ a field loads the array's address from a table; the loads are marked invariant, 
 of all dimensions but the first are constants of the type, unless the class lists the field in `_dynamic`.
 
 In kernels a field is one word too (`FieldType`), which has elements and a shape; indices must not be negative, since
-nothing tests for it. Where numba needs an array (a slice, an array's method) the field becomes one. Fields cannot be
-assigned: `_replace` makes a new bundle of the same arrays. A field may be a bundle too: what a compiled loop hands to
-many stages comes as one.
+nothing tests for it. A slice of it is an ordinary array, which can be read and written. Fields cannot be assigned:
+`_replace` makes a new bundle of the same arrays. A field may be a bundle too: what a compiled loop hands to many stages
+comes as one.
 
 A bundle of lanes (`_rows` set) goes further, for data read by lane in every stage: its fields may be strided views of
 one array of records, so that a lane's data lie in few cache lines, and in kernels they are bare pointers (`RowsType`)
@@ -310,11 +310,9 @@ class _GetItem(AbstractTemplate):
 @infer_global(operator.setitem)
 class _SetItem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
-        array, index, value = args
+        array, index, _value = args
         if isinstance(array, (RowsType, FieldType)) and _is_element(array, index):
             return signature(types.none, array, index, array.dtype)
-        if isinstance(array, FieldType):
-            return self.context.resolve_function_type(operator.setitem, (array.array_type, index, value), {})
         return None
 
 

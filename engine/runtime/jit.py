@@ -5,6 +5,7 @@
 
 - a float literal in a kernel is float32 (numba would promote every expression it touches to float64);
 - kernels do not allocate, so arrays are not reference counted (numba's counting is not always optimised away);
+- room for what called functions return is not cleared first (`lowering.py`);
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
@@ -29,6 +30,7 @@ from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
 from engine.runtime.kernel_cache import KernelCache
+from engine.runtime.lowering import KernelCompiler
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
@@ -185,6 +187,7 @@ def kernel(
             "forceinline": forceinline,
             # No allocation in kernels, so no reference counting: it was most of the code.
             "_nrt": False,
+            "pipeline_class": KernelCompiler,
         }
         return numba.njit(**options)(target) if numba.config.DISABLE_JIT else Kernel(target, options)
 

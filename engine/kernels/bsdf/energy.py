@@ -41,7 +41,9 @@ def albedo_blends(param, data, lane, i, kind, wo, looks_up_transmission):
     `data` is BsdfTables.data. The first goes into `reflected_albedo`, the second into `lobe_color`.
     """
     cos_o = dot(read3(param, lane, i, CLOSURE_N), wo)
-    refracted, _ = fresnel_blend(param, lane, i, kind, cos_o)
+    refracted = 0.0
+    if kind != GLOSSY_SCHLICK and kind != GLOSSY_F82:
+        refracted, _ = fresnel_blend(param, lane, i, kind, cos_o)
     reflected = refracted
     eta = param[lane, i, ETA]
     roughness = math.sqrt(math.sqrt(param[lane, i, ALPHA_X] * param[lane, i, ALPHA_Y]))

@@ -8,12 +8,13 @@ from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
     DIFFUSE,
 )
+from engine.kernels.memory import write3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, lane_ahead
 from engine.kernels.shader.ahead import ask_for_coordinates, ask_for_texels
 from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, TEXTURE_FIRST
 from engine.kernels.shader.ops_closure import run_closure_op
 from engine.kernels.shader.ops_image import run_image_op
-from engine.kernels.shader.ops_input import run_input_op
+from engine.kernels.shader.ops_input import OP_ATTRIBUTE, OP_NORMAL, run_attribute, run_input_op
 from engine.kernels.shader.ops_math import run_math_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
@@ -119,6 +120,10 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
                 run_image_op(opcode, code, pc, floats, images, pixels_byte, pixels_float, pool)
             elif opcode >= CLOSURE_FIRST:
                 run_closure_op(opcode, code, pc, floats, points, closures, tables, lane)
+            elif opcode == OP_NORMAL:
+                write3(floats, code[pc + 2], read_point(points, lane, POINT_NS))
+            elif opcode == OP_ATTRIBUTE:
+                run_attribute(code, pc, floats, geometry, points, lane)
             else:
                 run_input_op(opcode, code, pc, floats, pool, geometry, points, lane, camera, pass_indices)
             pc += code[pc + 1]

@@ -246,14 +246,12 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
     write3(memory, code[pc + 2], value)
 
 
-@kernel(forceinline=True)
+@kernel
 def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camera, pass_indices):
-    """Run the instruction at `pc` for the point of `lane`."""
-    if opcode == OP_NORMAL:
-        write3(memory, code[pc + 2], read_point(points, lane, POINT_NS))
-    elif opcode == OP_ATTRIBUTE:
-        run_attribute(code, pc, memory, geometry, points, lane)
-    elif opcode == OP_GRID:
+    """Run the instruction at `pc` for the point of `lane`; those most programs have, OP_NORMAL and OP_ATTRIBUTE, are
+    the interpreter's own.
+    """
+    if opcode == OP_GRID:
         run_grid(code, pc, memory, geometry, points, lane)
     elif opcode == OP_COLOR_TO_FLOAT:
         c = read3(memory, code[pc + 3])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba.core.registry import cpu_target
 
 from engine.kernels.local import LOCAL_COUNT, local_floats
 from engine.runtime.bundle import Bundle
@@ -94,6 +95,15 @@ def _last(varying):
     return varying.rows[varying.rows.shape[0] - 1, varying.rows.shape[1] - 1]
 
 
+@kernel
+def _clear_row(varying, row):
+    values, total = varying.rows[row], 0.0
+    for k in range(values.shape[0]):
+        total += values[k]
+        values[k] = 0.0
+    return total
+
+
 def test_kernels_read_and_write_the_arrays():
     pair = Pair(np.ones((5, 4), np.float32), np.zeros(5, np.int32), (0, 1, 2))
     _scale_all(pair, np.float32(3.0))
@@ -110,6 +120,18 @@ def test_width_and_inner_shape_are_part_of_the_type_but_not_dynamic_ones():
     assert _last(Varying(np.arange(6.0).reshape(2, 3))) == 5.0
     assert _last(Varying(np.arange(8.0).reshape(2, 4))) == 7.0
     assert len(_last.signatures) == 1
+
+
+def test_a_slice_of_a_field_is_an_array():
+    varying = Varying(np.arange(12.0).reshape(3, 4))
+    assert _clear_row(varying, 1) == 4.0 + 5.0 + 6.0 + 7.0
+    assert np.array_equal(varying.rows, [[0, 1, 2, 3], [0, 0, 0, 0], [8, 9, 10, 11]])
+
+
+def test_a_field_is_one_word_at_a_call():
+    varying = Varying(np.zeros((2, 3)))
+    (field,) = (typ for name, typ in numba.typeof(varying).fields if name == "rows")
+    assert cpu_target.target_context.get_value_type(field).width == 64
 
 
 def test_numbers_of_a_named_tuple_are_read_as_such_and_their_values_are_no_part_of_the_type():

@@ -13,6 +13,7 @@ from engine.methods import METHODS
 from engine.render import tracer
 from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
+from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
 from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings
@@ -75,6 +76,23 @@ def test_a_compiled_loop_calls_stages_as_python_does() -> None:
     assert BoundKernel(_loop)(table, values, 2) == in_python(_loop)(table, again, 2) == 3
     np.testing.assert_array_equal(values, [12.0, 16.0, 20.0])
     np.testing.assert_array_equal(again, values)
+
+
+class Numbers(Bundle):
+    """One array."""
+
+    values: np.ndarray
+
+
+@kernel
+def _add_to_field(stages, numbers):
+    stages.add(numbers.values, np.float32(1.0))
+
+
+def test_a_field_reaches_a_stage_as_the_array_that_it_is() -> None:
+    numbers = Numbers(np.arange(3, dtype=np.float32))
+    BoundKernel(_add_to_field)(_table(numbers.values), numbers)
+    np.testing.assert_array_equal(numbers.values, [1.0, 2.0, 3.0])
 
 
 def test_a_plain_function_cannot_be_linked() -> None:

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How kernels become LLVM's code where numba's own way costs too much.
+
+Numba clears the room for what a called function returns, at the start of the function that calls. Where that is inlined
+into a loop, as instructions of shaders are, the loop clears it in every round, for all calls that it does not make too.
+The called function sets all of it before anybody reads it: kernels do not raise.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.lowering import Lower
+from numba.core.typed_passes import BaseNativeLowering, NativeLowering
+
+
+def leave_uncleared(function: ir.Function) -> None:
+    """Drop the stores that clear the slots which calls of a function return into."""
+    calls = (one for block in function.blocks for one in block.instructions if isinstance(one, ir.CallInstr))
+    returned_into = {id(call.args[0]) for call in calls if call.args}
+    entry = function.entry_basic_block
+
+    def clears(before: ir.Instruction | None, store: ir.Instruction) -> bool:
+        is_first = isinstance(before, ir.AllocaInstr) and isinstance(store, ir.StoreInstr)
+        return is_first and store.operands[1] is before and id(before) in returned_into
+
+    instructions = list(entry.instructions)
+    pairs = zip([None, *instructions], instructions, strict=False)
+    entry.instructions[:] = [one for before, one in pairs if not clears(before, one)]
+
+
+class _KernelLower(Lower):
+    def post_lower(self) -> None:
+        super().post_lower()
+        leave_uncleared(self.function)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _KernelLowering(BaseNativeLowering):
+    _name = "kernel_lowering"
+
+    @property
+    def lowering_class(self) -> type[Lower]:
+        return _KernelLower
+
+
+class KernelCompiler(CompilerBase):
+    """Numba's compiler, but for what the module's docstring says."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Numba's passes, with a lowering of ours."""
+        passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(_KernelLowering if one is NativeLowering else one, why) for one, why in passes.passes]
+        passes.finalize()
+        return [passes]
