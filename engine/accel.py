@@ -63,6 +63,8 @@ MASK_SHADOW_TRANSPARENT = 128
 MASK_MEDIUM = 256
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
+#: Up to this share of a scene's triangles, transparent casters of shadows get a hierarchy of their own.
+_LARGEST_TRANSPARENT_SHARE = 0.25
 
 
 #: The library on Linux and macOS, on Windows, and in wheels, which give it a name of their own.
@@ -336,15 +338,23 @@ class Accelerator:
         Triangles that are stored in world space, and instances of meshes.
     meshes : list of _EmbreeScene
         Of the instanced meshes, and of what stands still, where that is not in `top`.
+    transparent : _EmbreeScene
+        What shadow rays can pass once more, by itself, if it is a small part; else `top`.
     """
 
     top: _EmbreeScene
     meshes: list[_EmbreeScene]
+    transparent: _EmbreeScene
 
     @property
     def handle(self) -> int:
         """The top-level scene's address, for kernels; valid as long as this object lives."""
         return self.top.address
+
+    @property
+    def transparent_handle(self) -> int:
+        """The address of `transparent`, which may be `handle`."""
+        return self.transparent.address
 
 
 def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> int:
@@ -401,6 +411,24 @@ def _build_standing(
     return scene
 
 
+def _attach_moved(
+    device: _Device, scene: _EmbreeScene, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray,
+    addresses: np.ndarray,
+) -> None:
+    """Attach instances of meshes; `rows` are their ids, and `addresses` the hierarchies of all meshes."""
+    if not len(rows):
+        return
+    table = geometry.instance_table
+    key_counts = table[rows, INSTANCE_KEY_COUNT].astype(np.int64)
+    first_keys = table[rows, INSTANCE_FIRST_KEY].astype(np.int64)
+    moving = geometry.motion_transforms.ctypes.data + first_keys * _TRANSFORM_BYTES
+    standing = geometry.transforms.ctypes.data + rows * _TRANSFORM_BYTES
+    _attach_instances(
+        device.address, scene.address, rows, addresses[table[rows, INSTANCE_MESH]],
+        np.where(key_counts > 0, moving, standing).astype(np.intp), np.maximum(key_counts, 1), masks[rows],
+    )
+
+
 def build_accelerator(
     geometry: GeometryArrays, shadow_masks: np.ndarray, hierarchies: MeshHierarchies,
     mesh_keys: Sequence[Hashable] | None = None, shapes_key: Hashable | None = None,
@@ -418,7 +446,8 @@ def build_accelerator(
         Meshes of equal keys have the same shape, whenever they are built. None: each mesh is its own.
     shapes_key : hashable, optional
         Of all triangles in world space. Given, they get a hierarchy of their own, which stays for as long as the key
-        and their masks do: builds are soon over then, and rays take a little longer. None: they are in the top level.
+        and their masks do: builds are soon over then, and rays take a little longer. None: they are in the top level,
+        and transparent casters of shadows, where they are few, in a second one besides.
 
     Raises
     ------
@@ -453,23 +482,19 @@ def build_accelerator(
     for mesh in np.unique(table[instanced, INSTANCE_MESH]).tolist():
         meshes.append(hierarchies.of(mesh if mesh_keys is None else mesh_keys[mesh], geometry, mesh))
         addresses[mesh] = meshes[-1].address
-    if len(instanced):
-        key_counts = table[instanced, INSTANCE_KEY_COUNT].astype(np.int64)
-        first_keys = table[instanced, INSTANCE_FIRST_KEY].astype(np.int64)
-        moving = geometry.motion_transforms.ctypes.data + first_keys * _TRANSFORM_BYTES
-        standing = geometry.transforms.ctypes.data + instanced * _TRANSFORM_BYTES
-        _attach_instances(
-            device.address,
-            top.address,
-            instanced,
-            addresses[table[instanced, INSTANCE_MESH]],
-            np.where(key_counts > 0, moving, standing).astype(np.intp),
-            np.maximum(key_counts, 1),
-            masks[instanced],
-        )
+    _attach_moved(device, top, geometry, instanced, masks, addresses)
     _lib.rtcCommitScene(top.address)
+    transparent = top
+    is_transparent = wanted & ((masks & np.uint32(MASK_SHADOW_TRANSPARENT)) != 0)
+    sizes = geometry.mesh_table[table[:, INSTANCE_MESH], MESH_TRIANGLE_COUNT].astype(np.int64)
+    is_small = 0 < sizes[is_transparent].sum() <= _LARGEST_TRANSPARENT_SHARE * sizes[wanted].sum()
+    if is_small and shapes_key is None:
+        transparent = _EmbreeScene(device, geometry)
+        _attach_standing(device, transparent, geometry, np.flatnonzero(is_transparent & is_baked), masks)
+        _attach_moved(device, transparent, geometry, np.flatnonzero(is_transparent & ~is_baked), masks, addresses)
+        _lib.rtcCommitScene(transparent.address)
     device.check()
-    return Accelerator(top, meshes)
+    return Accelerator(top, meshes, transparent)
 
 
 def library_path() -> str:

@@ -2,7 +2,8 @@
 """Stage: light samples meet what stands in their way.
 
 Opaque blockers end a shadow ray at once. Transparent ones dim it: where their transparency is constant within the
-kernel, else the ray waits in `pending` until `evaluate_shaders` has run the program at the blocker.
+kernel, else the ray waits in `pending` until `evaluate_shaders` has run the program at the blocker. Where they are few
+they have a hierarchy of their own, which is looked through sooner than all casters are.
 """
 
 from engine.accel import (
@@ -34,6 +35,7 @@ from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, V
 from engine.wavefront.columns import (
     SCENE_HANDLE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_TRANSPARENT_HANDLE,
     SHADOW_RAYS,
     SHADOW_ROWS,
     TRANSPARENT_SHADOW_RAYS,
@@ -56,13 +58,17 @@ def intersect_shadow(scene, unit, work, queue):
     passes = work.passes
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     has_transparent, shadow_count = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] != 0, work.counts[SHADOW_ROWS]
+    transparent_handle = scene.header[SCENE_TRANSPARENT_HANDLE]
+    is_apart = transparent_handle != handle
     work.counts[SHADOW_RAYS] += shadow_count
     pending = queue.lanes
     pending_count = 0
-    # Most rays meet nothing at all, and this way need no second look.
     shift = CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0
-    opaque = MASK_SHADOW_OPAQUE << shift
-    mask = (MASK_SHADOW_OPAQUE | (MASK_SHADOW_TRANSPARENT if has_transparent else 0)) << shift
+    # The first look is at opaque casters, and the second at transparent ones. Where these are not apart the first is at
+    # all, and the second at opaque ones: rays that meet nothing need no second look then.
+    first, second = MASK_SHADOW_OPAQUE << shift, MASK_SHADOW_TRANSPARENT << shift
+    if has_transparent and not is_apart:
+        first, second = (MASK_SHADOW_OPAQUE | MASK_SHADOW_TRANSPARENT) << shift, MASK_SHADOW_OPAQUE << shift
     for row in range(shadow_count):
         lane = shadows.lane[row]
         ahead = shadows.lane[min(row + _ROWS_AHEAD, shadow_count - 1)]
@@ -75,15 +81,18 @@ def intersect_shadow(scene, unit, work, queue):
         origin = load(shadows.origin, row)
         direction = load(shadows.direction, row)
         far = shadows.distance[row]
-        blocked = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], mask)
-        if not blocked:
-            add_sampled(options, paths, passes, lane, shadows, row)
-        elif has_transparent and not trace_occluded(
-            handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], opaque
-        ):
+        meets = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], first)
+        waits = False
+        if has_transparent and meets != is_apart:
+            waits = is_apart == trace_occluded(
+                transparent_handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], second
+            )
+        if waits:
             shadows.transparent_depth[row] = paths.transparent_depth[lane]
             pending[pending_count] = row
             pending_count += 1
+        elif not meets:
+            add_sampled(options, paths, passes, lane, shadows, row)
     queue.count[0] = pending_count
 
 
@@ -98,7 +107,8 @@ def pass_transparent(scene, unit, work, queue):
     queue : LaneQueue
         Rows of `work.shadows`. Those that still wait stay; the others have been blocked or have delivered their light.
     """
-    handle, options, spectrum, geometry = scene.header[SCENE_HANDLE], scene.options, scene.spectrum, scene.geometry
+    handle, geometry = scene.header[SCENE_TRANSPARENT_HANDLE], scene.geometry
+    options, spectrum = scene.options, scene.spectrum
     programs, program_values = scene.shaders.programs, scene.shaders.program_values
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     paths, shadows, points, closures = work.paths, work.shadows, work.light_points, work.light_shaded

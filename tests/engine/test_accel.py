@@ -9,8 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, library_path, trace_closest, trace_occluded
-from engine.builder.geometry import empty_instances
+from engine.accel import (
+    MASK_SHADOW_OPAQUE,
+    MASK_SHADOW_TRANSPARENT,
+    MeshHierarchies,
+    RayScratch,
+    build_accelerator,
+    library_path,
+    trace_closest,
+    trace_occluded,
+)
+from engine.builder.geometry import build_geometry, empty_instances
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA
 from tests.helpers.placed_quads import QUAD, at, built, quad_scene
@@ -60,6 +69,25 @@ def test_occlusion_respects_distance_and_mask():
     assert _occluded(*arguments, np.float32(6.0), np.uint32(MASK_SHADOW_OPAQUE))
     assert not _occluded(*arguments, np.float32(4.9), np.uint32(MASK_SHADOW_OPAQUE))
     assert not _occluded(*arguments, np.float32(6.0), np.uint32(128))
+
+
+@pytest.mark.parametrize(("opaque_count", "is_apart"), [(3, True), (2, False)])
+def test_few_transparent_casters_have_a_hierarchy_of_their_own(opaque_count, is_apart):
+    """Up to a quarter of the triangles; what is found there has the ids that it has among all."""
+    description = quad_scene([at(4.0 * i, 0, 0) for i in range(opaque_count + 1)])
+    geometry = build_geometry(description, (), [])
+    masks = np.array([MASK_SHADOW_OPAQUE] * opaque_count + [MASK_SHADOW_TRANSPARENT], np.uint32)
+    accelerator = build_accelerator(geometry, masks, MeshHierarchies(1))
+    assert (accelerator.transparent is not accelerator.top) == is_apart
+    s = RayScratch()
+    for i, mask in enumerate(masks):
+        arguments = (s.ray, s.bits, s.address, np.float32(4.0 * i + 0.5), np.float32(-0.5), np.float32(5.0), mask)
+        among_all = _closest(accelerator.handle, *arguments)
+        assert among_all[0]
+        if mask == MASK_SHADOW_TRANSPARENT:
+            assert _closest(accelerator.transparent_handle, *arguments) == among_all
+        elif is_apart:
+            assert not _closest(accelerator.transparent_handle, *arguments)[0]
 
 
 def test_nan_vertices_are_left_out_and_reported():

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from engine.builder.geometry import empty_instances
+from engine.builder.geometry import empty_instances, plain_instances
 from engine.render.film import Film
 from engine.render.schedule import sample_ranges
 from engine.render.session import Session
@@ -15,12 +15,17 @@ from engine.render.tiles import FrameTiles
 from engine.scene.description import (
     Frame,
     Light,
+    Link,
+    Material,
+    Node,
+    NodeGraph,
     World,
 )
 from engine.settings import RenderSettings
 from engine.state.film import allocate_tile
 from engine.state.lights import HEADER_SOURCES
-from tests.helpers.small_scenes import floor_scene, material, sun
+from tests.helpers.placed_quads import at
+from tests.helpers.small_scenes import floor_scene, material, pit_scene, sun
 
 
 def render(description, passes=("Combined",), **settings):
@@ -48,6 +53,38 @@ def test_shadows_of_transparent_surfaces_do_not_depend_on_the_unit_of_light(stre
     description.instances.materials = np.array([0, 1], np.int32)
     image = render(description, light_sampling_threshold=0.0).passes["Combined"]
     assert np.allclose(image[..., :3], 0.5 / np.pi * 0.1 * strength, rtol=1e-4, atol=0.0)
+
+
+def panes_scene():
+    """A pit under a sun, covered by a sheet that lets light through everywhere and one that does by a pattern."""
+    tinted = material("Tinted", (0.7, 0.8, 0.9), "ShaderNodeBsdfTransparent")
+    colors = {"Color1": (1.0, 1.0, 1.0, 1.0), "Color2": (0.0, 0.0, 0.0, 1.0)}
+    checker = Node("ShaderNodeTexChecker", "Checker", {"Scale": 0.3, **colors})
+    cut = Node("ShaderNodeBsdfTransparent", "Cut", {"Color": Link(0, "Color")})
+    description = pit_scene()
+    description.materials += [tinted, Material("Cut", "Cut", NodeGraph([checker, cut], Link(1, "BSDF")))]
+    sheets = np.stack([at(0, 0, height) for height in (20.0, 25.0)]).astype(np.float32)
+    walls = np.concatenate([description.instances.transform, [at(60.0 + i, 0, -60.0) for i in range(3)]])
+    description.instances = plain_instances(np.concatenate([walls, sheets]), name="Part")
+    description.instances.material_offset = np.array([0] * len(walls) + [1, 2], np.int32)
+    description.instances.materials = np.array([0, 1, 2], np.int32)
+    return description
+
+
+def test_transparent_casters_of_shadows_give_the_same_picture_in_a_hierarchy_of_their_own():
+    session = Session(RenderSettings(samples=4, threads=1, max_bounces=4))
+    session.load(panes_scene())
+    accelerator = session.scene.accelerator
+    assert accelerator.transparent is not accelerator.top
+    apart = session.render()
+    accelerator.transparent = accelerator.top
+    together = session.render()
+    session.close()
+    assert apart.report.rays["transparent_shadow"] > 0
+    assert apart.report.rays == together.report.rays
+    picture = apart.passes["Combined"]
+    assert np.unique(picture[..., 0].round(3)).size > 2
+    assert np.array_equal(picture, together.passes["Combined"])
 
 
 def lit_room():
