@@ -91,8 +91,6 @@ class RecordBudget:
     Attributes
     ----------
     paths_per_sample : int
-    wanted : int
-        Records of an iteration.
     records_per_path : float
         Of paths that are recorded, as far as is known.
     """
@@ -101,7 +99,7 @@ class RecordBudget:
         self, paths_per_sample: int, unit_pixels: int, records_per_iteration: int = RECORDS_PER_ITERATION
     ) -> None:
         self.paths_per_sample = paths_per_sample
-        self.wanted = records_per_iteration
+        self._wanted = records_per_iteration
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
 
@@ -113,7 +111,7 @@ class RecordBudget:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
         expected = self.records_per_path * samples
         share = min(
-            self.wanted / max(expected * self.paths_per_sample, 1.0),
+            self._wanted / max(expected * self.paths_per_sample, 1.0),
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)

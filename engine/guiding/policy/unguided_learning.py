@@ -33,8 +33,10 @@ from engine.state.unit import CURRENT, Unit, UnitCosts
 
 #: Samples a pixel from which on nothing more is learned; of lights, if by the first number nothing was found to pay.
 _LEARNED_SAMPLES, _LIGHTS_SAMPLES = 15, 31
-#: Records that an iteration aims at until then; and of lights alone, while nothing was found to pay.
-_RECORDS, _FIRST_RECORDS = 1 << 15, 1 << 14
+#: Records that an iteration aims at until then, and the share of all paths of the render that so many may be where
+#: lights are learned: a recorded path costs two or three others, and in a short render that is not won back.
+_RECORDS = 1 << 15
+_RECORDS_SHARE = 1.0 / 32.0
 _REHEARSED_RECORDS = 16
 
 
@@ -114,7 +116,10 @@ class UnguidedLearner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         self._lights = None if light_clusters is None else LightsByRegion(light_clusters)
         self.is_over = False
-        self._budget = RecordBudget(paths_per_sample, unit_pixels, _RECORDS)
+        wanted = _RECORDS
+        if self._lights is not None:
+            wanted = min(int(_RECORDS_SHARE * paths_per_sample * settings.samples) + 1, _RECORDS)
+        self._budget = RecordBudget(paths_per_sample, unit_pixels, wanted)
 
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""
@@ -159,7 +164,6 @@ class UnguidedLearner:
         self.report.field_seconds += time.perf_counter() - started
         self.parts = [Part(*next_range, CURRENT)]
         has_lights = self._lights is not None and self._lights.share > 0.0
-        self._budget.wanted = _FIRST_RECORDS if self._roulette is None and not has_lights else _RECORDS
         self.is_over = next_range[0] >= (_LIGHTS_SAMPLES if has_lights else _LEARNED_SAMPLES)
         return self._guidance(0 if self.is_over else self._budget.threshold(next_range[1]), weights)
 
