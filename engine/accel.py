@@ -64,7 +64,7 @@ MASK_MEDIUM = 256
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
 #: Up to this share of a scene's triangles, transparent casters of shadows get a hierarchy of their own.
-_LARGEST_TRANSPARENT_SHARE = 0.25
+_LARGEST_TRANSPARENT_SHARE = 0.05
 
 
 #: The library on Linux and macOS, on Windows, and in wheels, which give it a name of their own.

@@ -71,9 +71,9 @@ def test_occlusion_respects_distance_and_mask():
     assert not _occluded(*arguments, np.float32(6.0), np.uint32(128))
 
 
-@pytest.mark.parametrize(("opaque_count", "is_apart"), [(3, True), (2, False)])
+@pytest.mark.parametrize(("opaque_count", "is_apart"), [(19, True), (18, False)])
 def test_few_transparent_casters_have_a_hierarchy_of_their_own(opaque_count, is_apart):
-    """Up to a quarter of the triangles; what is found there has the ids that it has among all."""
+    """Up to a twentieth of the triangles; what is found there has the ids that it has among all."""
     description = quad_scene([at(4.0 * i, 0, 0) for i in range(opaque_count + 1)])
     geometry = build_geometry(description, (), [])
     masks = np.array([MASK_SHADOW_OPAQUE] * opaque_count + [MASK_SHADOW_TRANSPARENT], np.uint32)

@@ -64,7 +64,7 @@ def panes_scene():
     description = pit_scene()
     description.materials += [tinted, Material("Cut", "Cut", NodeGraph([checker, cut], Link(1, "BSDF")))]
     sheets = np.stack([at(0, 0, height) for height in (20.0, 25.0)]).astype(np.float32)
-    walls = np.concatenate([description.instances.transform, [at(60.0 + i, 0, -60.0) for i in range(3)]])
+    walls = np.concatenate([description.instances.transform, [at(60.0 + i, 0, -60.0) for i in range(33)]])
     description.instances = plain_instances(np.concatenate([walls, sheets]), name="Part")
     description.instances.material_offset = np.array([0] * len(walls) + [1, 2], np.int32)
     description.instances.materials = np.array([0, 1, 2], np.int32)
