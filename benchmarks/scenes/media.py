@@ -14,9 +14,11 @@ from benchmarks.scenes.studio import (
     add_object,
     box,
     camera,
+    diffuse,
     light,
     lit_stage,
     material,
+    resolution,
     sphere,
     stage,
     world,
@@ -186,6 +188,27 @@ def open_room() -> None:
     fog = material("Fog", None, _scatter(0.1, (0.8, 0.8, 0.9)))
     add_object("Fog", box("Fog", fog, (16.0, 16.0, 8.0)), (0.0, 0.0, 3.5))
     light("AREA", 150.0, (1.0, -0.5, 3.0), size=1.0)
+
+
+@scene("media-door", samples=256)
+def door() -> None:
+    """Fog in a room that gets its light through a door, from a lamp in the next room that shines away from it."""
+    resolution()
+    _bounces()
+    world((0.0, 0.0, 0.0))
+    paint = diffuse((0.75, 0.75, 0.72), "paint")
+    for name, size, place in (
+        ("Floor", (4.4, 7.4, 0.2), (0.0, 1.5, -0.1)), ("Ceiling", (4.4, 7.4, 0.2), (0.0, 1.5, 2.6)),
+        ("Left", (0.2, 7.0, 2.5), (-2.1, 1.5, 1.25)), ("Right", (0.2, 7.0, 2.5), (2.1, 1.5, 1.25)),
+        ("Front", (4.4, 0.2, 2.5), (0.0, -2.1, 1.25)), ("Back", (4.4, 0.2, 2.5), (0.0, 5.1, 1.25)),
+        ("Left of door", (1.5, 0.2, 2.5), (-1.25, 2.1, 1.25)), ("Right of door", (1.5, 0.2, 2.5), (1.25, 2.1, 1.25)),
+        ("Above door", (1.0, 0.2, 0.5), (0.0, 2.1, 2.25)),
+    ):  # fmt: skip
+        add_object(name, box(name, paint, size), place)
+    fog = material("Fog", None, _scatter(0.15, anisotropy=0.3))
+    add_object("Fog", box("Fog", fog, (6.0, 9.0, 5.0)), (0.0, 1.5, 1.2))
+    light("AREA", 200.0, (1.4, 3.4, 1.6), (1.6, 5.0, 1.4), size=0.4)
+    camera((-0.6, -1.8, 1.4), (0.2, 2.0, 1.1), lens=28.0)
 
 
 def _noise(nodes: Nodes, scale: float, detail: float = 2.0) -> Any:
