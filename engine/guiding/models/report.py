@@ -108,9 +108,8 @@ class GuidingReport:
         if self.sentence:
             self.lines.append(self.sentence)
         if self.guides and not self.stopped_at:
-            of_media = "" if math.isnan(self.guided_media_share) else (
-                f"; collisions in {self.guided_media_share:.0%} of the regions"
-            )
+            is_known = not self.guides.startswith("surfaces alone") and not math.isnan(self.guided_media_share)
+            of_media = f"; collisions in {self.guided_media_share:.0%} of the regions" if is_known else ""
             self.lines.append(f"guided: {self.guides}{of_media}")
         if self.trials:
             self.lines.append("compared: " + "; ".join(self.trials))
