@@ -190,3 +190,38 @@ def test_instances_of_a_volume_share_its_voxels_and_move(scene: Any, openvdb: An
     assert sorted(instances.transform[:, 0, 3].tolist()) == [0.0, 0.0, 9.0]
     ((_, steps),) = instances.motion.items()
     assert steps[-1, 1, 3] - steps[0, 1, 3] > 0.5
+
+
+#: Bytes of NanoVDB's nodes of its type Fp16, which keeps 16 bits a value between the limits of a leaf, as tiles here
+#: do: a leaf of 8^3 voxels, a node of 16^3 leaves, one of 32^3 of these, and grid, tree and root (NanoVDB.h, version 32).
+NANO_LEAF, NANO_LOWER, NANO_UPPER, NANO_ROOT = 1120, 33_856, 270_400 + 32, 832
+
+
+def test_a_cloud_takes_no_more_memory_than_in_nanovdb(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    axis = np.linspace(-1.0, 1.0, 96, dtype=np.float32)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
+    waves = np.sin(9.0 * x + 3.0 * y) * np.sin(8.0 * y - 5.0 * z) * np.sin(11.0 * z + 2.0 * x)
+    density = np.clip(4.0 * (0.8 - np.sqrt(x * x + y * y + z * z) + 0.3 * waves), 0.0, 1.0)
+    path = write(openvdb, tmp_path / "cloud.vdb", density=density)
+    add_volume(scene, path)
+    grid = export().meshes[0].grids["density"]
+    (read,), _ = openvdb.readAll(str(path))
+    tiles = grid.first // 8 + np.argwhere(grid.tiles >= 0)
+    lower, upper = (len(np.unique(tiles // size, axis=0)) for size in (16, 16 * 32))
+    assert read.nonLeafCount() == lower + upper + 1
+    nano = read.leafCount() * NANO_LEAF + lower * NANO_LOWER + upper * NANO_UPPER + NANO_ROOT
+    # Even without the nodes above its leaves, of which a cloud as small as this one makes little use.
+    assert grid.nbytes <= 1.2 * read.leafCount() * NANO_LEAF <= 1.2 * nano
+
+
+def test_voxels_too_far_apart_are_named(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    far = openvdb.FloatGrid()
+    far.name = "density"
+    for place in (0, 200_000):
+        far.getAccessor().setValueOn((place,) * 3, 1.0)
+    openvdb.write(str(tmp_path / "far.vdb"), grids=[far])
+    add_volume(scene, tmp_path / "far.vdb")
+    description = export()
+    assert len(description.meshes) == 0
+    problem = description.notices[0].problem
+    assert "200001 x 200001 x 200001" in problem and "too far apart" in problem
