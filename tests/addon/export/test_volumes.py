@@ -193,7 +193,7 @@ def test_instances_of_a_volume_share_its_voxels_and_move(scene: Any, openvdb: An
 
 
 #: Bytes of NanoVDB's nodes of its type Fp16, which keeps 16 bits a value between the limits of a leaf, as tiles here
-#: do: a leaf of 8^3 voxels, a node of 16^3 leaves, one of 32^3 of these, and grid, tree and root (NanoVDB.h, version 32).
+#: do: a leaf of 8^3 voxels, a node of 16^3 leaves, one of 32^3 of these, and grid, tree and root (NanoVDB.h).
 NANO_LEAF, NANO_LOWER, NANO_UPPER, NANO_ROOT = 1120, 33_856, 270_400 + 32, 832
 
 
