@@ -26,7 +26,7 @@ def _rows(verdict: str, names: str, note: str = "", is_newer: bool = False) -> I
 _GUIDING = "NeuralGuide guides by its own settings (panel Guiding)"
 #: Of volumes that are the same everywhere, which are rendered without steps.
 _VOLUMES = "rays are followed without bias, and need no steps"
-_SAMPLING = "distances are drawn by the transmittance"
+_SAMPLING = "noise alone: distances are picked among those of both kinds"
 _GPU = "only the CPU renders"
 
 #: (title of the panel, what has the settings, rows)

@@ -206,7 +206,8 @@ def _classify(
         if visibility == 0:
             return -1
     if is_mesh and _is_gas_domain(shown):
-        context.notice(shown.name, "smoke and fire are not supported", "it is left out")
+        context.notice(shown.name, "smoke and fire of simulations are not supported",
+                       "left out; its OpenVDB cache can be loaded as a volume object")  # fmt: skip
         return -1
     notice_object(context, shown)
     slots = _slots(context, materials, shown) if has_shape else ()

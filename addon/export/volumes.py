@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.scene.description import Mesh
-from engine.scene.grids import Grid, pack_grid
+from engine.scene.grids import MOST_TILES, Grid, pack_grid, tile_count
 
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
@@ -151,6 +151,10 @@ def _read_grid(context: ExportContext, grid: Any, subject: str, key: Hashable) -
         context.notice(subject, "the grid's transform cannot be inverted", "as if it were not there")
         return None
     first, last = grid.evalActiveVoxelBoundingBox()
+    if tile_count(first, last) > MOST_TILES:
+        size = " x ".join(str(int(b) - int(a) + 1) for a, b in zip(first, last, strict=True))
+        context.notice(subject, f"its voxels lie too far apart: in a box of {size}", "as if it were not there")
+        return None
     is_scalar = kind in _SCALARS
 
     def read(start: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:

@@ -31,14 +31,14 @@ WIDTH, HEIGHT = 24, 18
 WHITE = (0.75, 0.75, 0.75)
 
 
-def _begin(ambient: float = 0.2, bounces: int = 6) -> None:
-    """A floor under an even sky, and a lamp."""
+def _begin(ambient: float = 0.2, bounces: int = 6, power: float = 60.0) -> None:
+    """A floor under an even sky, and a lamp of so many watts."""
     resolution(WIDTH, HEIGHT)
     world((ambient, ambient, ambient))
     cycles = bpy.context.scene.cycles
     cycles.volume_bounces, cycles.max_bounces = bounces, max(bounces, 12)
     add_object("Floor", quad("Floor", diffuse(WHITE, "floor"), 8.0, 8.0))
-    light("AREA", 60.0, (1.6, -0.6, 2.6), (0.0, 0.0, 0.5), size=0.8)
+    light("AREA", power, (1.6, -0.6, 2.6), (0.0, 0.0, 0.5), size=0.8)
     camera((0.0, -4.2, 1.9), (0.0, 0.0, 0.6), 42.0)
 
 
@@ -59,7 +59,7 @@ def _box(name: str, surface: Any, size: Sequence[float], place: Sequence[float])
 @scene("fail-fog-door", samples=256)
 def door() -> None:
     """Fog in two rooms, lit by a lamp in the second alone: its light comes through a door, by fog and by walls."""
-    _begin(0.15, 8)
+    _begin(0.4, 8)
     wall = diffuse(WHITE, "wall")
     for name, size, place in (
         ("Left", (2.2, 0.1, 2.4), (-1.5, 0.4, 1.2)), ("Right", (2.2, 0.1, 2.4), (1.5, 0.4, 1.2)),
@@ -67,20 +67,20 @@ def door() -> None:
     ):  # fmt: skip
         _box(name, wall, size, place)
     _box("Fog", _fog(0.35), (5.0, 5.0, 2.3), (0.0, 0.1, 1.16))
-    light("POINT", 120.0, (-1.4, 1.6, 1.8), shadow_soft_size=0.1)
+    light("POINT", 60.0, (-1.4, 1.6, 1.8), shadow_soft_size=0.1)
 
 
 @scene("fail-fog-forward", samples=128)
 def forward() -> None:
     """Fog that hardly turns light (g = 0.999): what comes back to the eye came by the narrowest of lobes."""
-    _begin()
+    _begin(0.6, power=12.0)
     _ball(_fog(2.0, anisotropy=0.999))
 
 
 @scene("fail-fog-backward", samples=128)
 def backward() -> None:
     """Fog that throws all light back (g = -0.999): paths go to and fro on one line."""
-    _begin()
+    _begin(0.6, power=12.0)
     _ball(_fog(2.0, anisotropy=-0.999))
 
 
@@ -127,7 +127,7 @@ def lamp() -> None:
 @scene("fail-fog-glass", samples=256)
 def glass() -> None:
     """A glass ball in fog, whose caustic lies in the fog itself: paths of scattered rays alone find it."""
-    _begin(0.25)
+    _begin(0.6, power=12.0)
     _box("Fog", _fog(0.25, anisotropy=0.4), (4.0, 3.0, 2.2), (0.0, 0.2, 1.12))
     _ball(material("glass", lambda nodes: nodes("BsdfGlass", Roughness=0.05, IOR=1.5)), 0.5, (0.2, 0.0, 0.9))
 
@@ -168,17 +168,17 @@ def huge() -> None:
 
 
 def _speck(nodes: Nodes) -> Any:
-    """Thin fog but for a speck, 2,000 times as dense, a hundredth as large as what it lies in."""
+    """Thin fog but for a speck, 40 times as dense, a fortieth as wide as what it lies in."""
     place = nodes("TexCoord", output="Object")
     distance = nodes("VectorMath", {"operation": "DISTANCE"}, {0: place, 1: (0.21, -0.33, 0.07)}, output="Value")
     inside = nodes("Math", {"operation": "LESS_THAN"}, {0: distance, 1: 0.02})
-    density = nodes("Math", {"operation": "MULTIPLY_ADD"}, {0: inside, 1: 400.0, 2: 0.2})
+    density = nodes("Math", {"operation": "MULTIPLY_ADD"}, {0: inside, 1: 7.8, 2: 0.2})
     return nodes("VolumeScatter", Color=(0.9, 0.9, 0.9), Density=density)
 
 
 @scene("fail-fog-speck", samples=128)
 def speck() -> None:
-    """A speck in thin fog, 2,000 times as dense, that bounds of density may have overlooked."""
+    """A speck in thin fog, 40 times as dense, that bounds of density may have overlooked."""
     _begin()
     _box("Fog", material("speck", None, _speck), (1.6, 1.6, 1.4), (0.0, 0.0, 0.75))
 

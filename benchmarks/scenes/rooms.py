@@ -40,6 +40,19 @@ def evening_room() -> None:
     bpy.context.scene.cycles.sample_clamp_indirect = 0.0
 
 
+@scene("evening-room-fog", samples=256)
+def evening_room_fog() -> None:
+    """The same room with haze in it, in which the light that comes through the door is seen."""
+    import bpy
+
+    import addon
+    from benchmarks.scenes.interiors.evening_room import build
+
+    addon.register()
+    build(256, 144, is_foggy=True)
+    bpy.context.scene.cycles.sample_clamp_indirect = 0.0
+
+
 @scene("study", samples=256)
 def study() -> None:
     """A furnished room that lamps in a cove and behind a door light by way of its ceiling: the demo's."""

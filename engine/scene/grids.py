@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+import math
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from engine.array_types import Float32Array, Int32Array
 TILE = 8
 TILE_VOXELS = TILE**3
 _LARGEST = 65535
+#: Tiles that a grid's box may hold, with or without anything in them; each takes four bytes.
+MOST_TILES = 2**28
 
 
 @dataclass
@@ -59,6 +62,12 @@ class Found:
 
     not_finite: int = 0
     negative: int = 0
+
+
+def tile_count(first: Sequence[int], last: Sequence[int]) -> int:
+    """Tiles of the box from one voxel to another, both included, whether there is anything in them or not."""
+    counts = [int(b) // TILE - int(a) // TILE + 1 for a, b in zip(first, last, strict=True)]
+    return math.prod(counts)
 
 
 def pack_grid(

@@ -44,7 +44,7 @@ WITH_HIDDEN_LIGHTS = ("ten-rooms", "street")
 
 #: Where methods are left to choose how much to guide: forced, the weights of long paths spread so far that a few
 #: hundred samples show neither mean nor noise (docs/decisions/stability.md).
-UNFORCED = ("albedo", "albedo-100")
+UNFORCED = ("albedo", "albedo-100", "fog-albedo")
 #: Not tested, by case: of 1,420 forced renders by SDTREE_VARIANCE one had 34 times the mean, and most are too dark, so
 #: the noise of a few says nothing (docs/decisions/stability.md). Trees are tested at sixteen bounces, where 200 seeds
 #: do.

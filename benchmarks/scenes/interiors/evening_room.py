@@ -154,7 +154,21 @@ def _camera() -> None:
     bpy.context.scene.camera = camera
 
 
-def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.Scene:
+def _fog() -> None:
+    """Haze in both rooms, which scatters forwards: it shows the light that comes through the door."""
+    haze = bpy.data.materials.new("Haze")
+    if haze.node_tree is None:
+        haze.use_nodes = True
+    tree = haze.node_tree
+    tree.nodes.clear()
+    scatter, output = tree.nodes.new("ShaderNodeVolumeScatter"), tree.nodes.new("ShaderNodeOutputMaterial")
+    scatter.inputs["Color"].default_value = (0.95, 0.95, 0.95, 1.0)
+    scatter.inputs["Density"].default_value, scatter.inputs["Anisotropy"].default_value = 0.05, 0.5
+    tree.links.new(scatter.outputs["Volume"], output.inputs["Volume"])
+    box("Haze", (-3.1, -6.1, -0.1), (3.1, 6.1, 2.9), haze)
+
+
+def build(width: int = 640, height: int = 360, samples: int = 128, *, is_foggy: bool = False) -> bpy.types.Scene:
     """Replace the open file by the evening room, ready to render with NEURALGUIDE, which must be registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
@@ -163,4 +177,7 @@ def build(width: int = 640, height: int = 360, samples: int = 128) -> bpy.types.
     _still_life()
     _camera()
     set_up(scene, (width, height), samples, bounces=12, clamp_indirect=6.0, exposure=1.7)
+    if is_foggy:
+        _fog()
+        scene.cycles.volume_bounces = 8
     return scene

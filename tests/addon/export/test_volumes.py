@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from engine.scene.grids import unpack_values
+
 
 @pytest.fixture
 def openvdb() -> Any:
@@ -133,3 +135,93 @@ def test_a_volume_of_geometry_nodes_is_read_though_it_has_no_file(scene: Any, op
     # Without a material it is what Cycles shows then: a Principled Volume.
     assert [material.name for material in description.materials] == ["default volume"]
     assert description.meshes[0].grids["density"].voxels.size > 0
+
+
+def test_a_sequence_shows_the_file_of_the_frame(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    from addon.export import ExportCache
+
+    for frame in (1, 2, 3):
+        write(openvdb, tmp_path / f"smoke_{frame:04}.vdb", density=np.full((4, 4, 4), 0.25 * frame))
+    made = add_volume(scene, tmp_path / "smoke_0001.vdb")
+    made.data.is_sequence, made.data.frame_duration, made.data.frame_start = True, 3, 11
+    cache = ExportCache()
+    densities = []
+    for frame in (11, 12, 13, 12):
+        scene.frame_set(frame)
+        description = export(cache)
+        assert description.notices == []
+        densities.append(float(unpack_values(description.meshes[0].grids["density"]).max()))
+    assert np.allclose(densities, [0.25, 0.5, 0.75, 0.5])
+    # Before the sequence there is nothing, and that is said.
+    scene.frame_set(1)
+    description = export(cache)
+    assert len(description.meshes) == 0 and "Cloud" in [notice.subject for notice in description.notices]
+
+
+def test_a_sequence_with_a_file_missing_says_which(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    made = add_volume(scene, write(openvdb, tmp_path / "smoke_0001.vdb", density=np.ones((4, 4, 4))))
+    made.data.is_sequence, made.data.frame_duration, made.data.frame_start = True, 3, 1
+    scene.frame_set(2)
+    (notice,) = export().notices
+    assert notice.subject == "Cloud" and "smoke_0002.vdb" in notice.problem
+
+
+def test_instances_of_a_volume_share_its_voxels_and_move(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    import bpy
+
+    made = add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=np.ones((4, 4, 4))))
+    linked = bpy.data.objects.new("Linked", made.data)
+    linked.location.x = 9.0
+    scene.collection.objects.link(linked)
+    group = bpy.data.collections.new("Group")
+    group.objects.link(made)
+    empty = bpy.data.objects.new("Empty", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", group
+    scene.collection.objects.link(empty)
+    for frame, place in ((0, -1.0), (2, 1.0)):
+        empty.location.y = place
+        empty.keyframe_insert("location", frame=frame)
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
+    scene.frame_set(1)
+    description = export()
+    assert description.notices == [] and len(description.meshes) == 1
+    instances = description.instances
+    assert len(instances.mesh) == 3 and np.allclose(instances.medium_density, 1.0)
+    assert sorted(instances.transform[:, 0, 3].tolist()) == [0.0, 0.0, 9.0]
+    ((_, steps),) = instances.motion.items()
+    assert steps[-1, 1, 3] - steps[0, 1, 3] > 0.5
+
+
+#: Bytes of NanoVDB's nodes of its type Fp16, which keeps 16 bits a value between the limits of a leaf, as tiles here
+#: do: a leaf of 8^3 voxels, a node of 16^3 leaves, one of 32^3 of these, and grid, tree and root (NanoVDB.h).
+NANO_LEAF, NANO_LOWER, NANO_UPPER, NANO_ROOT = 1120, 33_856, 270_400 + 32, 832
+
+
+def test_a_cloud_takes_no_more_memory_than_in_nanovdb(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    axis = np.linspace(-1.0, 1.0, 96, dtype=np.float32)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
+    waves = np.sin(9.0 * x + 3.0 * y) * np.sin(8.0 * y - 5.0 * z) * np.sin(11.0 * z + 2.0 * x)
+    density = np.clip(4.0 * (0.8 - np.sqrt(x * x + y * y + z * z) + 0.3 * waves), 0.0, 1.0)
+    path = write(openvdb, tmp_path / "cloud.vdb", density=density)
+    add_volume(scene, path)
+    grid = export().meshes[0].grids["density"]
+    (read,), _ = openvdb.readAll(str(path))
+    tiles = grid.first // 8 + np.argwhere(grid.tiles >= 0)
+    lower, upper = (len(np.unique(tiles // size, axis=0)) for size in (16, 16 * 32))
+    assert read.nonLeafCount() == lower + upper + 1
+    nano = read.leafCount() * NANO_LEAF + lower * NANO_LOWER + upper * NANO_UPPER + NANO_ROOT
+    # Even without the nodes above its leaves, of which a cloud as small as this one makes little use.
+    assert grid.nbytes <= 1.2 * read.leafCount() * NANO_LEAF <= 1.2 * nano
+
+
+def test_voxels_too_far_apart_are_named(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    far = openvdb.FloatGrid()
+    far.name = "density"
+    for place in (0, 200_000):
+        far.getAccessor().setValueOn((place,) * 3, 1.0)
+    openvdb.write(str(tmp_path / "far.vdb"), grids=[far])
+    add_volume(scene, tmp_path / "far.vdb")
+    description = export()
+    assert len(description.meshes) == 0
+    problem = description.notices[0].problem
+    assert "200001 x 200001 x 200001" in problem and "too far apart" in problem

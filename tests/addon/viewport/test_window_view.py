@@ -154,6 +154,21 @@ def test_an_edit_sends_a_scene_in_which_only_that_is_new(window: Window, edit: s
     assert {name for name in names if getattr(update.scene, name) is not getattr(before, name)} == new
 
 
+def test_another_density_of_fog_is_sent(window: Window) -> None:
+    material = bpy.data.objects["Cube"].data.materials[0]
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
+    fog = nodes.new("ShaderNodeVolumeScatter")
+    links.remove(output.inputs["Surface"].links[0])
+    links.new(fog.outputs[0], output.inputs["Volume"])
+    (update,) = window.draw(touched(material, "s"))
+    assert update.scene.materials[0].graph.volume is not None
+    fog.inputs["Density"].default_value = 3.0
+    (update,) = window.draw(touched(material, "s"))
+    graph = update.scene.materials[0].graph
+    assert graph.nodes[graph.volume.node].inputs["Density"] == 3.0
+
+
 def test_settings_of_the_viewport_are_cycles(window: Window) -> None:
     scene = bpy.context.scene
     scene.cycles.preview_samples = 77

@@ -11,7 +11,7 @@ import pytest
 from scipy import integrate
 
 from engine.render.light_passes import LIGHT_PASSES
-from engine.scene.description import Light
+from engine.scene.description import Light, Link
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
@@ -237,6 +237,17 @@ def test_of_64_nested_media_those_that_there_is_room_for_count_and_a_message_say
     expected = np.exp(-0.05 * 0.5 * 2.0 * sizes[:MAX_MEDIA].sum())
     assert np.allclose(result.passes["Combined"][..., :3], expected, rtol=1e-3)
     assert any("more than 32 media" in notice.problem for notice in result.report.notices)
+
+
+def test_a_box_a_million_times_as_large_as_what_is_in_it():
+    """Ink around the camera and a glowing box 10 m below it: the ink's own faces are 4,000 km away."""
+    ink = medium("Absorption", Color=(0.5, 0.2, 0.8, 1.0), Density=0.1)
+    glow = medium("Absorption", "ShaderNodeEmission", name="Glow", Density=0.0)
+    glow.graph.nodes[1].inputs.update({"Color": (1.0, 1.0, 1.0, 1.0), "Strength": 2.0})
+    glow.graph.surface = Link(1, "Emission")
+    around = [placed((4e6, 4e6, 4e6)), placed((4.0, 4.0, 1.0), (0.0, 0.0, -1.0))]
+    image = picture(media_scene([ink, glow], around, world=(0.0, 0.0, 0.0)))
+    assert np.allclose(image, 2.0 * np.exp(-0.1 * 9.9 * (1.0 - np.array([0.5, 0.2, 0.8]))), rtol=5e-4)
 
 
 def test_the_radiance_cache_is_off_in_media_and_says_so():

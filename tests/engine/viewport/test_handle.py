@@ -21,6 +21,7 @@ from engine.processes import memory as memory_module
 from engine.viewport.handle import ViewProcess
 from engine.viewport.protocol import DEAD, FAILED, PAUSED, RENDERING
 from engine.viewport.view import Update
+from tests.helpers.media_scenes import media_scene, medium, placed
 from tests.helpers.small_scenes import floor_scene, looking_down, sun
 from tests.helpers.views import SETTINGS, is_running, result_of, view, wait_for, whole
 
@@ -45,6 +46,16 @@ def test_a_scene_is_rendered(process: ViewProcess) -> None:
     assert image.pixels.shape == (16, 32, 4) and image.rectangle == (0, 0, 32, 16)
     assert np.allclose(image.pixels[..., :3], 1.0 / np.pi, rtol=1e-4)
     assert process.status.sample == 4
+
+
+def test_ink_is_shown_and_another_density_of_it(process: ViewProcess) -> None:
+    for density in (0.5, 0.2):
+        ink = medium("Absorption", Color=(0.5, 0.2, 0.8, 1.0), Density=density)
+        scene = media_scene([ink], [placed((50.0, 50.0, 0.5))])
+        process.send(Update(view=view(camera=scene.camera), scene=scene, settings=SETTINGS, is_paused=False))
+        expected = np.exp(-density * (1.0 - np.array([0.5, 0.2, 0.8])))
+        # Slanted rays go up to a hundredth further.
+        assert np.allclose(result_of(process).pixels[..., :3], expected, rtol=0.01)
 
 
 def test_a_camera_alone_is_sent(process: ViewProcess) -> None:
