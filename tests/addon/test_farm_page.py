@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands of docs/farm.md do what the page says: a scheduler, two workers and a frame, in processes of their own."""
+"""The commands of docs/farm.md do what the page says: a scheduler, two workers and a frame, each a process."""
 
 from __future__ import annotations
 
@@ -89,14 +89,14 @@ class Farm:
 
 @pytest.fixture
 def farm(cube_scene: Any, blender: Any, tmp_path: Path) -> Iterator[Farm]:
-    """With scene.blend in its folder: the cube, guided by a mixture, three samples a pixel."""
+    """With scene.blend in its folder: the cube, guided by a mixture, seven samples a pixel."""
     pytest.importorskip("distributed")
     if os.name != "posix":
         pytest.skip("the page's commands are for a shell")
     cube_scene.render.engine = "NEURALGUIDE"
     cube_scene.render.resolution_x, cube_scene.render.resolution_y = 96, 64
     ours = cube_scene.neuralguide
-    ours.guiding_method, ours.samples, ours.threads, ours.deterministic = "VMM", 3, 1, True
+    ours.guiding_method, ours.samples, ours.threads, ours.deterministic = "VMM", 7, 1, True
     blender.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     farm = Farm(tmp_path)
     yield farm
@@ -132,3 +132,20 @@ def test_a_frame_of_two_workers_is_that_of_one_process(farm: Farm, protocol: str
     if protocol == "tls":
         nobody = farm.run(render, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT="", DASK_DISTRIBUTED__COMM__TLS__CA_FILE="")
         assert nobody.returncode == 2 and "no scheduler answers" in nobody.stderr
+
+
+@pytest.mark.slow
+def test_an_array_job_goes_on_where_it_was(farm: Farm) -> None:
+    """Two tasks of the page's array; then all again, of which nothing is rendered. They begin with the field."""
+    learn = commands("python -m addon -b scene.blend -E NEURALGUIDE --set save_field=on")[0]
+    *_, task = commands("#SBATCH")
+    done = farm.run(learn)
+    assert done.returncode == 0 and (farm.folder / "shot.ngfield").is_file(), done.stdout + done.stderr
+    times = {}
+    for number in ("1", "2", "1"):
+        done = farm.run(task, SLURM_ARRAY_TASK_ID=number, SLURM_CPUS_PER_TASK="1")
+        assert done.returncode == 0, done.stdout + done.stderr
+        (path,) = farm.folder.glob(f"render_0{number}*")
+        assert ("is left as it is" in done.stdout) == (number in times)
+        assert times.setdefault(number, path.stat().st_mtime_ns) == path.stat().st_mtime_ns
+        assert number in times or "started from" in done.stdout + done.stderr
