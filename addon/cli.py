@@ -168,6 +168,10 @@ class CommandLineRenderer:
             raise CommandLineError(str(error)) from None
         engine.session_maker = lambda settings: ClusterSession(settings, pool)
 
+    def _do_resume(self, _value: str) -> None:
+        render = self._scene.render
+        render.use_overwrite, render.use_placeholder = False, True
+
     def close(self) -> None:
         """Leave the cluster, if there is one."""
         engine.session_maker = None
@@ -215,6 +219,8 @@ class CommandLineRenderer:
                 render.threads = self._threads
             scene.neuralguide.property_unset("threads")
         path = Path(render.frame_path(frame=frames[0]))
+        # Blender skips the frame itself.
+        is_left = not render.is_movie_format and not render.use_overwrite and path.exists()
         started = time.time()
         range_before = scene.frame_start, scene.frame_end
         outcome_count = engine.outcome_count()
@@ -232,6 +238,9 @@ class CommandLineRenderer:
             sequence.frame_range = None
         if status != {"FINISHED"} and not self.is_interrupted:
             raise RenderFailed("Blender cancelled the render")
+        if is_left and not engine.outcomes_since(outcome_count):
+            print(f"NeuralGuide: frame {frames[0]} is left as it is: {path} is there", flush=True)
+            return
         if render.engine == engine.NeuralGuideRenderEngine.bl_idname:
             self._check_outcomes(engine.outcomes_since(outcome_count))
         if not render.is_movie_format and not was_written(path, started):

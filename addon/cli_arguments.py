@@ -37,6 +37,8 @@ makes no sense.
                                the file is made, and what is learned is saved to it
   --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
                                tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
+  --resume                     Leave frames alone whose files are there, and make an empty file for each frame when it
+                               begins: Blender's Overwrite off, and Placeholders on
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
@@ -78,6 +80,7 @@ _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPT
 _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
 _OPTIONS["--field"] = ("field", True)  # ours as well
 _OPTIONS["--cluster"] = ("cluster", True)  # and this
+_OPTIONS["--resume"] = ("resume", False)  # and this
 _MOST_LOCAL_WORKERS = 256
 
 

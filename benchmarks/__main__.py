@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.chart_commands import CHART_COMMANDS, add_chart_commands, run_chart_command
+from benchmarks.farm import add_arguments as add_farm_arguments
 from benchmarks.fingerprints import add_arguments as add_fingerprint_arguments
 from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
@@ -88,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     add_fingerprint_arguments(commands.add_parser("fingerprints", help=text, description=text))
     text = "how soon a viewport answers, and what it leaves behind"
     add_viewport_arguments(commands.add_parser("viewport", help=text, description=text))
+    add_farm_arguments(commands)
     text = "a viewport beside Cycles' at equal seconds after a move of the camera"
     add_race_arguments(commands.add_parser("viewport-race", help=text, description=text))
     commands.add_parser("scenes", help="list the scenes built by script")
@@ -107,6 +109,10 @@ def main(arguments: list[str] | None = None) -> int:
         for scene in SCENES.values():
             print(f"{BUILTIN}{scene.name:32} {scene.description}")
         return 0
+    if chosen.command == "farm":
+        from benchmarks.farm import run as run_farm
+
+        return run_farm(chosen)
     if chosen.command == "viewport":
         from benchmarks.viewport import main as measure_viewport
 

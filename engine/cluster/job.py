@@ -28,9 +28,9 @@ from engine.state.unit import ALL_STRATA
 #: Least time that a range may take before others are asked for it as well [s].
 PATIENCE = 20.0
 #: Ranges a worker that the tasks of an iteration are divided into.
-_RANGES_PER_WORKER = 3
+RANGES_PER_WORKER = 3
 #: A range of so many paths is not too small for what sending it costs.
-_MOST_PATHS = 1 << 22
+MOST_PATHS = 1 << 22
 #: A range that has failed so often, or taken so many workers with it, is not tried again.
 _MOST_FAILURES = 3
 #: Workers are counted so often [s].
@@ -220,8 +220,8 @@ class ClusterJob:
 
     def _cut(self) -> TaskRange:
         """A range of tasks that nobody had before."""
-        share = len(self._course.tiles) // (_RANGES_PER_WORKER * max(len(self._crew.names), 1))
-        item = self._cutter.cut(max(share, 1), _MOST_PATHS)
+        share = len(self._course.tiles) // (RANGES_PER_WORKER * max(len(self._crew.names), 1))
+        item = self._cutter.cut(max(share, 1), MOST_PATHS)
         self._open[item.number] = item
         return item
 

@@ -117,6 +117,34 @@ def test_a_failed_frame_fails_the_command_and_the_next_is_tried(
     assert "2 frame(s) failed" in error
 
 
+def test_frames_that_are_there_are_left_and_the_rest_is_rendered(
+    blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    """As by Blender: an empty file counts, since another machine may be at that frame. Without --resume all is new."""
+    fake = FakeEngine(monkeypatch)
+    (tmp_path / "x_0002.exr").write_bytes(b"")
+    line = [str(blend_file), "-E", "NEURALGUIDE", "-o", "//x_", "-f", "1..3"]
+    assert run_here(monkeypatch, *line[:-2], "--resume", *line[-2:]) == 0
+    assert [frame for _, frame in fake.exported] == [1, 3]
+    assert (tmp_path / "x_0002.exr").stat().st_size == 0
+    assert "frame 2 is left as it is" in capfd.readouterr().out
+    assert run_here(monkeypatch, *line) == 0
+    assert [frame for _, frame in fake.exported] == [1, 3, 1, 2, 3]
+    assert (tmp_path / "x_0002.exr").stat().st_size > 0
+
+
+def test_a_frame_that_fails_leaves_no_placeholder(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    """Else nobody would try it again."""
+    fake = FakeEngine(monkeypatch)
+    fake.export_error = ValueError("Cube: vertex 3 is NaN")
+    line = ["-b", str(blend_file), "-E", "NEURALGUIDE", "-o", "//x_", "--resume", "-f", "1"]
+    assert run_here(monkeypatch, *line) == 1
+    assert names(tmp_path) == []
+    fake.export_error = None
+    assert run_here(monkeypatch, *line) == 0
+    assert names(tmp_path) == ["x_0001.exr"]
+
+
 def test_an_unwritable_folder_fails_the_command(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
