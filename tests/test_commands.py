@@ -119,8 +119,9 @@ def test_commands_that_render_render(command: str, cube_scene: Any, tmp_path: Pa
     words = shlex.split(command.replace("$SLURM_CPUS_PER_TASK", "1").replace("$SLURM_ARRAY_TASK_ID", "1"))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     if "--field" in words and "save_field=on" not in command:
-        making = "-m addon scene.blend --set guiding_method=VMM --set samples=16 --set save_field=on --field scene.ngfield"
-        subprocess.run([sys.executable, *making.split(), "-f", "1"], cwd=tmp_path, env=environment, check=True, timeout=80)
+        making = "scene.blend --set guiding_method=VMM --set samples=16 --set save_field=on --field scene.ngfield -f 1"
+        command = [sys.executable, "-m", "addon", *making.split()]
+        subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=80)
     done = subprocess.run(
         [sys.executable, *words[1:]], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=80,
         check=False,
