@@ -16,6 +16,7 @@ import bpy
 from . import material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
+from .packages import older_numba
 from .progress import TerminalBar, format_count, format_duration, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
@@ -325,10 +326,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             message = f"out of memory while {doing}: lower the resolution, or simplify meshes and textures"
             log_failure(message)
         except ModuleNotFoundError as error:
-            message = f"Python package {error.name} is missing: reinstall NeuralGuide, which brings it"
+            message = older_numba() or f"Python package {error.name} is missing: reinstall NeuralGuide, which brings it"
             log_failure(message)
         except Exception as error:
-            message = f"internal error while {doing}: {type(error).__name__}: {error}"
+            message = older_numba() or f"internal error while {doing}: {type(error).__name__}: {error}"
             path = log_failure(message)
             if path is not None:
                 message += f" (details in {path})"

@@ -22,10 +22,6 @@ SCALE_FILE = "scale.json"
 #: What ours may need: so many times the memory of Cycles, and so much more [MiB].
 MEMORY_FACTOR, MEMORY_SLACK = 1.2, 300.0
 
-#: Of the frame, where it is not what is large.
-_SMALL_FRAME = (320, 240)
-_LARGE_FRAMES = {3840: (3840, 2160), 7680: (7680, 4320)}
-
 
 @dataclass(frozen=True)
 class ScaleCase:
@@ -34,6 +30,8 @@ class ScaleCase:
     unit : what is counted
     count : how many there are at full size; of frames, the pixels in a row
     build : callable (count, folder for files), which fills the open file
+    size : of the picture; None: it is what is large, with `count` pixels in a row
+    with_passes : whether it has the passes that take the most room
     """
 
     name: str
@@ -41,14 +39,12 @@ class ScaleCase:
     count: int
     build: Callable[[int, Path], None]
     samples: int = 4
-    has_large_frame: bool = False
+    size: tuple[int, int] | None = (320, 240)
     with_passes: bool = False
 
     def frame(self, count: int) -> tuple[int, int]:
         """Width and height of the picture."""
-        if not self.has_large_frame:
-            return _SMALL_FRAME
-        return _LARGE_FRAMES.get(count, (count, 9 * count // 16))
+        return (count, max(9 * count // 16, 1)) if self.size is None else self.size
 
 
 def _terrain(count: int, _folder: Path) -> None:
@@ -92,12 +88,13 @@ CASES = {
     for case in (
         ScaleCase("triangles", "triangles", 10_000_000, _terrain),
         ScaleCase("instances", "instances", 100_000, _instances),
-        ScaleCase("lights", "light objects", 100_000, _light_objects),
+        # Both renderers go through all lamps for each ray: so the picture is very small.
+        ScaleCase("lights", "light objects", 100_000, _light_objects, 1, (48, 36)),
         ScaleCase("emitters", "emitting triangles", 100_000, _emitters),
         ScaleCase("textures", "images of 4096 x 4096", 1000, _textures),
-        ScaleCase("4k", "pixels in a row", 3840, _stage, 1, has_large_frame=True),
-        ScaleCase("8k", "pixels in a row", 7680, _stage, 1, has_large_frame=True),
-        ScaleCase("8k-passes", "pixels in a row", 7680, _stage, 1, has_large_frame=True, with_passes=True),
+        ScaleCase("4k", "pixels in a row", 3840, _stage, 1, None),
+        ScaleCase("8k", "pixels in a row", 7680, _stage, 1, None),
+        ScaleCase("8k-passes", "pixels in a row", 7680, _stage, 1, None, with_passes=True),
     )
 }
 

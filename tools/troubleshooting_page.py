@@ -43,12 +43,41 @@ TOPICS = (
         "Change the setting that is named, as the sentence says. [settings.md](settings.md) lists all values.",
     ),
     Topic(
-        "Materials and textures", ("engine/shaders",),
+        "Memory and textures",
+        (
+            "addon/export/images.py", "addon/export/image_headers.py", "engine/scene/limits.py",
+            "engine/scene/texel_file.py", "engine/shaders/image_pool.py",
+        ),
+        "Where an image cannot be read, find it by *File > External Data > Find Missing Files*. Where something does "
+        "not fit, make what the sentence names smaller, or render a part by a render border. *Performance > Texture "
+        "Memory* says how much of the memory textures may have.",
+    ),
+    Topic(
+        "Volumes", ("addon/export/volumes.py", "addon/export/openvdb_module.py", "engine/builder/media.py",
+                    "engine/builder/majorants.py", "engine/builder/grids.py", "engine/shaders/media.py",
+                    "engine/shaders/varying_media.py"),
+        "Look at the volume's file and frame, and at the material's volume output: what is named there is left out.",
+    ),
+    Topic(
+        "Motion blur", ("addon/export/motion.py", "addon/export/shutter.py", "addon/export/deformation.py",
+                        "addon/export/moments.py", "engine/builder/motion.py"),
+        "What is named stands still, or keeps its shape. Where a modifier changes the number of vertices from frame to "
+        "frame, there is no motion between them: turn *Deformation* off in the object's motion blur to do without the "
+        "message.",
+    ),
+    Topic(
+        "Several machines", ("engine/cluster",),
+        "Look whether the scheduler runs, and whether all machines have the same NeuralGuide. [farm.md](farm.md) "
+        "says how they are started.",
+    ),
+    Topic(
+        "Materials and nodes", ("engine/shaders", "addon/export/nodes.py", "addon/export/materials.py",
+                                "addon/export/node_tables.py", "addon/export/attributes.py"),
         "Replace the node, or accept what is shown instead. "
         "[differences.md](differences.md) lists what is not supported.",
     ),
     Topic(
-        "Objects, lights, cameras and images",
+        "Objects, lights and cameras",
         ("addon/export", "engine/builder", "engine/scene"),
         "Look at the object that is named: correct it, or accept what is shown instead.",
     ),
@@ -59,7 +88,12 @@ TOPICS = (
         "into `neuralguide.log` beside the kernel cache.",
     ),
     Topic(
-        "Blender's interface", ("addon",),
+        "Viewport", ("addon/viewport", "engine/viewport"),
+        "The window says what it lacks. Switch to another shading and back to start its process anew; "
+        "[viewport.md](viewport.md) says what it does.",
+    ),
+    Topic(
+        "Packages and Blender's interface", ("addon",),
         "Do what the sentence says. Details of an error are in `neuralguide.log` beside the kernel cache.",
     ),
 )  # fmt: skip

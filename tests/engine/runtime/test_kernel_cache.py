@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -78,6 +79,81 @@ def test_sources_that_were_moved_are_found_again(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
     run_kernel(tmp_path / "here", tmp_path / "cache")
     assert run_kernel(tmp_path / "there", tmp_path / "cache")["hits"] == "2"
+
+
+def test_processes_that_start_at_once_fill_one_cache(tmp_path: Path) -> None:
+    """As two Blenders that are first started together: each has its result, and there is one of each file."""
+    script, cache = tmp_path / "one_kernel.py", tmp_path / "cache"
+    script.write_text(ONE_KERNEL.format(limit=-1))
+    started = [
+        subprocess.Popen([sys.executable, str(script)], env=environment_with(cache), stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    said = [process.communicate(timeout=100)[0] for process in started]
+    assert all("results 8 5.0\n" in text and "problem \n" in text for text in said)
+    facts = run_kernel(tmp_path, cache)
+    assert (facts["hits"], facts["files"], facts["problem"]) == ("2", "2", "")
+
+
+def test_an_older_version_finds_its_own_kernels_after_a_newer_one(tmp_path: Path) -> None:
+    """An upgrade and a downgrade over one user folder: neither takes what the other has compiled."""
+    cache = tmp_path / "cache"
+    run_kernel(tmp_path, cache)
+    script = tmp_path / "one_kernel.py"
+    script.write_text(ONE_KERNEL.format(limit=-1).replace("return x + x", "return x + x + x - x"))
+    newer = subprocess.run(
+        [sys.executable, str(script)], env=environment_with(cache), capture_output=True, text=True, check=True
+    )
+    assert "results 8 5.0" in newer.stdout and "hits 0" in newer.stdout
+    assert run_kernel(tmp_path, cache)["hits"] == "2"
+
+
+#: Another program, such as one that looks for viruses, holds files open: they can be neither read nor put in place.
+LOCKED = {
+    "writing": """
+import os
+def locked(*_arguments):
+    raise PermissionError(13, "The process cannot access the file because it is being used by another process")
+os.replace = os.rename = locked
+""",
+    "reading": """
+import builtins
+plain = builtins.open
+def locked(file, mode="r", *arguments, **named):
+    if str(file).endswith((".nbi", ".nbc")) and "w" not in mode:
+        raise PermissionError(13, "The process cannot access the file because it is being used by another process")
+    return plain(file, mode, *arguments, **named)
+builtins.open = locked
+""",
+}
+
+
+@pytest.mark.parametrize("way", LOCKED)
+def test_files_that_are_locked_cost_time_alone(tmp_path: Path, way: str) -> None:
+    cache, script = tmp_path / "cache", tmp_path / "one_kernel.py"
+    if way == "reading":
+        run_kernel(tmp_path, cache)
+    script.write_text(LOCKED[way] + ONE_KERNEL.format(limit=-1))
+    done = subprocess.run(
+        [sys.executable, str(script)], env=environment_with(cache), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0 and "results 8 5.0" in done.stdout, done.stderr
+    assert "hits 0" in done.stdout
+    if way == "writing":
+        assert f"problem cannot save to {cache}" in done.stdout
+        assert [path.name for path in cache.rglob("*") if path.is_file()] == []
+
+
+def test_nothing_is_written_beside_the_sources(tmp_path: Path) -> None:
+    """So a folder that cannot be written to, as extensions of a whole office have it, does not matter."""
+    shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__", "compiled"))
+    before = sorted(tmp_path.rglob("engine/**/*"))
+    environment = {**environment_with(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    (tmp_path / "one_kernel.py").write_text(ONE_KERNEL.format(limit=-1))
+    command = [sys.executable, str(tmp_path / "one_kernel.py")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert "results 8 5.0" in done.stdout, done.stderr
+    assert sorted(tmp_path.rglob("engine/**/*")) == before
 
 
 def test_a_temporary_folder_stands_in_for_one_that_cannot_be_written(tmp_path: Path) -> None:
