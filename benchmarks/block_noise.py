@@ -87,7 +87,7 @@ def normal_score(t: FloatArray | float, freedom: FloatArray | float) -> FloatArr
 
 
 def student_score(z: float, freedom: float) -> float:
-    """Student's t that is as likely as a normal score `z`: the inverse of `normal_score`."""
+    """Student's t that is as likely as a normal score `z`: the inverse of `normal_score`, up to 2% too large."""
     nu = min(freedom, 1e12)
     scaled = z * (8.0 * nu + 3.0) / (8.0 * nu + 1.0)
     return math.sqrt(nu * math.expm1(min(scaled**2 / nu, 700.0)))

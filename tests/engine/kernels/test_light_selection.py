@@ -23,9 +23,9 @@ def _lamps(count: int) -> list:
     ]
 
 
-def _learned(lights):
-    """Uneven probabilities, some clusters next to never."""
-    probability = np.random.default_rng(6).random(lights.header[HEADER_CLUSTERS]) ** 4 + 1e-4
+def _learned(lights, least=1e-4):
+    """Uneven probabilities, some clusters next to never: none less than `least` of the likeliest."""
+    probability = np.random.default_rng(6).random(lights.header[HEADER_CLUSTERS]) ** 4 + least
     return probe.with_selection(lights, probability)
 
 
@@ -74,7 +74,8 @@ def test_irradiance_stays_what_it_was() -> None:
     lights, geometry = probe.build(description, background=sky)
     u = np.random.default_rng(10).random((400_000, 3), np.float32)
     values = []
-    for chosen in (lights, _learned(lights)):
+    # The sun is a cluster among many, and must be met often enough to be seen.
+    for chosen in (lights, _learned(lights, least=1e-2)):
         samples = probe.draw(chosen, geometry, PLACE, UP, u)
         values.append(probe.irradiance(samples, UP))
     assert values[0].std() < 20.0 * values[0].mean()
