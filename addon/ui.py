@@ -336,7 +336,7 @@ class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
 
 
 class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """Threads, and what is kept between frames: Blender's own settings, as Cycles reads them."""
+    """Threads and what is kept between frames, by Blender's settings as Cycles reads them; memory for textures."""
 
     bl_label = "Performance"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
@@ -356,6 +356,7 @@ class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
             row.prop(ours, "threads")
             row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = "threads"
         column.prop(render, "use_persistent_data")
+        column.prop(ours, "texture_memory")
 
 
 class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801

@@ -34,7 +34,7 @@ def documented_commands() -> list[str]:
     found: dict[str, None] = {}
     for name in listed.stdout.split():
         text = (ROOT / name).read_text("utf-8")
-        lines = [line for block in _BLOCK.findall(text) for line in block.splitlines()]
+        lines = [line for block in _BLOCK.findall(text) for line in block.replace("\\\n", " ").splitlines()]
         for line in (*lines, *_SPAN.findall(_BLOCK.sub("", text))):
             command = line.partition(" #")[0].strip()
             if _COMMAND.match(command):

@@ -51,7 +51,9 @@ class FakeEngine:
         self.sessions.append(FakeSession(self, settings))
         return self.sessions[-1]
 
-    def _export(self, depsgraph: Any, *, engine: Any, view_layer: Any, cache: Any, should_cancel: Any) -> Any:
+    def _export(
+        self, depsgraph: Any, *, engine: Any, view_layer: Any, cache: Any, should_cancel: Any, texture_memory: Any
+    ) -> Any:
         if self.export_error is not None:
             raise self.export_error
         if should_cancel():
@@ -85,7 +87,7 @@ class FakeSession:
         self.region = (0, 0, 0, 0)
         self.light_digest = "light"
 
-    def load(self, description: Any, *, on_progress: Any, should_cancel: Any) -> list[Any]:
+    def load(self, description: Any, *, on_progress: Any, should_cancel: Any, keeps_meshes: bool) -> list[Any]:
         if should_cancel():
             raise LoadCancelled
         self.region = description.frame.region

@@ -42,7 +42,7 @@ def pair(x):
 
 @kernel
 def add_up(numbers):
-    for k in range(numbers.values.size):
+    for k in range(numbers.values.shape[0]):
         numbers.sums[0] += numbers.values[k] * numbers.values[k] + 0.1
 
 
