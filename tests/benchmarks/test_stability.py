@@ -49,6 +49,9 @@ UNFORCED = ("albedo", "albedo-100", "fog-albedo")
 #: the noise of a few says nothing (docs/decisions/stability.md). Trees are tested at sixteen bounces, where 200 seeds
 #: do.
 UNTESTED = {"albedo-100": ("SDTREE", "SDTREE_VARIANCE", *NETWORKS)}
+#: Not tested here, since they take up to minutes each: `python -m benchmarks stability 'fog-*'` has all of them.
+LONG = tuple(f"fog-{what}" for what in "door dense albedo lamp glass boundary speck shreds nested".split())
+IN_TIME = [name for name in CASES if name not in LONG]
 
 SEEDS = 2
 #: The reference's seeds, and its samples over those of the case.
@@ -140,7 +143,7 @@ def test_learned_light_selection_is_unbiased(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in CASES if name not in FAST])
+@pytest.mark.parametrize("name", [name for name in IN_TIME if name not in FAST])
 def test_statistical_methods_are_unbiased_in_every_case(name: str) -> None:
     assert not problems(CASES[name], STATISTICAL)
 
@@ -161,7 +164,7 @@ def test_trees_forced_on_many_reflections_are_unbiased(method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize("name", IN_TIME)
 def test_networks_that_know_nothing_are_unbiased_in_every_case(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks with parameters drawn at random: no worker to wait for, and worse than any that was trained."""
     make = learning.make_source_model
