@@ -265,12 +265,13 @@ def build_scene(
         cache=cache.geometry,
     )  # fmt: skip
     check_cancel()
-    if not keeps_meshes:
-        cache.geometry.give_up(description.meshes)
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
     tables = load_tables()
     media = _build_media(cache, description, programs, geometry, tables)
+    if not keeps_meshes:
+        # Media that vary have asked for the boxes of theirs.
+        cache.geometry.give_up(description.meshes)
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.

@@ -40,6 +40,7 @@ from engine.scene.grids import Grid, pack_grid
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
+from tests.helpers.media_scenes import media_scene, placed, varying
 
 _SETTINGS = RenderSettings(samples=2, threads=1, max_bounces=3, spectral="OFF")
 
@@ -664,3 +665,16 @@ def test_what_is_moved_again_builds_the_top_level_alone() -> None:
     assert len(_loaded(still, moves[0]).accelerator.meshes) == len(_loaded(fresh, moves[0]).accelerator.meshes)
     for item in (session, fresh, still):
         item.close()
+
+
+def test_a_scene_that_keeps_no_meshes_is_built_of_them_all_the_same():
+    """Boxes of media that vary come from meshes, after geometry has been copied."""
+    description = media_scene([varying("Absorption", "Density", 1.5)], [placed()])
+    kept = build_scene(copy.deepcopy(description), RenderSettings(), SceneCache())
+    given_up = build_scene(description, RenderSettings(), SceneCache(), keeps_meshes=False)
+    assert len(description.meshes[0].vertices) == 0
+    assert np.array_equal(given_up.geometry.vertices, kept.geometry.vertices)
+    majorants, others = kept.media.arrays.majorants, given_up.media.arrays.majorants
+    assert majorants.values.max() > 0.0
+    assert np.array_equal(others.values, majorants.values)
+    assert np.array_equal(others.space, majorants.space)
