@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import Counter, deque
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -13,12 +12,9 @@ from engine.cluster.crew import Crew, Ticket
 from engine.cluster.pool import ClusterError, Pool
 from engine.cluster.ranges import RangeCutter, TaskRange
 from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, digest_of, pack, pack_guidance, unpack_traced
-from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.render.batch import Statistics
-from engine.render.course import Course
+from engine.render.course import Course, CourseJob
 from engine.render.film import Film
 from engine.render.report import Progress
 from engine.render.traced import TracedTiles, rows_of
@@ -39,7 +35,7 @@ _ROLL_CALL = 0.5
 _LEARNING_POLL = 0.01
 
 
-class ClusterJob:
+class ClusterJob(CourseJob):
     """One render, as `engine.render.job.AnyJob`; all but learning happens in the thread that calls `wait`.
 
     Between iterations it learns here, from what all workers have recorded, in the order of the tiles. What is learned
@@ -82,30 +78,6 @@ class ClusterJob:
         self._weights: np.ndarray | None = None
 
     # -- as a session sees it -----------------------------------------------------------------------------------------
-
-    @property
-    def film_lock(self) -> threading.Lock:
-        """For whoever reads the film meanwhile."""
-        return self._course.film_lock
-
-    @property
-    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
-        """What learns."""
-        return self._course.learner
-
-    @property
-    def guidance(self) -> Guidance | None:
-        """What the newest iteration goes by; None of a render that learns nothing."""
-        return self._course.guidance
-
-    @property
-    def ended_by(self) -> str:
-        """Of `ENDINGS`, once it is known."""
-        return self._course.ended_by
-
-    @ended_by.setter
-    def ended_by(self, ending: str) -> None:
-        self._course.ended_by = ending
 
     @property
     def notices(self) -> list[Notice]:

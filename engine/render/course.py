@@ -376,3 +376,33 @@ class Course:
             total.record_drop_count - before.record_drop_count,
             total.rays["closest"] - before.rays["closest"],
         )
+
+
+class CourseJob:
+    """What a session asks of a job and the job's course knows, whoever traces."""
+
+    _course: Course
+
+    @property
+    def film_lock(self) -> threading.Lock:
+        """For whoever reads the film meanwhile."""
+        return self._course.film_lock
+
+    @property
+    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
+        """What learns."""
+        return self._course.learner
+
+    @property
+    def guidance(self) -> Guidance | None:
+        """What the newest iteration goes by; None of a render that learns nothing."""
+        return self._course.guidance
+
+    @property
+    def ended_by(self) -> str:
+        """Of `ENDINGS`, once it is known."""
+        return self._course.ended_by
+
+    @ended_by.setter
+    def ended_by(self, ending: str) -> None:
+        self._course.ended_by = ending

@@ -18,7 +18,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.guiding.saved.learned import LearnedField
 from engine.render.batch import Batch, Statistics
-from engine.render.course import Course
+from engine.render.course import Course, CourseJob
 from engine.render.film import Film
 from engine.render.report import Progress
 from engine.render.schedule import Task
@@ -81,7 +81,7 @@ class AnyJob(Protocol):
         """Where it stands."""
 
 
-class Job:
+class Job(CourseJob):
     """One render.
 
     Parameters
@@ -120,30 +120,6 @@ class Job:
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._created = time.perf_counter()
-
-    @property
-    def film_lock(self) -> threading.Lock:
-        """For whoever reads the film meanwhile."""
-        return self._course.film_lock
-
-    @property
-    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
-        """What learns."""
-        return self._course.learner
-
-    @property
-    def ended_by(self) -> str:
-        """Of `ENDINGS`, once it is known."""
-        return self._course.ended_by
-
-    @ended_by.setter
-    def ended_by(self, ending: str) -> None:
-        self._course.ended_by = ending
-
-    @property
-    def guidance(self) -> Guidance | None:
-        """What the newest iteration goes by; None of an unguided render."""
-        return self._course.guidance
 
     @property
     def notices(self) -> list[Notice]:
