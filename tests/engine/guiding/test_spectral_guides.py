@@ -224,33 +224,39 @@ def rendered(description: SceneDescription, seeds: range, **settings: Any) -> li
 
 @cache
 def reference(roughness: float) -> list[np.ndarray]:
-    return rendered(behind_glass(roughness), range(10, 14), samples=1024)
+    return rendered(behind_glass(roughness), range(10, 18), samples=512)
 
 
 @pytest.mark.parametrize(
-    ("roughness", "settings"),
+    ("roughness", "scale", "settings"),
     [
-        (0.3, {"guiding_method": "NPM", "mixture_u": "PLANES"}),
-        (0.3, {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "network_selection": True}),
-        (0.0, {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8}),
-        (0.3, {**RESAMPLED, "mixture_u": "FREQUENCY"}),
+        (0.3, 4.0, {"guiding_method": "NPM", "mixture_u": "PLANES"}),
+        (0.3, 1.0, {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "network_selection": True}),
+        (0.0, 4.0, {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8}),
+        (0.3, 4.0, {**RESAMPLED, "mixture_u": "FREQUENCY"}),
     ],
 )
 def test_a_mixture_that_sees_the_wavelength_is_unbiased(
-    roughness: float, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    roughness: float, scale: float, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a network with parameters drawn at random: no other is as wrong."""
+    """Of a network with parameters drawn at random: no other is as wrong.
+
+    The one that says how often it is chosen is milder. Of twelve of scale 4, one chose itself almost always and looked
+    past the light: its picture was 22% too dark at 255 samples, and 4% at 4,095.
+
+    Pictures are of six blocks of pixels (`benchmarks.block_noise`): six seeds say how noisy they are, two do not.
+    """
     seen = []
 
     def make(settings: RenderSettings) -> Untrained | None:
         seen.append((settings.u_dimension, settings.mixture_u))
-        return Untrained(settings, 4.0)
+        return Untrained(settings, scale)
 
     monkeypatch.setattr(learning, "make_source_model", make)
-    images = rendered(behind_glass(roughness), range(2), guiding_trial=False, **settings)
+    images = rendered(behind_glass(roughness), range(6), samples=255, guiding_trial=False, **settings)
     bias = find_bias(images, reference(roughness))
     assert not bias.is_biased and bias.detectable < 0.03, bias
-    assert seen == [("WAVELENGTH", settings["mixture_u"])] * 2
+    assert seen == [("WAVELENGTH", settings["mixture_u"])] * 6
 
 
 class OfWavelengthAlone(Untrained):
@@ -288,8 +294,8 @@ def test_wavelengths_have_their_share_in_the_density_of_the_whole_path(
     """Were the shares left as they are at the camera, the first of these pictures would be 1.9% too bright (z = 15)."""
     monkeypatch.setattr(learning, "make_source_model", lambda settings: OfWavelengthAlone(settings, 10.0))
     settings = {"mixture_u": "FREQUENCY", "guiding_trial": False, "learn_guiding_probability": False, "use_nee": False}
-    images = rendered(groove(), range(2), samples=255, **settings, **guiding)
-    bias = find_bias(images, rendered(groove(), range(10, 12), samples=256))
+    images = rendered(groove(), range(6), samples=127, **settings, **guiding)
+    bias = find_bias(images, rendered(groove(), range(10, 16), samples=128))
     assert not bias.is_biased and bias.detectable < 0.01, bias
 
 
