@@ -66,6 +66,12 @@ def outcomes_since(count: int) -> list[Outcome]:
     return list(outcomes)[len(outcomes) - min(_outcome_count - count, len(outcomes)) :]
 
 
+@bpy.app.handlers.persistent
+def forget_outcomes(*_args: Any) -> None:
+    """Forget what renders came to: a scene of another file may have the same name."""
+    outcomes.clear()
+
+
 #: Notices shown since the render job began, so that each is shown once, however many frames have it.
 _shown_notices: set[Notice] = set()
 #: What the log says of kernels by now.
@@ -470,6 +476,7 @@ def register() -> None:
     """Make the engine selectable."""
     bpy.utils.register_class(NeuralGuideRenderEngine)
     bpy.app.handlers.render_init.append(_forget_notices)
+    bpy.app.handlers.load_pre.append(forget_outcomes)
 
 
 def unregister() -> None:
@@ -480,4 +487,7 @@ def unregister() -> None:
     material_preview.forget_session()
     if _forget_notices in bpy.app.handlers.render_init:
         bpy.app.handlers.render_init.remove(_forget_notices)
+    if forget_outcomes in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(forget_outcomes)
+    forget_outcomes()
     bpy.utils.unregister_class(NeuralGuideRenderEngine)

@@ -27,16 +27,6 @@ def blender() -> Iterator[Any]:
 
 
 @pytest.fixture
-def forget_outcomes() -> Iterator[None]:
-    """No renders of other tests among the outcomes that the engine keeps, and none of this test's afterwards."""
-    from addon import engine
-
-    engine.outcomes.clear()
-    yield
-    engine.outcomes.clear()
-
-
-@pytest.fixture
 def cube_scene(blender: Any) -> Any:
     """A cube, a camera that sees it and a sun: the scene, 32 x 16 pixels, rendered by NeuralGuide to float EXR."""
     bpy = blender

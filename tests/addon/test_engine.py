@@ -15,8 +15,6 @@ import pytest
 from engine.scene.description import Notice
 from tests.helpers.fake_engine import FakeEngine
 
-pytestmark = pytest.mark.usefixtures("forget_outcomes")
-
 WIDTH, HEIGHT = 32, 16
 
 

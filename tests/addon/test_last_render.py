@@ -55,7 +55,7 @@ def test_one_click_selects_what_a_message_is_about(named: Any, blender: Any) -> 
     assert bpy.ops.neuralguide.select_subject(subject="nothing") == {"CANCELLED"}
 
 
-def test_the_last_render_alone_counts(blender: Any, forget_outcomes: None) -> None:
+def test_the_last_render_alone_counts(blender: Any) -> None:
     from addon import engine, last_render
     from engine.scene.description import Notice
 
@@ -72,9 +72,12 @@ def test_the_last_render_alone_counts(blender: Any, forget_outcomes: None) -> No
     assert [outcome.view_layer for outcome in last_render.last_outcomes(scene)] == ["A", "B"]
     assert last_render.last_notices(scene) == [new, both]
     assert last_render.guiding_sentence(scene) == "chose plain mixtures"
+    # A scene of another file may have the same name.
+    blender.ops.wm.read_homefile(use_empty=True)
+    assert blender.context.scene.name == "Scene" and last_render.last_outcomes(blender.context.scene) == []
 
 
-def test_a_render_leaves_what_it_said_for_the_panel(cube_scene: Any, forget_outcomes: None) -> None:
+def test_a_render_leaves_what_it_said_for_the_panel(cube_scene: Any) -> None:
     import bpy
 
     from addon import last_render

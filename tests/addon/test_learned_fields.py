@@ -18,8 +18,6 @@ from engine.guiding.saved.file import FieldFileError, load_field, save_field
 from tests.helpers.fake_engine import FakeEngine
 from tests.helpers.learned_fields import learned_field
 
-pytestmark = pytest.mark.usefixtures("forget_outcomes")
-
 ROOT = Path(__file__).resolve().parents[2]
 
 

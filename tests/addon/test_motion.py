@@ -13,8 +13,6 @@ import pytest
 from tests.helpers.fake_engine import FakeEngine
 from tests.helpers.motion_scenes import keyframe, open_shutter
 
-pytestmark = pytest.mark.usefixtures("forget_outcomes")
-
 
 @pytest.fixture
 def exported(monkeypatch: Any) -> list[Any]:

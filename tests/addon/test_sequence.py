@@ -17,8 +17,6 @@ import pytest
 from tests.helpers.motion_scenes import keyframe, open_shutter
 from tests.helpers.training import refuse_workers, require_torch
 
-pytestmark = pytest.mark.usefixtures("forget_outcomes")
-
 
 @pytest.fixture
 def lamp_scene(cube_scene: Any) -> Any:
