@@ -64,6 +64,34 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
     assert np.allclose(image, 1.0, atol=1e-4)
 
 
+def _light_sent_back(albedo):
+    """What a medium without an end sends straight back under a white sky, by Chandrasekhar 1960, Radiative Transfer.
+
+    1 - H(1) sqrt(1 - albedo), for scattering that is alike in all directions (section 38 there).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    lost = np.sqrt(1.0 - albedo)
+    h = np.ones(64)
+    for _ in range(200):
+        h = 1.0 / (lost + 0.5 * albedo * (weights * mu * h / (mu[:, None] + mu)).sum(axis=1))
+    return 1.0 - lost / (lost + 0.5 * albedo * (weights * mu * h / (1.0 + mu)).sum())
+
+
+@pytest.mark.parametrize("density", [1e3, 1e5, 1e6])
+def test_what_is_too_dense_to_see_into_sends_back_what_theory_says(density):
+    """By 1e6 a mean free path is as short as what a ray skips at a surface: 61% of the light was lost once."""
+    milk = medium("Coefficients", **{
+        "Absorption Coefficients": (0.1 * density,) * 3, "Scatter Coefficients": (0.9 * density,) * 3,
+    })  # fmt: skip
+    means = means_by_seed(media_scene([milk], [placed()]), samples=256, volume_bounces=128, max_bounces=128)
+    expected = np.full(3, _light_sent_back(0.9))
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    assert (np.abs(means.mean(axis=0) - expected) <= 0.002 * expected + SIGMAS * error).all()
+    # And the test sees a bias of 2%.
+    assert (SIGMAS * error < 0.015 * expected).all()
+
+
 @pytest.mark.slow
 def test_with_wavelengths_the_furnace_is_as_if_nothing_were_there():
     """Every path has its wavelengths, of which one alone is no white: the same paths are compared."""
