@@ -45,7 +45,7 @@ FAST = [
 #: Where light is made to be found seldom, unguided samples say nothing in a test's time: the study's lamps are all
 #: hidden. Cycles disperses nothing. Furnished rooms take minutes, and so do most media made to fail. Of boundaries in
 #: one place Cycles loses some (docs/differences.md).
-QUICK = ("forward", "backward", "thin", "dense", "huge", "colors")
+QUICK = ("forward", "backward", "thin", "huge", "colors")
 COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()

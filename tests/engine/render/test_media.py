@@ -15,7 +15,7 @@ from engine.scene.description import Light, Link
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
-from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
+from tests.helpers.media_scenes import media_scene, medium, placed, put_into_ball, varying, volume_graph
 
 GLASS = "ShaderNodeBsdfRefraction"
 
@@ -62,6 +62,21 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
     fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=density, Anisotropy=0.4)
     image = picture(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=16)
     assert np.allclose(image, 1.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("varies", "g"),
+    [(False, -0.5), (False, 0.0), (False, 0.8), (True, 0.8)]
+    + [pytest.param(True, g, marks=pytest.mark.slow) for g in (-0.5, 0.0)],
+)
+def test_a_ball_that_scatters_all_light_is_not_seen_in_a_white_furnace(varies, g):
+    color = {"Color": (1.0, 1.0, 1.0, 1.0), "Anisotropy": g}
+    # Of the one that varies the lower half is empty: there is no density below 0.
+    fog = varying("Scatter", "Density", 4.0, **color) if varies else medium("Scatter", Density=2.0, **color)
+    endless = {"volume_bounces": 1024, "max_bounces": 1024, "samples": 16}
+    assert np.allclose(picture(put_into_ball(media_scene([fog], [placed()])), **endless), 1.0, atol=1e-4)
+    # It is there: what scatters no more than once lacks light.
+    assert picture(put_into_ball(media_scene([fog], [placed()])), volume_bounces=0, samples=16).mean() < 0.95
 
 
 def _light_sent_back(albedo):
