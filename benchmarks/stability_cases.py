@@ -102,8 +102,8 @@ CASES: dict[str, Case] = {
             text="The size changes within a session: nothing of an earlier picture may stay in what is learned",
         ),
         *(Case(f"fog-{name}", f"fail-fog-{name}") for name in FOGS),
-        # Rays cross 128 boundaries, and send a shadow ray through all of them from between each two.
-        Case("fog-nested", "fail-fog-nested", 31, 4, size=(8, 6)),
+        # Rays cross 128 boundaries, and each of their segments sends a shadow ray through what is left of them.
+        Case("fog-nested", "fail-fog-nested", 15, size=(32, 24)),
     )
 }  # fmt: skip
 

@@ -167,6 +167,12 @@ def emitted_length(extinction, distance):
 
 
 @kernel
+def length_in_media(paths, lanes, lane):
+    """How much of a path's ray may lie in media before what it meets, or without an end [m]; see `find_gaps`."""
+    return max(paths.hit_distance[lane] - lanes.gap[lane], 0.0)
+
+
+@kernel
 def attenuate(scene, paths, lanes, lane, row, distance, values, value_row):
     """Multiply row `value_row` of `values` by what the media of a row let through over a distance.
 

@@ -43,7 +43,9 @@ from engine.state.lanes import (
 
 #: Bound on the relative rounding error of a point interpolated from a triangle's vertices: gamma(7) of pbrt (Pharr et
 #: al. 2023, section 6.8), four times over for the transform and for Embree's own distance.
-_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+RELATIVE_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+#: Least cosine by which `skipped_distance` divides: rays that only graze a surface skip no more than this says.
+_LEAST_COSINE = np.float32(1e-4)
 
 
 @kernel
@@ -100,7 +102,7 @@ def surface_point(geometry, instance, triangle, u, v, time):
             ns = ng
     else:
         ns = ng
-    return p, ng, ns, extent * _ERROR
+    return p, ng, ns, extent * RELATIVE_ERROR
 
 
 @kernel
@@ -140,3 +142,9 @@ def offset_origin(p, ng, direction, offset):
     """Start of a ray leaving p: off the surface by `offset`, on the side it leaves to."""
     side = offset if dot(ng, direction) >= 0.0 else -offset
     return add(p, scale(ng, side))
+
+
+@kernel
+def skipped_distance(ng, direction, offset):
+    """How far from a surface a ray is at its start, if it has left it by `offset_origin`, along itself [m]."""
+    return offset / max(abs(dot(ng, direction)), _LEAST_COSINE)

@@ -18,7 +18,7 @@ from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_ob
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
-from engine.kernels.surface import offset_origin, program_of, surface_point
+from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
 from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
 from engine.kernels.vector import add, dot, load, scale, store
 from engine.runtime.jit import kernel
@@ -41,6 +41,7 @@ from engine.wavefront.columns import (
     MEDIUM_REJECTS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
+    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SHADOW_ROWS,
     TRACKING_ENDED,
@@ -94,16 +95,24 @@ def _next_boundary(scene, work, origin, direction, rest, time, mask):
 
 
 @kernel
-def _cross(scene, work, row, direction, instance, triangle, u, v, time):
-    """Take row `row` of the media through a boundary; returns where the shadow ray goes on."""
+def _meet(scene, direction, instance, triangle, u, v, time):
+    """A boundary that a shadow ray has met: point, normal, error, and how far before it the media end (`find_gaps`)."""
+    p, ng, _ns, error = surface_point(scene.geometry, instance, triangle, u, v, time)
+    gap = 0.0
+    if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+        gap = skipped_distance(ng, direction, error)
+    return p, ng, error, gap
+
+
+@kernel
+def _cross(scene, work, row, direction, instance, triangle, ng):
+    """Take row `row` of the media through a boundary."""
     geometry = scene.geometry
-    p, ng, _ns, error = surface_point(geometry, instance, triangle, u, v, time)
     medium = scene.media.of_program[program_of(geometry, instance, triangle)]
     if medium >= 0 and geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
         is_back = dot(ng, direction) > 0.0
         if not cross_boundary(work.media, row, instance, medium, is_back):
             work.counts[MEDIA_DROPPED] += 1
-    return offset_origin(p, ng, direction, error)
 
 
 @kernel
@@ -160,9 +169,11 @@ def attenuate_shadows(scene, unit, work, queue):
             if not hit:
                 attenuate(scene, paths, media, lane, own, rest, radiance, row)
                 break
-            if not attenuate(scene, paths, media, lane, own, distance, radiance, row):
+            p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
+            if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
                 break
-            origin = _cross(scene, work, own, direction, instance, triangle, u, v, time)
+            _cross(scene, work, own, direction, instance, triangle, ng)
+            origin = offset_origin(p, ng, direction, error)
             rest = rest - distance if rest < FAR else DISTANT
 
 
@@ -181,6 +192,10 @@ def _start_leg(scene, work, row, own):
             tracking.triangle[own] = triangle
             tracking.u[own] = u
             tracking.v[own] = v
+            _p, _ng, _error, gap = _meet(
+                scene, load(shadows.direction, row), met, triangle, u, v, paths.time[lane]
+            )
+            distance = max(distance - gap, 0.0)
     tracking.instance[own] = instance
     tracking.position[own] = 0.0
     tracking.end[own] = distance
@@ -285,10 +300,12 @@ def find_shadow_collisions(scene, unit, work, queue):
                 break
             rest = tracking.rest[own]
             tracking.rest[own] = rest - tracking.end[own] if rest < FAR else DISTANT
-            origin = _cross(
-                scene, work, own, direction, instance, tracking.triangle[own], tracking.u[own], tracking.v[own], time
+            triangle = tracking.triangle[own]
+            p, ng, error, _gap = _meet(
+                scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
-            store(tracking.origin, own, origin)
+            _cross(scene, work, own, direction, instance, triangle, ng)
+            store(tracking.origin, own, offset_origin(p, ng, direction, error))
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
             tracking.step[own] += 1

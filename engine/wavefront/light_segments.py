@@ -21,7 +21,14 @@ from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import background_pdf, sample_emitter
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
-from engine.kernels.media import any_varies, leave_objects, sum_coefficients, transmittance, weigh_channels
+from engine.kernels.media import (
+    any_varies,
+    leave_objects,
+    length_in_media,
+    sum_coefficients,
+    transmittance,
+    weigh_channels,
+)
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import (
     ask_for_closures,
@@ -143,7 +150,7 @@ def light_segments(scene, unit, work, queue):
         sum_coefficients(scene, paths, media, lane, lane, is_endless)
         if not _largest(paths.channels, media.coefficients, SCATTERING) > 0.0:
             continue
-        distance = INFINITY if is_endless else paths.hit_distance[lane]
+        distance = INFINITY if is_endless else length_in_media(paths, media, lane)
         _, share = weigh_channels(paths, media, lane, distance)
         media.is_lit[lane] = 1
         media.collision_share[lane] = share

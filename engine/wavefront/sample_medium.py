@@ -11,6 +11,7 @@ from engine.kernels.media import (
     cross_boundary,
     emitted_length,
     leave_objects,
+    length_in_media,
     sum_coefficients,
     transmittance,
     weigh_channels,
@@ -220,7 +221,7 @@ def sample_medium(scene, unit, work, queue):
         ask_for_media(media, ahead)
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
-        distance = paths.hit_distance[lane]
+        distance = length_in_media(paths, media, lane)
         if instance < 0:
             distance = INFINITY
             leave_objects(media, lane)

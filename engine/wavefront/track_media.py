@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import lamp_hit
-from engine.kernels.media import any_varies, leave_objects, sum_coefficients
+from engine.kernels.media import any_varies, leave_objects, length_in_media, sum_coefficients
 from engine.kernels.rng import SET_MEDIUM, track_4
 from engine.kernels.tracking import (
     COLLIDES,
@@ -85,7 +85,7 @@ def begin_tracking(scene, unit, work, queue):
             continue
         tracking.is_tracked[lane] = 1
         tracking.position[lane] = 0.0
-        tracking.end[lane] = DISTANT if is_endless else paths.hit_distance[lane]
+        tracking.end[lane] = DISTANT if is_endless else length_in_media(paths, media, lane)
         tracking.collision[lane] = -1.0
         tracking.step[lane] = 0
         tracking.lamp[lane] = -1

@@ -60,6 +60,26 @@ def media_scene(materials, transforms, *, lights=(), world=(1.0, 1.0, 1.0), fog=
     )
 
 
+def put_into_ball(scene, rows=12, columns=24):
+    """Make a scene's boxes balls of radius 1 (in their own space), of flat faces, and let its camera see all of one."""
+    polar, around = np.linspace(0.0, np.pi, rows + 1), np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
+    sine = np.sin(polar)[:, None]
+    height = np.broadcast_to(np.cos(polar)[:, None], (rows + 1, columns))
+    vertices = np.stack([sine * np.cos(around), sine * np.sin(around), height], axis=2)
+    first = np.arange(rows * columns)
+    second = first - first % columns + (first + 1) % columns
+    triangles = np.concatenate([
+        np.stack([first, first + columns, second + columns], axis=1)[: (rows - 1) * columns],
+        np.stack([first, second + columns, second], axis=1)[columns:],
+    ])  # fmt: skip
+    scene.meshes[0] = Mesh(
+        "ball", "Ball", vertices.reshape(-1, 3).astype(np.float32), triangles.astype(np.uint32), None,
+        np.zeros(len(triangles), np.int32),
+    )
+    scene.camera.lens = 150.0
+    return scene
+
+
 def varying(kind, socket, factor=1.0, space="Object", name="Varying", **inputs):
     """A material whose `socket` is `factor` times the height in the object's space, from -1 to 1, or the world's."""
     source = {"Object": ("ShaderNodeTexCoord", "Object"), "World": ("ShaderNodeNewGeometry", "Position")}[space]

@@ -15,7 +15,7 @@ from engine.scene.description import Light, Link
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
-from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
+from tests.helpers.media_scenes import media_scene, medium, placed, put_into_ball, varying, volume_graph
 
 GLASS = "ShaderNodeBsdfRefraction"
 
@@ -62,6 +62,49 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
     fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=density, Anisotropy=0.4)
     image = picture(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=16)
     assert np.allclose(image, 1.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("varies", "g"),
+    [(False, -0.5), (False, 0.0), (False, 0.8), (True, 0.8)]
+    + [pytest.param(True, g, marks=pytest.mark.slow) for g in (-0.5, 0.0)],
+)
+def test_a_ball_that_scatters_all_light_is_not_seen_in_a_white_furnace(varies, g):
+    color = {"Color": (1.0, 1.0, 1.0, 1.0), "Anisotropy": g}
+    # Of the one that varies the lower half is empty: there is no density below 0.
+    fog = varying("Scatter", "Density", 4.0, **color) if varies else medium("Scatter", Density=2.0, **color)
+    endless = {"volume_bounces": 1024, "max_bounces": 1024, "samples": 16}
+    assert np.allclose(picture(put_into_ball(media_scene([fog], [placed()])), **endless), 1.0, atol=1e-4)
+    # It is there: what scatters no more than once lacks light.
+    assert picture(put_into_ball(media_scene([fog], [placed()])), volume_bounces=0, samples=16).mean() < 0.95
+
+
+def _light_sent_back(albedo):
+    """What a medium without an end sends straight back under a white sky, by Chandrasekhar 1960, Radiative Transfer.
+
+    1 - H(1) sqrt(1 - albedo), for scattering that is alike in all directions (section 38 there).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    lost = np.sqrt(1.0 - albedo)
+    h = np.ones(64)
+    for _ in range(200):
+        h = 1.0 / (lost + 0.5 * albedo * (weights * mu * h / (mu[:, None] + mu)).sum(axis=1))
+    return 1.0 - lost / (lost + 0.5 * albedo * (weights * mu * h / (1.0 + mu)).sum())
+
+
+@pytest.mark.parametrize("density", [1e3, 1e5, 1e6])
+def test_what_is_too_dense_to_see_into_sends_back_what_theory_says(density):
+    """By 1e6 a mean free path is as short as what a ray skips at a surface: 61% of the light was lost once."""
+    milk = medium("Coefficients", **{
+        "Absorption Coefficients": (0.1 * density,) * 3, "Scatter Coefficients": (0.9 * density,) * 3,
+    })  # fmt: skip
+    means = means_by_seed(media_scene([milk], [placed()]), samples=256, volume_bounces=128, max_bounces=128)
+    expected = np.full(3, _light_sent_back(0.9))
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    assert (np.abs(means.mean(axis=0) - expected) <= 0.002 * expected + SIGMAS * error).all()
+    # And the test sees a bias of 2%.
+    assert (SIGMAS * error < 0.015 * expected).all()
 
 
 @pytest.mark.slow

@@ -24,8 +24,8 @@ _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
 _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
-    "start_media", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions", "begin_tracking",
-    "find_collisions", "meet_media", "begin_shadows", "find_shadow_collisions", "dim_shadows",
+    "start_media", "find_gaps", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions",
+    "begin_tracking", "find_collisions", "meet_media", "begin_shadows", "find_shadow_collisions", "dim_shadows",
     "light_segments", "leave_segments", "prepare_collision_guides", "guide_collisions", "draw_collision_candidates",
     "resample_collisions",
 }  # fmt: skip
@@ -115,7 +115,10 @@ def test_python_sees_the_stages_and_no_others() -> None:
 
 def _fill_with_fog(graph: NodeGraph) -> None:
     graph.nodes.append(Node("ShaderNodeTexNoise", "Noise"))
-    density = Link(len(graph.nodes) - 1, "Fac")
+    # So dense that what rays skip at surfaces matters.
+    factor = {"Value": Link(len(graph.nodes) - 1, "Fac"), "Value_001": 1e5}
+    graph.nodes.append(Node("ShaderNodeMath", "Times", factor, {"operation": "MULTIPLY"}))
+    density = Link(len(graph.nodes) - 1, "Value")
     graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": density}, {"phase": "HENYEY_GREENSTEIN"}))
     graph.volume = Link(len(graph.nodes) - 1, "Volume")
 
