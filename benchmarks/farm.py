@@ -117,7 +117,7 @@ def render_costs() -> dict[str, float]:
     from engine.render.course import Course
     from engine.render.film import Film
     from engine.render.session import Session
-    from engine.render.tiles import tiles_of
+    from engine.render.tiles import FrameTiles
     from engine.render.traced import rows_of
     from engine.state.unit import CURRENT
 
@@ -130,7 +130,7 @@ def render_costs() -> dict[str, float]:
     frame = description.frame
     x0, y0, x1, y1 = frame.region
     layout = Film(x1 - x0, y1 - y0).layout
-    tiles = [pixels for pixels, _ in tiles_of(frame)]
+    tiles = [pixels for pixels, _ in FrameTiles(frame)[:]]
     traced, _ = session.trace_tiles(
         settings, layout, tiles, Part(0, 1, CURRENT), 0, Guidance(settings, 2**32), records=True
     )
