@@ -8,10 +8,12 @@ and knows who is there. TLS is its own affair too: its configuration says where 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import queue
 import time
 import uuid
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import dask
@@ -27,6 +29,8 @@ _TIMEOUT = 30.0
 #: How long to wait for the workers of this machine [s].
 _START_TIMEOUT = 120.0
 _POLL = 0.1
+#: Answers that travel at a time: while some come, others are put on the film.
+_FETCHES = 16
 
 
 class DaskPool:
@@ -41,6 +45,7 @@ class DaskPool:
         self._learned: Future | None = None
         self._futures: dict[int, Future] = {}
         self._come: queue.SimpleQueue[tuple[int, Answer]] = queue.SimpleQueue()
+        self._fetching = ThreadPoolExecutor(_FETCHES, thread_name_prefix="fetch")
         self._submitted = 0
         #: Of the tickets of this pool's many renders, which all count from 0: first key.
         self._keys: dict[int, int] = {}
@@ -93,9 +98,10 @@ class DaskPool:
         future.add_done_callback(lambda done: self._note(ticket, key, done))
 
     def _note(self, ticket: int, key: int, future: Future) -> None:
-        """In a thread of Dask's: a task is over."""
+        """In a thread of Dask's, which all tasks share: a task is over. A worker that hangs now must not hold it up."""
         if self._keys.get(ticket) == key and future.status != "cancelled":
-            self._come.put((ticket, _answer(future)))
+            with contextlib.suppress(RuntimeError):  # closed meanwhile
+                self._fetching.submit(lambda: self._come.put((ticket, _answer(future))))
 
     def take(self, seconds: float) -> tuple[int, Answer] | None:
         """The next answer."""
@@ -124,6 +130,7 @@ class DaskPool:
         self._futures.clear()
         if self._local is not None:
             self._local.close()
+        self._fetching.shutdown(wait=False, cancel_futures=True)
         self._client.close(timeout=2)
         if self._cluster is not None:
             self._cluster.close(timeout=2)
@@ -171,10 +178,11 @@ def open_pool(address: str, threads: int = 0) -> DaskPool:
         If the scheduler cannot be reached, or workers of this machine do not start.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
+    # Sums come from the workers themselves, and by way of the scheduler only where these cannot be reached.
     if address.startswith("local:"):
         return _open_local(int(address.removeprefix("local:")), threads)
     try:
-        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+        client = Client(address, timeout=_TIMEOUT, set_as_default=False, direct_to_workers=True)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise ClusterError(f"Cluster: no scheduler answers at {address} ({error})") from None
     return DaskPool(client)
@@ -185,7 +193,7 @@ def _open_local(count: int, threads: int) -> DaskPool:
         n_workers=0, processes=True, host="127.0.0.1", protocol="tcp://", dashboard_address=None,
         silence_logs=logging.ERROR,
     )
-    client = Client(cluster, set_as_default=False)
+    client = Client(cluster, set_as_default=False, direct_to_workers=True)
     local = LocalWorkers(cluster.scheduler_address, count, threads)
     pool = DaskPool(client, local, cluster)
     deadline = time.monotonic() + _START_TIMEOUT
