@@ -80,7 +80,7 @@ def scheduler_costs(task_count: int = 2000, size: int = 1 << 20) -> tuple[float,
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, protocol="tcp://",
         silence_logs=logging.CRITICAL,
-    ) as cluster, Client(cluster) as client:
+    ) as cluster, Client(cluster, direct_to_workers=True) as client:
         names = list(client.nthreads())
         run(100, 0)
         seconds, wall = run(task_count, 0)
@@ -117,8 +117,7 @@ def render_costs() -> dict[str, float]:
     from engine.render.course import Course
     from engine.render.film import Film
     from engine.render.session import Session
-    from engine.render.tiles import tiles_of
-    from engine.render.traced import rows_of
+    from engine.render.tiles import FrameTiles
     from engine.state.unit import CURRENT
 
     description, settings = _scene()
@@ -130,7 +129,7 @@ def render_costs() -> dict[str, float]:
     frame = description.frame
     x0, y0, x1, y1 = frame.region
     layout = Film(x1 - x0, y1 - y0).layout
-    tiles = [pixels for pixels, _ in tiles_of(frame)]
+    tiles = [pixels for pixels, _ in FrameTiles(frame)[:]]
     traced, _ = session.trace_tiles(
         settings, layout, tiles, Part(0, 1, CURRENT), 0, Guidance(settings, 2**32), records=True
     )
@@ -143,11 +142,7 @@ def render_costs() -> dict[str, float]:
         tasks = [course.take() for _ in tiles]
         began = time.process_time()
         again = unpack_traced(packed, layout)
-        row = 0
-        for task, costs, records in zip(tasks, again.costs, again.records or [], strict=True):
-            unit = course.unit(task)
-            course.keep(task, unit, rows_of(again.sums, row, row + len(unit.pixels)), costs, records)
-            row += len(unit.pixels)
+        course.keep_alike(tasks, [course.unit(task) for task in tasks], again.sums, again.costs, again.records)
         times.append((time.process_time() - began) / count)
         assert course.learner is not None
         course.learner.close()

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.cluster.crew import TICKETS
-from engine.cluster.job import MOST_PATHS, RANGES_PER_WORKER
+from engine.cluster.job import MOST_PATHS
+from engine.cluster.ranges import tiles_in_range
 from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, iteration_lengths
 from engine.render.schedule import sample_ranges
 from engine.render.tiles import TILE_SIZE
@@ -102,7 +103,8 @@ def _round(
     """When the last result is on the film, of a round that begins at `start`."""
     waiting: deque[tuple[int, int]] = deque()
     for samples in lengths:
-        share = max(frame.tile_count // (RANGES_PER_WORKER * worker_count), 1)
+        seconds = frame.tile_count * TILE_SIZE**2 * samples * costs.path_seconds / threads
+        share = tiles_in_range(frame.tile_count, worker_count, seconds)
         share = max(min(share, MOST_PATHS // (TILE_SIZE**2 * samples)), 1)
         for first in range(0, frame.tile_count, share):
             waiting.append((min(share, frame.tile_count - first), samples))

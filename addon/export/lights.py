@@ -20,54 +20,72 @@ if TYPE_CHECKING:
     import bpy
 
 
-def export_light(
-    context: ExportContext,
-    graphs: GraphExporter,
-    light_object: bpy.types.Object,
-    transform: Float32Array,
-    visibility: int,
-    light_group: int,
-    random: float,
-    key: object,
-) -> Light | None:
-    """One appearance of a light object; None for portals, which emit nothing.
+class LightExporter:
+    """Exports appearances of light objects; what many share of one datablock is read once.
 
     Parameters
     ----------
-    transform : float32 (4, 4)
-        Object to world.
-    visibility : int
-        VISIBLE_* bits.
-    light_group : int
-        Index into the view layer's, -1 = none.
-    random : float
-        In [0, 1), for Object Info.
+    context : ExportContext
+    graphs : GraphExporter
     """
-    data = light_object.data
-    name = light_object.name
-    if data.type == "AREA" and cycles_property(data, "is_portal", False):
-        context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
-        return None
-    graph = graphs.export(data.node_tree, name) if uses_nodes(data) else None
-    return Light(
-        key=("light", key),
-        name=name,
-        kind=data.type,
-        transform=transform,
-        color=_color(data),
-        temperature=_temperature(data),
-        energy=_energy(data),
-        is_normalized=read_setting(data, "normalize"),
-        use_soft_falloff=read_setting(data, "use_soft_falloff"),
-        cast_shadow=bool(read_setting(data, "use_shadow")),
-        use_mis=cycles_property(data, "use_multiple_importance_sampling", True),
-        max_bounces=cycles_property(data, "max_bounces", 1024),
-        visibility=visibility,
-        graph=graph,
-        light_group=light_group,
-        random=random,
-        **_SHAPES[data.type](data),
-    )
+
+    def __init__(self, context: ExportContext, graphs: GraphExporter) -> None:
+        self._context = context
+        self._graphs = graphs
+        #: By address.
+        self._shared: dict[int, dict[str, Any]] = {}
+
+    def export(
+        self,
+        light_object: bpy.types.Object,
+        transform: Float32Array,
+        visibility: int,
+        light_group: int,
+        random: float,
+        key: object,
+    ) -> Light | None:
+        """One appearance of a light object; None for portals, which emit nothing.
+
+        Parameters
+        ----------
+        transform : float32 (4, 4)
+            Object to world.
+        visibility : int
+            VISIBLE_* bits.
+        light_group : int
+            Index into the view layer's, -1 = none.
+        random : float
+            In [0, 1), for Object Info.
+        """
+        data = light_object.data
+        name = light_object.name
+        if data.type == "AREA" and cycles_property(data, "is_portal", False):
+            self._context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
+            return None
+        address = data.as_pointer()
+        shared = self._shared.get(address)
+        if shared is None:
+            shared = self._shared[address] = self._read(data, name)
+        return Light(
+            key=("light", key), name=name, transform=transform, visibility=visibility, light_group=light_group,
+            random=random, **shared,
+        )
+
+    def _read(self, data: bpy.types.Light, name: str) -> dict[str, Any]:
+        """Fields of `Light` that all of a datablock's objects have in common; `name` stands for them in notices."""
+        return {
+            "kind": data.type,
+            "color": _color(data),
+            "temperature": _temperature(data),
+            "energy": _energy(data),
+            "is_normalized": read_setting(data, "normalize"),
+            "use_soft_falloff": read_setting(data, "use_soft_falloff"),
+            "cast_shadow": bool(read_setting(data, "use_shadow")),
+            "use_mis": cycles_property(data, "use_multiple_importance_sampling", True),
+            "max_bounces": cycles_property(data, "max_bounces", 1024),
+            "graph": self._graphs.export(data.node_tree, name) if uses_nodes(data) else None,
+            **_SHAPES[data.type](data),
+        }
 
 
 def _point(data: bpy.types.PointLight | bpy.types.SpotLight) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from .context import ExportCache, ExportContext, Window
 from .geometry import export_mesh
 from .images import ImageExporter
 from .instances import Appearance, Appearances, gather_appearances, is_invertible
-from .lights import export_light
+from .lights import LightExporter
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
@@ -294,6 +294,7 @@ def _drop_broken(
 
 def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: Appearances) -> list[Light]:
     lights: list[Light] = []
+    exporter = LightExporter(context, graphs)
     is_light = np.array([kind.light is not None for kind in appearances.kinds] + [False], bool)
     counts: dict[str, int] = {}
     for item in np.flatnonzero(is_light[appearances.kind]).tolist():
@@ -306,9 +307,7 @@ def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: A
         if not np.isfinite(transform).all():
             context.notice(kind.name, "has a transform that is not finite", "left out")
             continue
-        light = export_light(
-            context,
-            graphs,
+        light = exporter.export(
             kind.light,
             transform,
             kind.visibility,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Lamps as rows of `LightArrays`: what all have in common, and one function for each kind.
 
+All lamps of a kind are converted at once: a scene may have a hundred thousand.
+
 Blender's units: points, spots and areas in watts, suns in W m^-2, with Cycles' meaning of each shape's radiance:
 
 - point and spot of radius r: power / (4 pi^2 r^2); as a sphere, or with soft falloff as a disc facing the receiver;
@@ -14,7 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,321 +31,395 @@ from engine.state import lights as la
 
 
 @dataclass
-class Lamp:
-    """One usable lamp: its rows, and what the tree (or the list of distant emitters) needs.
+class Lamps:
+    """Usable lamps, L of them: their rows, and what the tree (or the list of distant emitters) needs.
+
+    Sorted by `order`, and by their place in the description.
 
     Attributes
     ----------
-    values : float32 (LAMP_WIDTH,)
-    table : int32 (LAMP_TABLE_WIDTH,)
-    bounds : float32 (BOUNDS_WIDTH,)
+    values : float32 (L, LAMP_WIDTH)
+    table : int32 (L, LAMP_TABLE_WIDTH)
+    bounds : float32 (L, BOUNDS_WIDTH)
         Not read of suns.
-    visibility : int
-        VISIBLE_* bits.
-    distant : tuple of 3 floats or None
+    distant : float64 (L, 3)
         Suns: cosine and sine of the half angle, irradiance [W m^-2].
     """
 
     values: Float32Array
     table: Int32Array
     bounds: Float32Array
-    visibility: int
-    distant: tuple[float, float, float] | None
+    distant: np.ndarray
 
     @property
-    def order(self) -> int:
-        """Sorting key: those that rays may cross, then deltas, then suns with an angle, then those without."""
-        is_delta = bool(self.table[la.LAMP_FLAGS] & la.LAMP_FLAG_DELTA)
-        if self.distant is None:
-            return int(is_delta)
-        return 2 + int(is_delta)
+    def is_sun(self) -> npt.NDArray[np.bool_]:
+        """Which are infinitely far away, (L,)."""
+        return np.asarray(self.table[:, la.LAMP_KIND] == la.LIGHT_SUN)
+
+    @property
+    def order(self) -> npt.NDArray[np.int64]:
+        """Those that rays may cross: 0, then deltas: 1, suns with an angle: 2, and those without: 3; (L,)."""
+        is_delta = (self.table[:, la.LAMP_FLAGS] & la.LAMP_FLAG_DELTA) != 0
+        return 2 * self.is_sun.astype(np.int64) + is_delta
 
 
 @dataclass
-class _Emission:
-    """A lamp's strength, with what its program makes of it.
+class _Columns:
+    """Fields of `Light`, an array each, of N lamps; colour times energy as `strength`.
 
     Attributes
     ----------
-    strength : float64 (3,)
-        Colour times energy, times the program's emission where that is constant.
-    estimate : float64 (3,)
-        Factor on `strength` that the program is expected to give; 1 without a program.
-    temperature : float
+    matrix : float64 (N, 4, 4)
+        Object to world.
+    strength, estimate : float64 (N, 3)
+        Colour times energy, times the program's emission where that is constant; factor on it that the program is
+        expected to give, 1 without a program.
+    temperature : float64 (N,)
         [K] of the black body whose colour it is, 0 = none.
-    program : int
+    program : int64 (N,)
         That has to run, -1 = none.
     """
 
+    index: np.ndarray
+    kind: np.ndarray
+    shape: np.ndarray
+    matrix: np.ndarray
     strength: np.ndarray
     estimate: np.ndarray
-    temperature: float
-    program: int
+    temperature: np.ndarray
+    program: np.ndarray
+    radius: np.ndarray
+    angle: np.ndarray
+    spot_angle: np.ndarray
+    spot_blend: np.ndarray
+    size_x: np.ndarray
+    size_y: np.ndarray
+    spread: np.ndarray
+    is_normalized: np.ndarray
+    use_soft_falloff: np.ndarray
+    flags: np.ndarray
+    visibility: np.ndarray
+    max_bounces: np.ndarray
+    light_group: np.ndarray
+
+    def pick(self, chosen: np.ndarray) -> _Columns:
+        """Those lamps alone."""
+        return _Columns(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
     @property
-    def mean(self) -> float:
-        """Magnitude, mean of channels."""
-        return float(np.abs(self.strength * self.estimate).mean())
+    def mean(self) -> np.ndarray:
+        """Magnitude of the emission, mean of channels, (N,)."""
+        return np.abs(self.strength * self.estimate).mean(axis=1)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Its own axes in the world, as columns, (N, 3, 3)."""
+        return self.matrix[:, :3, :3]
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Of its own -z, unit, (N, 3)."""
+        return _unit(-self.matrix[:, :3, 2])
 
 
 @dataclass
 class _Draft:
-    """A lamp that the function of its kind completes.
+    """Rows that the function of their kind completes.
 
     Attributes
     ----------
-    matrix : float64 (4, 4)
-        Object to world.
-    mean : float
-        Of its emission (`_Emission.mean`).
-    flags : int
-        LAMP_FLAG_* bits.
-    scale : float
+    scale : float64 (N,)
         Radiance over strength.
-    values, bounds : float64 (LAMP_WIDTH,), (BOUNDS_WIDTH,)
-    distant : as `Lamp.distant`
+    is_usable : bool (N,)
+        False where a lamp cannot light anything.
+    flags : int64 (N,)
+        LAMP_FLAG_* bits.
+    values, bounds, distant : float64
+        As in `Lamps`.
     """
 
-    matrix: np.ndarray
-    mean: float
-    flags: int
-    scale: float = 1.0
-    values: np.ndarray = field(default_factory=lambda: np.zeros(la.LAMP_WIDTH, np.float64))
-    bounds: np.ndarray = field(default_factory=lambda: np.zeros(lt.BOUNDS_WIDTH, np.float64))
-    distant: tuple[float, float, float] | None = None
+    scale: np.ndarray
+    is_usable: np.ndarray
+    flags: np.ndarray
+    values: np.ndarray
+    bounds: np.ndarray
+    distant: np.ndarray
 
-    @property
-    def position(self) -> np.ndarray:
-        """World [m], (3,)."""
-        return self.matrix[:3, 3]
-
-    @property
-    def columns(self) -> np.ndarray:
-        """Its own axes in the world, (3, 3)."""
-        return self.matrix[:3, :3]
-
-    @property
-    def direction(self) -> np.ndarray:
-        """Of its own -z, unit, (3,)."""
-        return _unit(-self.matrix[:3, 2])
-
-    def make_delta(self) -> None:
-        """No ray finds it by chance."""
-        self.flags = (self.flags | la.LAMP_FLAG_DELTA) & ~la.LAMP_FLAG_MIS
+    def make_delta(self, chosen: np.ndarray) -> None:
+        """No ray finds these by chance."""
+        self.flags[chosen] = (self.flags[chosen] | la.LAMP_FLAG_DELTA) & ~la.LAMP_FLAG_MIS
 
 
-def _unit(vector: np.ndarray) -> np.ndarray:
-    norm = float(np.linalg.norm(vector))
-    return vector / norm if norm > 0.0 else vector
+def _draft(lamps: _Columns) -> _Draft:
+    count = len(lamps.index)
+    draft = _Draft(
+        scale=np.ones(count),
+        is_usable=np.ones(count, bool),
+        flags=lamps.flags.copy(),
+        values=np.zeros((count, la.LAMP_WIDTH)),
+        bounds=np.zeros((count, lt.BOUNDS_WIDTH)),
+        distant=np.zeros((count, 3)),
+    )
+    draft.values[:, la.LAMP_P : la.LAMP_P + 3] = lamps.matrix[:, :3, 3]
+    return draft
 
 
-def _is_grey(color: npt.ArrayLike) -> bool:
-    r, g, b = np.asarray(color, np.float64)
-    return bool(r == g == b)
+def _norm(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors * vectors).sum(axis=-1))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    norm = _norm(vectors)[..., None]
+    return np.where(norm > 0.0, vectors / np.where(norm > 0.0, norm, 1.0), vectors)
+
+
+def _is_grey(colors: np.ndarray) -> np.ndarray:
+    return np.asarray((colors[..., 0] == colors[..., 1]) & (colors[..., 1] == colors[..., 2]))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Kinds: each completes a draft; False where the lamp cannot light anything.
+# Kinds: each completes drafts of its lamps.
 
 
-def _convert_point(light: Light, draft: _Draft) -> bool:
-    radius = max(0.0, light.radius)
-    if not light.use_soft_falloff and radius > 0.0:
-        draft.flags |= la.LAMP_FLAG_SPHERE
-    if radius > 0.0:
-        area = 4.0 * math.pi * radius**2 if light.is_normalized else 1.0
-        draft.scale = 1.0 / (math.pi * area)
-        intensity = draft.mean * draft.scale * math.pi * radius**2
-    else:
-        draft.make_delta()
-        draft.scale = 1.0 / (4.0 * math.pi) if light.is_normalized else 1.0 / math.pi
-        intensity = draft.mean * draft.scale
-    draft.values[la.LAMP_RADIUS] = radius
-    bounds = draft.bounds
-    bounds[lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = draft.position - radius
-    bounds[lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = draft.position + radius
-    bounds[lt.BOUNDS_ENERGY] = intensity
-    bounds[lt.BOUNDS_AXIS + 2] = 1.0
-    bounds[lt.BOUNDS_NORMALS] = math.pi
-    bounds[lt.BOUNDS_EMISSION] = 0.5 * math.pi
-    bounds[lt.BOUNDS_SPREAD] = 0.5 * radius**2
-    bounds[lt.BOUNDS_RADIUS_SQUARED] = radius**2
-    return True
+def _convert_points(lamps: _Columns, draft: _Draft) -> None:
+    values, bounds = draft.values, draft.bounds
+    radius = np.maximum(0.0, lamps.radius)
+    squared = radius * radius
+    is_round = radius > 0.0
+    draft.flags[is_round & ~lamps.use_soft_falloff] |= la.LAMP_FLAG_SPHERE
+    draft.make_delta(~is_round)
+    area = np.where(lamps.is_normalized & is_round, 4.0 * math.pi * squared, 1.0)
+    of_delta = np.where(lamps.is_normalized, 1.0 / (4.0 * math.pi), 1.0 / math.pi)
+    draft.scale = np.where(is_round, 1.0 / (math.pi * area), of_delta)
+    intensity = lamps.mean * draft.scale
+    values[:, la.LAMP_RADIUS] = radius
+    position = lamps.matrix[:, :3, 3]
+    bounds[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = position - radius[:, None]
+    bounds[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = position + radius[:, None]
+    bounds[:, lt.BOUNDS_ENERGY] = np.where(is_round, intensity * math.pi * squared, intensity)
+    bounds[:, lt.BOUNDS_AXIS + 2] = 1.0
+    bounds[:, lt.BOUNDS_NORMALS] = math.pi
+    bounds[:, lt.BOUNDS_EMISSION] = 0.5 * math.pi
+    bounds[:, lt.BOUNDS_SPREAD] = 0.5 * squared
+    bounds[:, lt.BOUNDS_RADIUS_SQUARED] = squared
 
 
-def _convert_spot(light: Light, draft: _Draft) -> bool:
-    """A point within a cone, which the transform may squeeze."""
-    _convert_point(light, draft)
-    columns, values, bounds = draft.columns, draft.values, draft.bounds
-    if abs(float(np.linalg.det(columns))) < 1e-30:
-        return False
-    half = 0.5 * light.spot_angle
-    cosine = math.cos(half)
-    lengths = np.linalg.norm(columns, axis=0)
-    values[la.LAMP_DIRECTION : la.LAMP_DIRECTION + 3] = draft.direction
-    values[la.LAMP_INVERSE : la.LAMP_INVERSE + 9] = np.linalg.inv(columns).ravel()
-    values[la.LAMP_COS_SPOT] = cosine
-    smooth = (1.0 - cosine) * light.spot_blend
-    values[la.LAMP_SPOT_SCALE] = min(1e30, 1.0 / max(smooth, 1e-30))
-    widest = math.tan(min(half, 0.5 * math.pi - 1e-4)) * max(lengths[0], lengths[1]) / lengths[2]
-    values[la.LAMP_ONE_MINUS_COS] = 1.0 - 1.0 / math.sqrt(1.0 + widest**2)
+def _convert_spots(lamps: _Columns, draft: _Draft) -> None:
+    """Points within a cone, which the transform may squeeze."""
+    _convert_points(lamps, draft)
+    draft.is_usable = np.abs(np.linalg.det(lamps.axes)) >= 1e-30
+    axes = np.where(draft.is_usable[:, None, None], lamps.axes, np.eye(3))
+    values, bounds = draft.values, draft.bounds
+    half = 0.5 * lamps.spot_angle
+    cosine = np.cos(half)
+    lengths = np.sqrt((axes * axes).sum(axis=1))
+    values[:, la.LAMP_DIRECTION : la.LAMP_DIRECTION + 3] = lamps.direction
+    values[:, la.LAMP_INVERSE : la.LAMP_INVERSE + 9] = np.linalg.inv(axes).reshape(-1, 9)
+    values[:, la.LAMP_COS_SPOT] = cosine
+    smooth = (1.0 - cosine) * lamps.spot_blend
+    values[:, la.LAMP_SPOT_SCALE] = np.minimum(1e30, 1.0 / np.maximum(smooth, 1e-30))
+    longer, shorter = np.maximum(lengths[:, 0], lengths[:, 1]), np.minimum(lengths[:, 0], lengths[:, 1])
+    widest = np.tan(np.minimum(half, 0.5 * math.pi - 1e-4)) * longer / lengths[:, 2]
+    values[:, la.LAMP_ONE_MINUS_COS] = 1.0 - 1.0 / np.sqrt(1.0 + widest * widest)
     # Full strength within the inner cone, fading to the outer one.
-    inner = math.acos(min(1.0, cosine + smooth))
-    narrowest = math.tan(min(inner, 0.5 * math.pi - 1e-4)) * min(lengths[0], lengths[1]) / lengths[2]
-    bounds[lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = draft.direction
-    bounds[lt.BOUNDS_NORMALS] = math.atan(narrowest)
-    bounds[lt.BOUNDS_EMISSION] = math.atan(widest) - math.atan(narrowest) + 2e-3
-    return True
+    inner = np.arccos(np.minimum(1.0, cosine + smooth))
+    narrowest = np.tan(np.minimum(inner, 0.5 * math.pi - 1e-4)) * shorter / lengths[:, 2]
+    bounds[:, lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = lamps.direction
+    bounds[:, lt.BOUNDS_NORMALS] = np.arctan(narrowest)
+    bounds[:, lt.BOUNDS_EMISSION] = np.arctan(widest) - np.arctan(narrowest) + 2e-3
 
 
-def _convert_area(light: Light, draft: _Draft) -> bool:
-    columns, values, bounds = draft.columns, draft.values, draft.bounds
-    is_ellipse = light.shape in ("DISK", "ELLIPSE")
-    size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
-    along_u, along_v = columns[:, 0] * light.size_x, columns[:, 1] * size_y
-    length_u, length_v = float(np.linalg.norm(along_u)), float(np.linalg.norm(along_v))
-    area = length_u * length_v * (0.25 * math.pi if is_ellipse else 1.0)
-    if not area > 0.0:
-        return False
-    draft.flags |= la.LAMP_FLAG_ELLIPSE if is_ellipse else 0
-    spread = min(math.pi, max(0.0, light.spread))
-    scale = 1.0 / math.pi / (area if light.is_normalized else 1.0)
-    radiance = draft.mean * scale
-    peak = 1.0
+def _convert_areas(lamps: _Columns, draft: _Draft) -> None:
+    axes, values, bounds = lamps.axes, draft.values, draft.bounds
+    is_ellipse = np.isin(lamps.shape, ("DISK", "ELLIPSE"))
+    size_y = np.where(np.isin(lamps.shape, ("SQUARE", "DISK")), lamps.size_x, lamps.size_y)
+    along_u, along_v = axes[:, :, 0] * lamps.size_x[:, None], axes[:, :, 1] * size_y[:, None]
+    length_u, length_v = _norm(along_u), _norm(along_v)
+    area = length_u * length_v * np.where(is_ellipse, 0.25 * math.pi, 1.0)
+    draft.is_usable = area > 0.0
+    # Whatever: the rows of those that are not usable are not taken.
+    area = np.where(draft.is_usable, area, 1.0)
+    draft.flags[is_ellipse] |= la.LAMP_FLAG_ELLIPSE
+    spread = np.minimum(math.pi, np.maximum(0.0, lamps.spread))
     half = 0.5 * spread
-    if spread <= 0.0:
-        # Parallel light: the radiance's integral over directions is what counts.
-        draft.make_delta()
-        scale *= math.pi
-        radiance = draft.mean * (scale / math.pi)
-        peak = 1e4
-    elif spread < math.pi - 1e-6:
-        values[la.LAMP_TAN_SPREAD] = math.tan(half)
-        values[la.LAMP_SPREAD_SCALE] = 1.0 / (math.tan(half) - half) if half > 0.05 else 3.0 / half**3
-        peak = values[la.LAMP_TAN_SPREAD] * values[la.LAMP_SPREAD_SCALE]
-    draft.scale = scale
+    # Parallel light: the radiance's integral over directions is what counts.
+    is_parallel = spread <= 0.0
+    draft.make_delta(is_parallel)
+    scale = 1.0 / math.pi / np.where(lamps.is_normalized, area, 1.0)
+    draft.scale = np.where(is_parallel, scale * math.pi, scale)
+    radiance = lamps.mean * np.where(is_parallel, draft.scale / math.pi, scale)
+    is_narrow = ~is_parallel & (spread < math.pi - 1e-6)
+    narrow = np.where(is_narrow, half, 1.0)
+    tangent = np.tan(narrow)
+    # The difference cancels where they are small.
+    excess = np.where(narrow > 0.05, tangent - narrow, narrow * narrow * narrow / 3.0)
+    spread_scale = 1.0 / excess
+    values[:, la.LAMP_TAN_SPREAD] = np.where(is_narrow, tangent, 0.0)
+    values[:, la.LAMP_SPREAD_SCALE] = np.where(is_narrow, spread_scale, 0.0)
+    peak = np.where(is_parallel, 1e4, np.where(is_narrow, tangent * spread_scale, 1.0))
     # A sheared lamp is made rectangular again: its normal is its plane's, on the side of its own -z.
-    axis_u = along_u / length_u
-    axis_v = _unit(along_v - (along_v @ axis_u) * axis_u)
+    axis_u = _unit(along_u)
+    axis_v = _unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
     normal = np.cross(axis_u, axis_v)
-    direction = normal if normal @ draft.direction >= 0.0 else -normal
-    along_v = axis_v * length_v
-    values[la.LAMP_AXIS_U : la.LAMP_AXIS_U + 3] = axis_u
-    values[la.LAMP_AXIS_V : la.LAMP_AXIS_V + 3] = axis_v
-    values[la.LAMP_DIRECTION : la.LAMP_DIRECTION + 3] = direction
-    values[la.LAMP_LENGTH_U], values[la.LAMP_LENGTH_V] = length_u, length_v
+    is_away = (normal * lamps.direction).sum(axis=1) < 0.0
+    direction = np.where(is_away[:, None], -normal, normal)
+    along_v = axis_v * length_v[:, None]
+    values[:, la.LAMP_AXIS_U : la.LAMP_AXIS_U + 3] = axis_u
+    values[:, la.LAMP_AXIS_V : la.LAMP_AXIS_V + 3] = axis_v
+    values[:, la.LAMP_DIRECTION : la.LAMP_DIRECTION + 3] = direction
+    values[:, la.LAMP_LENGTH_U], values[:, la.LAMP_LENGTH_V] = length_u, length_v
+    position = lamps.matrix[:, :3, 3]
     extent = 0.5 * (np.abs(along_u) + np.abs(along_v))
-    bounds[lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = draft.position - extent
-    bounds[lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = draft.position + extent
-    bounds[lt.BOUNDS_ENERGY] = radiance * area * peak
-    bounds[lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = direction
-    bounds[lt.BOUNDS_EMISSION] = half + 1e-3
-    bounds[lt.BOUNDS_SPREAD] = area * peak / math.pi
-    bounds[lt.BOUNDS_RADIUS_SQUARED] = 0.25 * (
-        max(length_u, length_v) ** 2 if is_ellipse else length_u**2 + length_v**2
+    bounds[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = position - extent
+    bounds[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = position + extent
+    bounds[:, lt.BOUNDS_ENERGY] = radiance * area * peak
+    bounds[:, lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = direction
+    bounds[:, lt.BOUNDS_EMISSION] = half + 1e-3
+    bounds[:, lt.BOUNDS_SPREAD] = area * peak / math.pi
+    longest = np.maximum(length_u, length_v)
+    bounds[:, lt.BOUNDS_RADIUS_SQUARED] = 0.25 * np.where(
+        is_ellipse, longest * longest, length_u * length_u + length_v * length_v
     )
-    return True
 
 
-def _convert_sun(light: Light, draft: _Draft) -> bool:
-    half = 0.5 * min(math.pi, max(0.0, light.angle))
-    draft.values[la.LAMP_P : la.LAMP_P + 3] = -draft.direction
-    draft.values[la.LAMP_ONE_MINUS_COS] = 2.0 * math.sin(0.5 * half) ** 2
-    irradiance = draft.mean
-    if half > 0.0:
-        disc = math.pi * math.sin(half) ** 2
-        draft.scale = 1.0 / disc if light.is_normalized else 1.0
-        irradiance = draft.mean * draft.scale * disc
-    else:
-        draft.make_delta()
-    draft.distant = (math.cos(half), math.sin(half), irradiance)
-    return True
+def _convert_suns(lamps: _Columns, draft: _Draft) -> None:
+    half = 0.5 * np.minimum(math.pi, np.maximum(0.0, lamps.angle))
+    sine, sine_half = np.sin(half), np.sin(0.5 * half)
+    draft.values[:, la.LAMP_P : la.LAMP_P + 3] = -lamps.direction
+    draft.values[:, la.LAMP_ONE_MINUS_COS] = 2.0 * (sine_half * sine_half)
+    has_angle = half > 0.0
+    disc = np.where(has_angle, math.pi * (sine * sine), 1.0)
+    draft.scale = np.where(has_angle & lamps.is_normalized, 1.0 / disc, 1.0)
+    draft.make_delta(~has_angle)
+    draft.distant = np.stack([np.cos(half), sine, lamps.mean * draft.scale * disc], axis=1)
 
 
 #: By `Light.kind`: the kind that kernels know, and who converts it.
-_KINDS: dict[str, tuple[int, Callable[[Light, _Draft], bool]]] = {
-    "POINT": (la.LIGHT_POINT, _convert_point),
-    "SPOT": (la.LIGHT_SPOT, _convert_spot),
-    "AREA": (la.LIGHT_AREA, _convert_area),
-    "SUN": (la.LIGHT_SUN, _convert_sun),
+_KINDS: dict[str, tuple[int, Callable[[_Columns, _Draft], None]]] = {
+    "POINT": (la.LIGHT_POINT, _convert_points),
+    "SPOT": (la.LIGHT_SPOT, _convert_spots),
+    "AREA": (la.LIGHT_AREA, _convert_areas),
+    "SUN": (la.LIGHT_SUN, _convert_suns),
 }
 
 
 # ---------------------------------------------------------------------------------------------------------------------
 # What all kinds have in common
 
-
-def _emission_of(light: Light, strength: np.ndarray, program: int, info: ProgramInfo) -> _Emission:
-    """What a lamp's `program` (-1 = none) makes of its colour times energy, `strength`."""
-    if program < 0:
-        return _Emission(strength, np.ones(3), light.temperature, -1)
-    estimate = np.asarray(info.emission_estimate[program], np.float64)
-    temperature = light.temperature
-    if info.temperature[program] > 0.0 and _is_grey(light.color):
-        temperature = float(info.temperature[program])
-    elif not _is_grey(estimate):
-        temperature = 0.0
-    if info.emission_is_constant[program]:
-        return _Emission(strength * estimate, np.ones(3), temperature, -1)
-    return _Emission(strength, estimate, temperature, program)
+#: Fields of `Light` whose columns are taken as they are: their types as columns.
+_TAKEN: dict[str, Any] = {
+    "kind": str, "shape": str, "temperature": np.float64, "radius": np.float64, "angle": np.float64,
+    "spot_angle": np.float64, "spot_blend": np.float64, "size_x": np.float64, "size_y": np.float64,
+    "spread": np.float64, "is_normalized": bool, "use_soft_falloff": bool, "visibility": np.int64,
+    "max_bounces": np.int64, "light_group": np.int64,
+}  # fmt: skip
 
 
-def _convert_lamp(light: Light, index: int, program: int, info: ProgramInfo, notices: list[Notice]) -> Lamp | None:
-    """Rows of a lamp, or None where it cannot light anything."""
-    strength = np.asarray(light.color, np.float64) * light.energy
-    matrix = np.asarray(light.transform, np.float64)
-    if not (np.isfinite(strength).all() and np.isfinite(matrix).all()):
-        notices.append(Notice(f"light {light.name}", "its transform or strength is NaN or infinite", "it is left out"))
-        return None
-    emission = _emission_of(light, strength, program, info)
-    flags = (la.LAMP_FLAG_MIS if light.use_mis else 0) | (la.LAMP_FLAG_SHADOW if light.cast_shadow else 0)
-    if emission.program >= 0:
-        # A ray that crosses the lamp does not run its program: the lamp is left to sampling alone, which does.
-        flags &= ~la.LAMP_FLAG_MIS
+def _read(lights: list[Light], info: ProgramInfo) -> tuple[_Columns, np.ndarray]:
+    """Columns of lights, at least one, as they are without their programs, and of each its program, int64 (N,)."""
+    columns = dict(zip(_TAKEN, zip(*map(attrgetter(*_TAKEN), lights), strict=True), strict=True))
+    use_mis, cast_shadow = np.array([(light.use_mis, light.cast_shadow) for light in lights], bool).T
+    energy = np.array([light.energy for light in lights], np.float64)
+    count = len(lights)
+    programs = np.full(count, -1, np.int64)
+    known = min(count, len(info.light_program))
+    programs[:known] = info.light_program[:known]
+    return _Columns(
+        index=np.arange(count),
+        matrix=np.array([light.transform for light in lights], np.float64),
+        strength=np.array([light.color for light in lights], np.float64) * energy[:, None],
+        estimate=np.ones((count, 3)),
+        program=np.full(count, -1, np.int64),
+        flags=np.where(use_mis, la.LAMP_FLAG_MIS, 0) | np.where(cast_shadow, la.LAMP_FLAG_SHADOW, 0),
+        **{name: np.array(columns[name], kind) for name, kind in _TAKEN.items()},
+    ), programs
+
+
+def _apply_programs(lamps: _Columns, colors: np.ndarray, programs: np.ndarray, info: ProgramInfo) -> None:
+    """What lamps' programs (-1 = none) make of their strengths; `colors`: theirs, (N, 3)."""
+    has_program = programs >= 0
+    own = programs[has_program]
+    estimate = info.emission_estimate[own].astype(np.float64)
+    of_body = info.temperature[own].astype(np.float64)
+    is_body = (of_body > 0.0) & _is_grey(colors[has_program])
+    kept = np.where(_is_grey(estimate), lamps.temperature[has_program], 0.0)
+    lamps.temperature[has_program] = np.where(is_body, of_body, kept)
+    is_constant = info.emission_is_constant[own]
+    lamps.strength[has_program] *= np.where(is_constant[:, None], estimate, 1.0)
+    lamps.estimate[has_program] = np.where(is_constant[:, None], 1.0, estimate)
+    lamps.program[has_program] = np.where(is_constant, -1, own)
+    # A ray that crosses the lamp does not run its program: the lamp is left to sampling alone, which does.
+    lamps.flags[lamps.program >= 0] &= ~la.LAMP_FLAG_MIS
+
+
+def _notice(lamps: _Columns, lights: list[Light], is_finite: np.ndarray, notices: list[Notice]) -> None:
+    """What cannot be rendered as it is meant, in the order of the lights."""
+    for index in np.flatnonzero(~is_finite | (lamps.program >= 0)).tolist():
+        subject = f"light {lights[index].name}"
+        if not is_finite[index]:
+            notices.append(Notice(subject, "its transform or strength is NaN or infinite", "it is left out"))
+            continue
         notices.append(
             Notice(
-                f"light {light.name}",
+                subject,
                 "its nodes give an emission that varies",
                 "it is sampled exactly, but rays that hit it by chance (mirror reflections) do not see it; to the "
                 "camera it shows its mean",
             )
         )
-    if not np.any(emission.strength) or not np.any(emission.estimate):
-        return None
-    if light.kind not in _KINDS:
-        raise ValueError(f"light {light.name}: kind is {light.kind!r}, choose {', '.join(_KINDS)}")
-    kind, convert = _KINDS[light.kind]
-    draft = _Draft(matrix, emission.mean, flags)
-    values = draft.values
-    values[la.LAMP_P : la.LAMP_P + 3] = draft.position
-    if not convert(light, draft):
-        return None
-    values[la.LAMP_RADIANCE : la.LAMP_RADIANCE + 3] = emission.strength * draft.scale
-    values[la.LAMP_ESTIMATE : la.LAMP_ESTIMATE + 3] = emission.estimate
-    values[la.LAMP_TEMPERATURE] = emission.temperature
-    table = np.zeros(la.LAMP_TABLE_WIDTH, np.int32)
-    table[la.LAMP_KIND] = kind
-    table[la.LAMP_FLAGS] = draft.flags
-    table[la.LAMP_VISIBILITY] = light.visibility
-    table[la.LAMP_MAX_BOUNCES] = min(light.max_bounces, 1 << 20)
-    table[la.LAMP_PROGRAM] = emission.program
-    table[la.LAMP_LIGHT] = index
-    table[la.LAMP_LIGHT_GROUP] = light.light_group
-    return Lamp(values.astype(np.float32), table, draft.bounds.astype(np.float32), light.visibility, draft.distant)
 
 
-def convert_lamps(lights: list[Light], info: ProgramInfo, notices: list[Notice]) -> list[Lamp]:
-    """Usable lamps, sorted by `Lamp.order`; what cannot be rendered as it is meant is added to `notices`.
+def convert_lamps(lights: list[Light], info: ProgramInfo, notices: list[Notice]) -> Lamps:
+    """Usable lamps; what cannot be rendered as it is meant is added to `notices`.
 
     Raises
     ------
     ValueError
         A lamp is of a kind that does not exist.
     """
-    lamps = []
-    for index, light in enumerate(lights):
-        program = int(info.light_program[index]) if index < len(info.light_program) else -1
-        lamp = _convert_lamp(light, index, program, info, notices)
-        if lamp is not None:
-            lamps.append(lamp)
-    return sorted(lamps, key=lambda lamp: lamp.order)
+    rows = Lamps(
+        values=np.zeros((len(lights), la.LAMP_WIDTH), np.float32),
+        table=np.zeros((len(lights), la.LAMP_TABLE_WIDTH), np.int32),
+        bounds=np.zeros((len(lights), lt.BOUNDS_WIDTH), np.float32),
+        distant=np.zeros((len(lights), 3)),
+    )
+    if not lights:
+        return rows
+    lamps, programs = _read(lights, info)
+    is_finite = np.isfinite(lamps.strength).all(axis=1) & np.isfinite(lamps.matrix).all(axis=(1, 2))
+    programs[~is_finite] = -1
+    _apply_programs(lamps, np.array([light.color for light in lights], np.float64), programs, info)
+    _notice(lamps, lights, is_finite, notices)
+    is_usable = is_finite & lamps.strength.any(axis=1) & lamps.estimate.any(axis=1)
+    for index in np.flatnonzero(is_usable & ~np.isin(lamps.kind, tuple(_KINDS)))[:1].tolist():
+        raise ValueError(f"light {lights[index].name}: kind is {lights[index].kind!r}, choose {', '.join(_KINDS)}")
+    for name, (kind, convert) in _KINDS.items():
+        chosen = np.flatnonzero(is_usable & (lamps.kind == name))
+        if len(chosen):
+            _fill(rows, chosen, lamps.pick(chosen), kind, convert, is_usable)
+    order = np.argsort(rows.order, kind="stable")
+    order = order[is_usable[order]]
+    return Lamps(rows.values[order], rows.table[order], rows.bounds[order], rows.distant[order])
+
+
+def _fill(
+    rows: Lamps, chosen: np.ndarray, lamps: _Columns, kind: int, convert: Callable[[_Columns, _Draft], None],
+    is_usable: np.ndarray,
+) -> None:
+    """Write the rows of lamps of one kind, `chosen` out of all; those that cannot light anything are not usable."""
+    draft = _draft(lamps)
+    convert(lamps, draft)
+    is_usable[chosen] = draft.is_usable
+    values, table = draft.values, np.zeros((len(chosen), la.LAMP_TABLE_WIDTH), np.int64)
+    values[:, la.LAMP_RADIANCE : la.LAMP_RADIANCE + 3] = lamps.strength * draft.scale[:, None]
+    values[:, la.LAMP_ESTIMATE : la.LAMP_ESTIMATE + 3] = lamps.estimate
+    values[:, la.LAMP_TEMPERATURE] = lamps.temperature
+    table[:, la.LAMP_KIND] = kind
+    table[:, la.LAMP_FLAGS] = draft.flags
+    table[:, la.LAMP_VISIBILITY] = lamps.visibility
+    table[:, la.LAMP_MAX_BOUNCES] = np.minimum(lamps.max_bounces, 1 << 20)
+    table[:, la.LAMP_PROGRAM] = lamps.program
+    table[:, la.LAMP_LIGHT] = lamps.index
+    table[:, la.LAMP_LIGHT_GROUP] = lamps.light_group
+    rows.values[chosen], rows.table[chosen] = values, table
+    rows.bounds[chosen], rows.distant[chosen] = draft.bounds, draft.distant

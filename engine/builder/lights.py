@@ -50,33 +50,34 @@ def build_lights(
         environment = empty_map()
 
     triangle_count = len(triangles.rows)
-    local_lamps = [lamp for lamp in lamps if lamp.distant is None]
-    suns = lamps[len(local_lamps) :]
+    is_sun = lamps.is_sun
+    local_count, sun_count = int((~is_sun).sum()), int(is_sun.sum())
+    lamp_count = local_count + sun_count
     has_background = environment.mean > 0.0
-    emitters = np.zeros((triangle_count + len(lamps) + has_background, la.EMITTER_WIDTH), np.int32)
+    emitters = np.zeros((triangle_count + lamp_count + has_background, la.EMITTER_WIDTH), np.int32)
     emitters[:triangle_count] = triangles.emitters
-    for row, lamp in enumerate(lamps):
-        lamp.table[la.LAMP_EMITTER] = triangle_count + row
-        emitters[triangle_count + row] = (
-            lamp.table[la.LAMP_KIND], row, -1, -1, lamp.table[la.LAMP_PROGRAM], 0, 0, lamp.visibility
-        )  # fmt: skip
+    lamps.table[:, la.LAMP_EMITTER] = triangle_count + np.arange(lamp_count)
+    of_lamps = emitters[triangle_count : triangle_count + lamp_count]
+    of_lamps[:, la.EMITTER_KIND] = lamps.table[:, la.LAMP_KIND]
+    of_lamps[:, la.EMITTER_LAMP] = np.arange(lamp_count)
+    of_lamps[:, [la.EMITTER_INSTANCE, la.EMITTER_TRIANGLE]] = -1
+    of_lamps[:, la.EMITTER_PROGRAM] = lamps.table[:, la.LAMP_PROGRAM]
+    of_lamps[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
 
-    bounds = np.concatenate([triangles.bounds, *(lamp.bounds[None] for lamp in local_lamps)])
+    # Suns come last.
+    bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
     nodes, child, parent, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
     emitters[: len(leaf), la.EMITTER_NODE] = leaf
 
-    distant = np.zeros((len(suns) + has_background, la.DISTANT_WIDTH), np.float32)
-    for k, sun in enumerate(suns):
-        emitter = triangle_count + len(local_lamps) + k
-        emitters[emitter, la.EMITTER_NODE] = ~k
-        assert sun.distant is not None
-        cosine, sine, irradiance = sun.distant
-        distant[k, :3] = sun.values[la.LAMP_P : la.LAMP_P + 3]
-        distant[k, 3:7] = (cosine, sine, irradiance, emitter)
+    distant = np.zeros((sun_count + has_background, la.DISTANT_WIDTH), np.float32)
+    of_lamps[local_count:, la.EMITTER_NODE] = ~np.arange(sun_count)
+    distant[:sun_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
+    distant[:sun_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
+    distant[:sun_count, la.DISTANT_EMITTER] = triangle_count + local_count + np.arange(sun_count)
     if has_background:
         assert world is not None
         emitters[-1] = (
-            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~len(suns), world.visibility
+            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~sun_count, world.visibility
         )  # fmt: skip
         distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
 
@@ -87,20 +88,20 @@ def build_lights(
     cut, node_cluster = choose_cut(nodes, child)
     bands, sectors, patches, patch_share = divide_map(environment)
 
-    order = np.array([lamp.order for lamp in lamps], np.int64)
+    order = lamps.order
     header = np.zeros(la.HEADER_WIDTH, np.int32)
     header[la.HEADER_EMITTERS] = len(emitters)
     header[la.HEADER_HITTABLE] = int((order == 0).sum())
-    header[la.HEADER_FIRST_SUN] = len(local_lamps)
-    header[la.HEADER_LAST_SUN] = len(local_lamps) + int((order == 2).sum())
+    header[la.HEADER_FIRST_SUN] = local_count
+    header[la.HEADER_LAST_SUN] = local_count + int((order == 2).sum())
     header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
     header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
     header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
     header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
     header[la.HEADER_CUT] = len(cut)
-    header[la.HEADER_FIRST_PATCH] = len(cut) + len(suns)
-    header[la.HEADER_CLUSTERS] = len(cut) + len(suns) + len(patches)
+    header[la.HEADER_FIRST_PATCH] = len(cut) + sun_count
+    header[la.HEADER_CLUSTERS] = len(cut) + sun_count + len(patches)
     header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = None
     world_program = program_info.world_program
@@ -121,8 +122,8 @@ def build_lights(
         emitters=emitters,
         triangles=triangles.rows,
         sources=sources if sources is not None else np.zeros((0, 4), np.float32),
-        lamps=np.array([lamp.values for lamp in lamps], np.float32).reshape(-1, la.LAMP_WIDTH),
-        lamp_table=np.array([lamp.table for lamp in lamps], np.int32).reshape(-1, la.LAMP_TABLE_WIDTH),
+        lamps=lamps.values,
+        lamp_table=lamps.table,
         lookup_offset=triangles.lookup_offset,
         lookup=triangles.lookup,
         map_marginal=environment.marginal,
@@ -134,6 +135,6 @@ def build_lights(
         map_patches=patches,
         node_cluster=node_cluster,
         cluster_node=cut,
-        cluster_share=np.concatenate([np.ones(len(cut) + len(suns), np.float32), patch_share]),
+        cluster_share=np.concatenate([np.ones(len(cut) + sun_count, np.float32), patch_share]),
         selection=no_selection(),
     )

@@ -20,6 +20,8 @@ from engine.cluster.ranges import TaskRange
 TICKETS = 2
 #: A ticket is late when it takes so many times what such tickets take.
 LATE_FACTOR = 3.0
+#: Whoever has nothing to do helps with a ticket that takes so many times what such tickets take.
+_HELP_FACTOR = 1.5
 #: Speeds of so many of the newest tickets count.
 _REMEMBERED = 64
 
@@ -131,9 +133,14 @@ class Crew:
                 found.append(name)
         return found
 
+    @property
+    def path_seconds(self) -> float | None:
+        """What a path takes a worker, with all its threads; None while nobody knows."""
+        return median(self._speeds) if self._speeds else None
+
     def _expected(self, worker: _Worker, ticket: Ticket) -> float | None:
         """Time [s] that others need for such a ticket, None while nobody knows."""
-        tracing = median(self._speeds) * ticket.item.path_count if self._speeds else None
+        tracing = None if self.path_seconds is None else self.path_seconds * ticket.item.path_count
         if worker.has_answered:
             return tracing
         return self._longest_first + (tracing or 0.0) if self._longest_first else None
@@ -159,7 +166,7 @@ class Crew:
                 return ticket.item
         for ticket in single:
             expected = self._expected(self._workers[ticket.worker], ticket)
-            if expected is not None and ticket.began is not None and now - ticket.began > expected:
+            if expected is not None and ticket.began is not None and now - ticket.began > _HELP_FACTOR * expected:
                 return ticket.item
         return None
 

@@ -8,10 +8,13 @@ and knows who is there. TLS is its own affair too: its configuration says where 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import queue
 import time
 import uuid
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import dask
@@ -24,23 +27,52 @@ from engine.cluster.work import FAILED, LOST, REFUSED, Answer, keep, trace
 
 #: Time for a scheduler to answer [s].
 _TIMEOUT = 30.0
+#: Sums come from the workers themselves, and by way of the scheduler only where these cannot be reached.
+_CLIENT_OPTIONS: dict[str, Any] = {"set_as_default": False, "direct_to_workers": True}
 #: How long to wait for the workers of this machine [s].
 _START_TIMEOUT = 120.0
 _POLL = 0.1
+#: Whoever has not been heard of for so long hangs [s]. Workers say that they are there every half second, a thousand of
+#: them every five.
+_SILENCE = 15.0
+#: They are found to hang after so many roll calls, none longer than this after the last [s]: a machine that has slept
+#: hears of nobody at first.
+_SILENT_ROLL_CALLS, _REGULAR = 4, 2.0
+#: Answers that travel at a time: while some come, others are put on the film.
+_FETCHES = 16
 
 
 class DaskPool:
-    """Workers behind a scheduler, as `engine.cluster.pool.Pool`; `open_pool` makes one."""
+    """Workers behind a scheduler, as `engine.cluster.pool.Pool`; `open_pool` makes one.
 
-    def __init__(self, client: Client, local: LocalWorkers | None = None, cluster: LocalCluster | None = None) -> None:
+    Whoever holds something that others fetch may hang meanwhile, and they would wait for ever. So a worker that is not
+    heard of counts as gone until it is; what is held is then held anew by another, under another key, and orders that
+    may wait for the old one are given out again.
+    """
+
+    def __init__(
+        self, client: Client, local: LocalWorkers | None = None, cluster: LocalCluster | None = None,
+        silence: float = _SILENCE,
+    ) -> None:
         self._client = client
         self._local = local
         self._cluster = cluster
         self._run = uuid.uuid4().hex[:12]
-        self._scene: Future | None = None
-        self._learned: Future | None = None
+        self._silence = silence
+        #: What is held: digests and contents by name, and the newest futures of them.
+        self._contents: dict[str, tuple[str, bytes]] = {}
+        self._held: dict[str, Future] = {}
+        #: Counts how often it had to be held anew.
+        self._generation = 0
+        #: Roll calls in which a worker was silent, those that hang, and when they were counted.
+        self._silent_calls: Counter[str] = Counter()
+        self._hanging: frozenset[str] = frozenset()
+        self._counted = 0.0
+        #: By ticket: what was submitted, and to whom.
+        self._orders: dict[int, tuple[str, bytes]] = {}
         self._futures: dict[int, Future] = {}
         self._come: queue.SimpleQueue[tuple[int, Answer]] = queue.SimpleQueue()
+        self._fetching = ThreadPoolExecutor(_FETCHES, thread_name_prefix="fetch")
         self._submitted = 0
         #: Of the tickets of this pool's many renders, which all count from 0: first key.
         self._keys: dict[int, int] = {}
@@ -61,41 +93,83 @@ class DaskPool:
 
         The scheduler keeps it as well, so that it is there again when its holder is lost.
         """
-        self._scene = self._hold(self._scene, "scene", scene, blob)
+        self._hold("scene", scene, blob)
 
     def hold_learned(self, learned: str, blob: bytes) -> None:
         """As `hold`, for what orders go by; digest '': nothing."""
-        self._learned = self._hold(self._learned, "learned", learned, blob) if learned else None
+        if learned:
+            self._hold("learned", learned, blob)
+        else:
+            self._contents.pop("learned", None)
+            self._held.pop("learned", None)
 
-    def _hold(self, held: Future | None, name: str, digest: str, blob: bytes) -> Future:
-        key = f"{name}-{digest}-{self._run}"
+    def _hold(self, name: str, digest: str, blob: bytes) -> None:
+        key = f"{name}-{digest}-{self._run}-{self._generation}"
+        held = self._held.get(name)
         if held is not None and held.key == key:
-            return held
+            return
+        self._contents[name] = digest, blob
+        whom: dict[str, Any] = {}
+        if self._hanging:
+            whom = {"workers": sorted(self._connected() - self._hanging), "allow_other_workers": False}
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            made: Future = self._ask(lambda: self._client.submit(keep, blob, key=key))
-        return made
+            self._held[name] = self._ask(lambda: self._client.submit(keep, blob, key=key, **whom))
+
+    def _connected(self) -> frozenset[str]:
+        return frozenset(self._ask(self._client.nthreads))
 
     def workers(self) -> frozenset[str]:
-        """Addresses of who is connected."""
+        """Addresses of who is connected, and does not hang."""
         if self._local is not None:
             self._local.check()
-        return frozenset(self._ask(self._client.nthreads))
+        ages: dict[str, float] = self._ask(lambda: self._client.run_on_scheduler(_heartbeat_ages()))
+        is_regular, self._counted = self.now - self._counted < _REGULAR, self.now
+        for name, age in ages.items():
+            is_silent = is_regular and age > self._silence
+            self._silent_calls[name] = self._silent_calls[name] + 1 if is_silent else 0
+        hanging = frozenset(name for name in ages if self._silent_calls[name] >= _SILENT_ROLL_CALLS)
+        before, self._hanging = self._hanging, hanging
+        if hanging - before and hanging != frozenset(ages):
+            self._hold_anew()
+        return frozenset(ages) - hanging
+
+    @property
+    def holders(self) -> frozenset[str]:
+        """Addresses of who has all that is held."""
+        found = self._ask(lambda: self._client.who_has(list(self._held.values())))
+        return frozenset.intersection(*(frozenset(names) for names in found.values()))
+
+    def _hold_anew(self) -> None:
+        """Have what is held come from others than those who hang, and give out again what may wait for it."""
+        if not self._held:
+            return
+        have_all = self.holders
+        self._generation += 1
+        for name, (digest, blob) in list(self._contents.items()):
+            self._hold(name, digest, blob)
+        for ticket, (worker, order) in list(self._orders.items()):
+            if worker not in have_all and worker not in self._hanging:
+                self.cancel([ticket])
+                self.submit(ticket, worker, order)
 
     def submit(self, ticket: int, worker: str, order: bytes) -> None:
         """Have a worker do an order."""
         self._submitted += 1
+        scene, learned = self._held["scene"], self._held.get("learned")
         future = self._client.submit(
-            trace, source_version(), order, self._scene, self._learned, key=f"range-{self._run}-{self._submitted}",
+            trace, source_version(), order, scene, learned, key=f"range-{self._run}-{self._submitted}",
             workers=[worker], allow_other_workers=False, pure=False,
         )
         self._futures[ticket] = future
+        self._orders[ticket] = worker, order
         self._keys[ticket] = key = self._submitted
         future.add_done_callback(lambda done: self._note(ticket, key, done))
 
     def _note(self, ticket: int, key: int, future: Future) -> None:
-        """In a thread of Dask's: a task is over."""
+        """In a thread of Dask's, which all tasks share: a task is over. A worker that hangs now must not hold it up."""
         if self._keys.get(ticket) == key and future.status != "cancelled":
-            self._come.put((ticket, _answer(future)))
+            with contextlib.suppress(RuntimeError):  # closed meanwhile
+                self._fetching.submit(lambda: self._come.put((ticket, _answer(future))))
 
     def take(self, seconds: float) -> tuple[int, Answer] | None:
         """The next answer."""
@@ -103,16 +177,20 @@ class DaskPool:
             while True:
                 ticket, answer = self._come.get(timeout=max(seconds, 1e-3))
                 if self._futures.pop(ticket, None) is not None:
-                    self._keys.pop(ticket, None)
+                    self._forget(ticket)
                     return ticket, answer
         except queue.Empty:
             return None
+
+    def _forget(self, ticket: int) -> None:
+        self._keys.pop(ticket, None)
+        self._orders.pop(ticket, None)
 
     def cancel(self, tickets: list[int]) -> None:
         """Forget tickets."""
         futures = []
         for ticket in tickets:
-            self._keys.pop(ticket, None)
+            self._forget(ticket)
             futures.append(self._futures.pop(ticket, None))
         futures = [future for future in futures if future is not None]
         if futures:
@@ -120,10 +198,11 @@ class DaskPool:
 
     def close(self) -> None:
         """Leave the cluster, and end what was started here."""
-        self._scene = self._learned = None
-        self._futures.clear()
+        for known in (self._held, self._contents, self._orders, self._futures):
+            known.clear()
         if self._local is not None:
             self._local.close()
+        self._fetching.shutdown(wait=False, cancel_futures=True)
         self._client.close(timeout=2)
         if self._cluster is not None:
             self._cluster.close(timeout=2)
@@ -155,7 +234,18 @@ def _process_id() -> int:
     return os.getpid()
 
 
-def open_pool(address: str, threads: int = 0) -> DaskPool:
+def _heartbeat_ages() -> Any:
+    """What a scheduler is asked: how long ago each worker was heard of [s]. By value: it need not know this engine."""
+
+    def ages(dask_scheduler: Any) -> dict[str, float]:
+        import time
+
+        return {name: time.time() - worker.last_seen for name, worker in dask_scheduler.workers.items()}
+
+    return ages
+
+
+def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
     """Join a cluster, or make one.
 
     Parameters
@@ -164,6 +254,8 @@ def open_pool(address: str, threads: int = 0) -> DaskPool:
         'local:N' for N workers on this machine; 'tcp://HOST:PORT' or 'tls://HOST:PORT' of a scheduler.
     threads : int
         Of each worker on this machine, 0: its share of the processors.
+    silence : float
+        Time [s] after which a worker hangs that is not heard of.
 
     Raises
     ------
@@ -172,22 +264,22 @@ def open_pool(address: str, threads: int = 0) -> DaskPool:
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
     if address.startswith("local:"):
-        return _open_local(int(address.removeprefix("local:")), threads)
+        return _open_local(int(address.removeprefix("local:")), threads, silence)
     try:
-        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+        client = Client(address, timeout=_TIMEOUT, **_CLIENT_OPTIONS)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise ClusterError(f"Cluster: no scheduler answers at {address} ({error})") from None
-    return DaskPool(client)
+    return DaskPool(client, silence=silence)
 
 
-def _open_local(count: int, threads: int) -> DaskPool:
+def _open_local(count: int, threads: int, silence: float) -> DaskPool:
     cluster = LocalCluster(
         n_workers=0, processes=True, host="127.0.0.1", protocol="tcp://", dashboard_address=None,
         silence_logs=logging.ERROR,
     )
-    client = Client(cluster, set_as_default=False)
+    client = Client(cluster, **_CLIENT_OPTIONS)
     local = LocalWorkers(cluster.scheduler_address, count, threads)
-    pool = DaskPool(client, local, cluster)
+    pool = DaskPool(client, local, cluster, silence)
     deadline = time.monotonic() + _START_TIMEOUT
     try:
         while len(pool.workers()) < count:

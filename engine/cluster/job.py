@@ -10,21 +10,18 @@ import numpy as np
 
 from engine.cluster.crew import Crew, Ticket
 from engine.cluster.pool import ClusterError, Pool
-from engine.cluster.ranges import RangeCutter, TaskRange
+from engine.cluster.ranges import RangeCutter, TaskRange, tiles_in_range
 from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, digest_of, pack, pack_guidance, unpack_traced
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Statistics
 from engine.render.course import Course, CourseJob
 from engine.render.film import Film
 from engine.render.report import Progress
-from engine.render.traced import TracedTiles, rows_of
+from engine.render.traced import TracedTiles
 from engine.scene.description import Notice
-from engine.state.unit import ALL_STRATA
 
 #: Least time that a range may take before others are asked for it as well [s].
 PATIENCE = 20.0
-#: Ranges a worker that the tasks of an iteration are divided into.
-RANGES_PER_WORKER = 3
 #: A range of so many paths is not too small for what sending it costs.
 MOST_PATHS = 1 << 22
 #: A range that has failed so often, or taken so many workers with it, is not tried again.
@@ -192,8 +189,12 @@ class ClusterJob(CourseJob):
 
     def _cut(self) -> TaskRange:
         """A range of tasks that nobody had before."""
-        share = len(self._course.tiles) // (RANGES_PER_WORKER * max(len(self._crew.names), 1))
-        item = self._cutter.cut(max(share, 1), MOST_PATHS)
+        tiles, crew = self._course.tiles, self._crew
+        seconds = None
+        if crew.path_seconds is not None:
+            task = self._cutter.next_task
+            seconds = crew.path_seconds * len(tiles) * len(tiles[task.tile][0]) * task.part.sample_count
+        item = self._cutter.cut(tiles_in_range(len(tiles), len(crew.names), seconds), MOST_PATHS)
         self._open[item.number] = item
         return item
 
@@ -251,15 +252,12 @@ class ClusterJob(CourseJob):
     def _put_on_film(self, item: TaskRange, traced: TracedTiles) -> bool:
         """Put tasks on the film; True if the course waits for what follows."""
         course = self._course
-        is_waiting, row = False, 0
-        for index, task in enumerate(item.tasks):
-            unit = course.unit(task)
-            last = row + len(unit.pixels) * (unit.strata if task.stratum == ALL_STRATA else 1)
-            records = None if traced.records is None else traced.records[index]
-            with course.film_lock:
-                course.keep(task, unit, rows_of(traced.sums, row, last), traced.costs[index], records)
+        units = [course.unit(task) for task in item.tasks]
+        with course.film_lock:
+            course.keep_alike(item.tasks, units, traced.sums, traced.costs, traced.records)
+        is_waiting = False
+        for task in item.tasks:
             is_waiting |= course.finish(task)
-            row = last
         return is_waiting
 
     def _do_without(self, ticket: Ticket, answer: Answer) -> None:

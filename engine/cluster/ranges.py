@@ -8,10 +8,33 @@ the last bit.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from engine.render.course import Course
-from engine.render.schedule import Task
+from engine.render.schedule import Task, is_alike
+
+#: Ranges a worker that the tasks of an iteration are divided into.
+RANGES_PER_WORKER = 3
+#: What a range costs whoever hands it out and takes it back, whatever is in it [s].
+RANGE_SECONDS = 1.5e-3
+
+
+def tiles_in_range(tile_count: int, worker_count: int, seconds: float | None) -> int:
+    """How many of a pass's tiles a range is to have, at least one.
+
+    A few ranges a worker, so that none waits long for the last; but no more than pay: R ranges by as many workers take
+    R times `RANGE_SECONDS` here and an R-th of the pass there, which is least for R^2 = seconds / `RANGE_SECONDS`.
+
+    Parameters
+    ----------
+    seconds : float or None
+        What one worker would need for the pass; None: nobody knows yet.
+    """
+    range_count = float(RANGES_PER_WORKER * max(worker_count, 1))
+    if seconds is not None:
+        range_count = min(range_count, math.sqrt(seconds / RANGE_SECONDS))
+    return max(int(tile_count / max(range_count, 1.0)), 1)
 
 
 @dataclass(frozen=True)
@@ -54,6 +77,13 @@ class RangeCutter:
             self._held = None
         return self._held is not None or self._course.has_task
 
+    @property
+    def next_task(self) -> Task:
+        """The first task of the next range; there must be one."""
+        if self._held is None:
+            self._held = self._course.take()
+        return self._held
+
     def cut(self, tile_count: int, most_paths: int) -> TaskRange:
         """The next range: up to so many tiles, and paths if it is more than one tile. There must be a task."""
         tasks: list[Task] = []
@@ -61,14 +91,10 @@ class RangeCutter:
         while len(tasks) < tile_count and self.has_task:
             task, self._held = self._held or self._course.take(), None
             paths = len(self._course.tiles[task.tile][0]) * task.part.sample_count
-            if tasks and (not _are_alike(task, tasks[0]) or path_count + paths > most_paths):
+            if tasks and (not is_alike(task, tasks[0]) or path_count + paths > most_paths):
                 self._held = task
                 break
             tasks.append(task)
             path_count += paths
         number, self._next_number = self._next_number, self._next_number + 1
         return TaskRange(number, tuple(tasks), path_count)
-
-
-def _are_alike(one: Task, other: Task) -> bool:
-    return one.part == other.part and one.stratum == other.stratum

@@ -36,7 +36,7 @@ from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile
+from engine.state.film import FilmTile, rows_of
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
 
@@ -192,21 +192,38 @@ class Course:
 
     def keep(self, task: Task, unit: Unit, sums: FilmTile, costs: UnitCosts, records: UnitRecords | None) -> None:
         """Put a finished unit on the film, and what it recorded aside (None: nothing that `records` asks for)."""
+        self.keep_alike([task], [unit], sums, [costs], None if records is None else [records])
+
+    def keep_alike(
+        self, tasks: Sequence[Task], units: Sequence[Unit], sums: FilmTile, costs: Sequence[UnitCosts],
+        records: Sequence[UnitRecords] | None,
+    ) -> None:
+        """As `keep`, of alike tasks of several tiles (`is_alike`); rows of `sums` are of one unit after the other."""
+        task, unit, learner = tasks[0], units[0], self.learner
         weight = 1.0
-        if self.learner is not None:
-            weight = iteration_weight(task.weighs_as, self.settings, self.learner.known_samples)
+        if learner is not None:
+            weight = iteration_weight(task.weighs_as, self.settings, learner.known_samples)
             if unit.arm == PLAIN:
                 weight *= trial.PLAIN_WEIGHT
-        if records is not None:
-            self._units.setdefault(task.tile, []).append(records)
+        for index, of_unit in enumerate(records or ()):
+            self._units.setdefault(tasks[index].tile, []).append(of_unit)
+        pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else unit.film_index
         if isinstance(self.film, StrataFilm):
-            sums = self.film.merge_stratum(unit.film_index, sums, weight, unit.stratum)
+            sums = self.film.merge_stratum(pixels, sums, weight, unit.stratum)
         else:
-            self.film.merge(unit.film_index, sums, weight)
-        self._finished_paths += len(unit.pixels) * unit.sample_count
+            self.film.merge(pixels, sums, weight)
+        self._finished_paths += len(pixels) * unit.sample_count
         self._sample = max(self._sample, unit.sample_first + unit.sample_count)
-        if self.learner is not None:
-            self.learner.compare(unit, sums, costs)
+        if learner is None:
+            return
+        if len(units) == 1:
+            learner.compare(unit, sums, costs[0])
+            return
+        row = 0
+        for compared, of_unit_costs in zip(units, costs, strict=True):
+            last = row + len(compared.pixels)
+            learner.compare(compared, rows_of(sums, row, last), of_unit_costs)
+            row = last
 
     @property
     def has_paths(self) -> bool:

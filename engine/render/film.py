@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.guiding.models.residual import with_relative_residual, with_residual
+from engine.kernels.film_sums import add_sums
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
@@ -120,36 +121,14 @@ class Film:
 
         `weight` of each of its samples must not depend on any sample.
         """
-        first = self.sums.count[pixels] == 0
-        factor = np.float32(weight)
-        self.sums.radiance[pixels] += tile.radiance[: len(pixels)] * factor
-        self.sums.square[pixels] += tile.square[: len(pixels)] * factor
-        self.sums.alpha[pixels] += tile.alpha[: len(pixels)] * factor
+        sums, factor = self.sums, np.float32(weight)
+        pixels = np.ascontiguousarray(pixels, np.int64)
         if self.layout.use_features:
-            self.sums.features[pixels] += tile.features[: len(pixels)] * factor
-            self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
-        if len(self.sums.denoising):
-            self.sums.denoising[pixels] += tile.denoising[: len(pixels)] * factor
-        if len(self.sums.residual):
-            self.sums.residual[pixels] += tile.residual[: len(pixels)] * factor
-            self.sums.residual_square[pixels] += tile.residual_square[: len(pixels)] * (factor * factor)
-            self.sums.square_gain[pixels] += tile.square_gain[: len(pixels)] * factor
-            self.sums.ended[pixels] += tile.ended[: len(pixels)] * factor
-        if len(self.sums.half):
-            self.sums.half[pixels] += tile.half[: len(pixels)] * factor
-            self.sums.half_weight[pixels] += tile.half_weight[: len(pixels)] * factor
-        if len(self.sums.light):
-            self.sums.light[pixels] += tile.light[: len(pixels)] * factor
-        if len(self.sums.caught):
-            self.sums.caught[pixels] += tile.caught[: len(pixels)] * factor
-        if len(self.sums.data):
-            self.sums.data[pixels] += tile.data[: len(pixels)] * factor
-        if len(self.sums.mattes):
+            first = sums.count[pixels] == 0
+            sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        add_sums(sums, pixels, tile, factor)
+        if len(sums.mattes):
             self._merge_mattes(pixels, tile.mattes, np.arange(len(pixels)), np.full(len(pixels), factor))
-        count = tile.count[: len(pixels)]
-        self.sums.weight[pixels] += count * factor
-        self.sums.weight_squared[pixels] += count * (factor * factor)
-        self.sums.count[pixels] += count
 
     def _merge_mattes(self, pixels: np.ndarray, mattes: np.ndarray, rows: np.ndarray, factors: np.ndarray) -> None:
         """Add rows of mattes to those of pixels, each with its factor; slot by slot."""

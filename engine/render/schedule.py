@@ -72,6 +72,11 @@ class Task:
     place: int = 0
 
 
+def is_alike(one: Task, other: Task) -> bool:
+    """Whether two tasks are the same but for their tiles."""
+    return (one.part, one.stratum, one.weighs_as) == (other.part, other.stratum, other.weighs_as)
+
+
 class Schedule(Protocol):
     """Hands out tasks. Not safe for threads: who shares it locks it."""
 

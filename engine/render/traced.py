@@ -83,11 +83,6 @@ def trace_tiles(
     return TracedTiles(sums, list(costs), list(recorded) if records else None), total
 
 
-def rows_of(sums: FilmTile, first: int, last: int) -> FilmTile:
-    """Some rows of sums."""
-    return FilmTile(*(column[first:last] for column in sums))
-
-
 def split_records(together: UnitRecords, counts: Sequence[tuple[int, int]]) -> Iterator[UnitRecords]:
     """Records of units from those of all one after the other; `counts` are of vertices and taught ones, by unit."""
     vertex = taught = 0

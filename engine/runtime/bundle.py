@@ -37,6 +37,8 @@ from numba.np.arrayobj import make_array, populate_array
 _FIELD_WORDS = 4
 #: Of a number of a named tuple.
 _WORD_BYTES = 8
+#: Types of bundles by the class and what decides it of each field.
+_TYPES: dict[tuple[Any, ...], BundleType] = {}
 
 
 class Bundle:
@@ -51,8 +53,6 @@ class Bundle:
     _dynamic: ClassVar[frozenset[str]] = frozenset()
     #: Whether fields are `RowsType` in kernels.
     _rows: ClassVar[bool] = False
-    _address: int
-    _numba_type_: BundleType
 
     def __init_subclass__(cls) -> None:
         cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
@@ -61,43 +61,88 @@ class Bundle:
         values = dict(zip(self._fields, arrays, strict=False), **named)
         if len(arrays) + len(named) != len(self._fields) or set(values) != set(self._fields):
             raise TypeError(f"{type(self).__name__} takes the fields {', '.join(self._fields)}")
+        for name, value in values.items():
+            if isinstance(value, (tuple, Bundle)):
+                continue
+            is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
+            if not (is_array and (self._rows or value.flags.c_contiguous)):
+                raise TypeError(f"{type(self).__name__}.{name} must be a C-contiguous array of 1 to 3 dimensions")
+        self.__dict__.update(values)
+
+    # What kernels read is made when the first one asks: many bundles are never given to any.
+
+    @property
+    def _address(self) -> int:
+        """Of the table."""
+        known: int | None = self.__dict__.get("_known_address")
+        if known is None:
+            # Threads that ask at the same time make a table each, and all use that of the first.
+            made = self._make_table()
+            table, _ = self.__dict__.setdefault("_table", made)
+            known = self.__dict__["_known_address"] = int(table.ctypes.data)
+        return known
+
+    @property
+    def _numba_type_(self) -> BundleType:
+        known: BundleType | None = self.__dict__.get("_known_type")
+        if known is None:
+            known = self.__dict__["_known_type"] = self._describe()
+        return known
+
+    def _make_table(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Words of all fields, and what they point to that is nobody else's."""
         table = np.zeros(max(len(self._fields), 1) * _FIELD_WORDS, np.int64)
-        described: list[tuple[str, Any]] = []
         packed: list[np.ndarray] = []
         for index, name in enumerate(self._fields):
-            value = values[name]
-            object.__setattr__(self, name, value)
+            value = self.__dict__[name]
+            word = index * _FIELD_WORDS
             if isinstance(value, tuple) and hasattr(value, "_fields"):
                 stored = np.zeros((len(value), _WORD_BYTES), np.uint8)
                 for row, number in zip(stored, value, strict=True):
                     stored_as = np.asarray(number)
                     row[: stored_as.nbytes] = np.frombuffer(stored_as.tobytes(), np.uint8)
                 packed.append(stored)
-                table[index * _FIELD_WORDS] = stored.ctypes.data
-                described.append((name, typeof(value)))
-                continue
+                table[word] = stored.ctypes.data
+            elif isinstance(value, Bundle):
+                table[word] = value._address
+            elif isinstance(value, np.ndarray):
+                table[word] = value.ctypes.data
+                if not self._rows:
+                    table[word + 1 : word + 1 + value.ndim] = value.shape
+        return table, packed
+
+    def _describe(self) -> BundleType:
+        """The type; that of the last bundle whose fields are alike, since making one takes long."""
+        alike: list[Any] = [type(self)]
+        for value in (self.__dict__[name] for name in self._fields):
+            if isinstance(value, np.ndarray):
+                alike.append((value.dtype, value.shape[1:], value.strides if self._rows else None))
+            elif isinstance(value, Bundle):
+                alike.append(value._numba_type_)
+            elif hasattr(value, "_fields"):
+                alike.append((type(value), *map(type, value)))
+            else:
+                alike.append(value)
+        key = tuple(alike)
+        known = _TYPES.get(key)
+        if known is None:
+            known = _TYPES[key] = self._new_type()
+        return known
+
+    def _new_type(self) -> BundleType:
+        described: list[tuple[str, Any]] = []
+        for name in self._fields:
+            value = self.__dict__[name]
             if isinstance(value, tuple):
-                described.append((name, value))
-                continue
-            if isinstance(value, Bundle):
-                table[index * _FIELD_WORDS] = value._address
+                described.append((name, typeof(value) if hasattr(value, "_fields") else value))
+            elif isinstance(value, Bundle):
                 described.append((name, value._numba_type_))
-                continue
-            is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
-            if not (is_array and (self._rows or value.flags.c_contiguous)):
-                raise TypeError(f"{type(self).__name__}.{name} must be a C-contiguous array of 1 to 3 dimensions")
-            word = index * _FIELD_WORDS
-            table[word] = value.ctypes.data
-            if self._rows:
+            elif self._rows:
                 described.append((name, RowsType(from_dtype(value.dtype), value.shape[1:], value.strides)))
-                continue
-            table[word + 1 : word + 1 + value.ndim] = value.shape
-            inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
-            described.append((name, FieldType(from_dtype(value.dtype), inner)))
-        object.__setattr__(self, "_table", table)
-        object.__setattr__(self, "_packed", packed)
-        object.__setattr__(self, "_address", table.ctypes.data)
-        object.__setattr__(self, "_numba_type_", BundleType(type(self).__name__, tuple(described)))
+            else:
+                inner = (-1,) * (value.ndim - 1) if name in self._dynamic else value.shape[1:]
+                described.append((name, FieldType(from_dtype(value.dtype), inner)))
+        return BundleType(type(self).__name__, tuple(described))
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__}.{name} cannot be assigned: use _replace")

@@ -5,12 +5,17 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from engine.scene.description import SceneDescription
+
+#: From so many items on, a list of one dataclass is read field by field.
+_MANY = 256
+#: Types whose values an array tells apart, and that array's.
+_NUMBERS = {float: np.float64, bool: np.bool_}
 
 
 def content_digest(value: Any, left_out: Collection[str] = ()) -> str:
@@ -22,6 +27,29 @@ def content_digest(value: Any, left_out: Collection[str] = ()) -> str:
         Fields of dataclasses that do not count.
     """
     digest = hashlib.blake2b(digest_size=16)
+
+    def add_column(column: Sequence[Any]) -> None:
+        """Many values of one field at once, where they are of one kind; else each by itself."""
+        kinds = set(map(type, column))
+        digest.update(repr((len(column), sorted(kind.__name__ for kind in kinds))).encode())
+        kind = kinds.pop() if len(kinds) == 1 else None
+        if kind in _NUMBERS:
+            digest.update(np.array(column, _NUMBERS[kind]).data)
+        elif kind in (int, str, type(None)):
+            digest.update(repr(column).encode())
+        elif kind is tuple and len({len(item) for item in column}) == 1:
+            for part in zip(*column, strict=True):
+                add_column(part)
+        elif kind is np.ndarray and len({(item.shape, item.dtype) for item in column}) == 1:
+            add(np.concatenate([item[None] for item in column]))
+        else:
+            # What many share, as the nodes of lights do, is read once.
+            numbers: dict[int, int] = {}
+            places = [numbers.setdefault(id(item), len(numbers)) for item in column]
+            digest.update(np.array(places, np.int64).data)
+            seen = {number: item for number, item in zip(places, column, strict=True)}
+            for number in range(len(numbers)):
+                add(seen[number])
 
     def add(item: Any) -> None:
         if isinstance(item, np.ndarray):
@@ -36,6 +64,11 @@ def content_digest(value: Any, left_out: Collection[str] = ()) -> str:
                 digest.update(repr(name).encode())
                 add(part)
             digest.update(b"}")
+        elif isinstance(item, list) and len(item) >= _MANY and _is_of_one_dataclass(item):
+            for field in dataclasses.fields(item[0]):
+                if field.name not in left_out:
+                    digest.update(repr(field.name).encode())
+                    add_column([getattr(part, field.name) for part in item])
         elif isinstance(item, (list, tuple)):
             digest.update(b"(")
             for part in item:
@@ -47,6 +80,10 @@ def content_digest(value: Any, left_out: Collection[str] = ()) -> str:
 
     add(value)
     return digest.hexdigest()
+
+
+def _is_of_one_dataclass(items: Sequence[Any]) -> bool:
+    return len(set(map(type, items))) == 1 and dataclasses.is_dataclass(items[0])
 
 
 def light_digest(description: SceneDescription) -> str:

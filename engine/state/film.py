@@ -157,3 +157,8 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         np.zeros((pixel_count if data.width else 0, data.width), np.float32),
         np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
     )
+
+
+def rows_of(sums: FilmTile, first: int, last: int) -> FilmTile:
+    """Some rows of sums."""
+    return FilmTile(*(column[first:last] for column in sums))

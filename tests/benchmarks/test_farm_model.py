@@ -39,6 +39,12 @@ def test_the_link_and_learning_take_their_time() -> None:
 
 
 def test_more_threads_than_tiles_are_of_no_use() -> None:
-    assert simulate(Frame(64, 64, 1, False), 1, 16, FAST_LINK, FREE) == pytest.approx(
-        simulate(Frame(64, 64, 1, False), 1, 4, FAST_LINK, FREE)
-    )
+    """Of paths so dear that any number of ranges pays."""
+    frame, dear = Frame(64, 64, 1, False), replace(FREE, path_seconds=1.0)
+    assert simulate(frame, 1, 16, FAST_LINK, dear) == pytest.approx(simulate(frame, 1, 4, FAST_LINK, dear))
+
+
+def test_more_workers_than_pay_make_no_render_slower() -> None:
+    costs = replace(FREE, path_seconds=1e-6, task_seconds=1.5e-3, pixel_seconds=5e-8)
+    seconds = [simulate(FRAME, count, 16, FAST_LINK, costs) for count in (32, 1000)]
+    assert seconds[1] < 1.1 * seconds[0]

@@ -14,7 +14,7 @@ import pytest
 
 from engine.cluster.job import ClusterJob
 from engine.cluster.pool import ClusterError
-from engine.cluster.ranges import RangeCutter
+from engine.cluster.ranges import RANGE_SECONDS, RANGES_PER_WORKER, RangeCutter, tiles_in_range
 from engine.cluster.version import source_version
 from engine.cluster.work import REFUSED, SUMS, Answer, pack_traced, trace
 from engine.render.course import Course
@@ -130,6 +130,16 @@ def test_ranges_cover_each_sample_of_each_tile_once_and_in_order():
                 reached[task.tile] += task.part.sample_count
                 course.finish(task)
         assert (reached == SAMPLES).all() and len(set(numbers)) == len(numbers)
+
+
+def test_there_are_as_many_ranges_as_pay():
+    """By counting up: a pass of 50 s, divided in whole tiles among workers without end."""
+    tiles, seconds = 10_000, 50.0
+    counts = np.arange(1, tiles)
+    best = counts[np.argmin(counts * RANGE_SECONDS + seconds / counts)]
+    assert tiles / tiles_in_range(tiles, 10_000, seconds) == pytest.approx(best, rel=0.02)
+    assert tiles_in_range(tiles, 4, seconds) == tiles // (4 * RANGES_PER_WORKER)
+    assert tiles_in_range(tiles, 10_000, None) == 1 and tiles_in_range(0, 0, 0.0) == 1
 
 
 def test_a_range_that_comes_twice_counts_once():

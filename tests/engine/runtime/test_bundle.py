@@ -2,6 +2,8 @@
 """Bundles: arrays seen by kernels through one pointer."""
 
 import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numba
@@ -193,3 +195,31 @@ def test_bound_kernels_do_what_the_kernel_does():
 
 def test_local_floats_keep_what_is_written():
     assert _sum_of_room() == sum(range(LOCAL_COUNT))
+
+
+@kernel
+def _last_of(varying):
+    return varying.rows[varying.rows.shape[0] - 1, varying.rows.shape[1] - 1]
+
+
+def test_threads_that_ask_first_at_the_same_time_read_the_same():
+    """What kernels read is made when the first asks, and is the same for all as long as the bundle lives."""
+    barrier = threading.Barrier(4)
+
+    def ask(bundle):
+        barrier.wait()
+        return [_last_of(bundle) for _ in range(5)]
+
+    with ThreadPoolExecutor(4) as pool:
+        for number in range(100):
+            varying = Varying(np.full((2, 3), number, np.float32))
+            found = [pool.submit(ask, varying) for _ in range(4)]
+            assert {value for future in found for value in future.result()} == {number}
+
+
+def test_bundles_alike_share_a_type():
+    one, other = (Pair(np.zeros((n, 3), np.float32), np.zeros(n, np.int32), (0, 1, 2)) for n in (2, 5))
+    assert numba.typeof(one) is numba.typeof(other)
+    wider = Pair(np.zeros((2, 4), np.float32), np.zeros(2, np.int32), (0, 1, 2))
+    assert numba.typeof(one) != numba.typeof(wider)
+    assert numba.typeof(one) != numba.typeof(Pair(one.real, one.integer, (0, 1)))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Digests of long lists: the same for the same, another for any difference in any item."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from engine.scene.description import Light, Link, Node, NodeGraph
+from engine.scene.digest import content_digest
+
+COUNT = 300
+#: Of a light, another value for each field.
+OTHERS = {
+    "key": ("light", ("Lamp", 999)), "name": "Other", "kind": "SPOT", "transform": 2 * np.eye(4, dtype=np.float32),
+    "color": (1.0, 1.0, 0.5), "energy": 1, "shape": "DISK", "graph": NodeGraph(), "max_bounces": 7, "visibility": 3,
+    "light_group": 5,
+}  # fmt: skip
+
+
+def lights():
+    graph = NodeGraph([Node("ShaderNodeEmission", "Emission")], surface=Link(0, "Emission"))
+    return [
+        Light(
+            key=("light", ("Lamp", number)), name="Lamp", kind="POINT", transform=np.eye(4, dtype=np.float32),
+            color=(1.0, 0.5, 0.5), energy=1.0, graph=graph if number % 2 else None,
+        )
+        for number in range(COUNT)
+    ]
+
+
+def test_equal_lists_have_one_digest():
+    assert content_digest(lights()) == content_digest(deepcopy(lights()))
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Light)])
+def test_every_field_counts(name):
+    changed = lights()
+    before = getattr(changed[123], name)
+    other = OTHERS[name] if name in OTHERS else not before if isinstance(before, bool) else before + 0.25
+    setattr(changed[123], name, other)
+    assert content_digest(changed) != content_digest(lights())
+
+
+def test_what_is_left_out_does_not_count():
+    changed = lights()
+    changed[5].key, changed[6].light_group = "other", 2
+    left_out = ("key", "light_group")
+    assert content_digest(changed, left_out) == content_digest(lights(), left_out)
+
+
+def test_what_is_inside_shared_parts_counts():
+    changed = lights()
+    changed[1].graph.nodes[0].properties["use"] = True
+    assert content_digest(changed) != content_digest(lights())
+
+
+def test_order_counts():
+    changed = lights()
+    changed[0], changed[1] = changed[1], changed[0]
+    assert content_digest(changed, ("key",)) != content_digest(lights(), ("key",))
