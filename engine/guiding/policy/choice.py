@@ -34,7 +34,7 @@ _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
 #: Where guiding has won in the render that this one starts from, it is not compared before so many samples.
-_LOOK_AGAIN_FROM = 31
+_LOOK_AGAIN_FROM = 32
 
 
 class Choice:

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import math
+from itertools import chain, repeat
 
 from engine.guiding.records.vertices import RECORD_ROWS
 from engine.settings import RenderSettings
 
 #: Samples a pixel of the longest iterations.
 LONGEST_ITERATION = 16
+#: Samples a pixel of the first ones; and how long the last must be to be one of its own.
+_FIRST_ITERATIONS = (1, 3, 4, 8)
+_LEAST_LAST_ITERATION = LONGEST_ITERATION // 2
 #: Samples a pixel after which an iteration counts fully.
 _FULL_WEIGHT_SAMPLES = 8
 #: Records that an iteration aims at: what fitting and training can look at in the time they have.
@@ -23,13 +27,21 @@ _FULLEST_UNIT = 0.5
 
 
 def iteration_lengths(samples: int) -> list[int]:
-    """Samples a pixel of each iteration: one first, doubling to LONGEST_ITERATION (Rath et al. 2025, section 5.1)."""
+    """Samples a pixel of each iteration: few at first, doubling to LONGEST_ITERATION.
+
+    After Rath et al. 2025, section 5.1, whose iterations are of 1, 2, 4, ... 16 samples. Here they begin where powers
+    of two do, so that each has whole pieces of a pixel's Sobol sequence, and so has what a comparison divides. What
+    would be left for a last short one is added to the one before: nothing learned for so few samples is won back.
+    """
     lengths: list[int] = []
-    left, length = samples, 1
-    while left > 0:
+    left = samples
+    for length in chain(_FIRST_ITERATIONS, repeat(LONGEST_ITERATION)):
+        if left <= 0:
+            break
         lengths.append(min(length, left))
         left -= lengths[-1]
-        length = min(2 * length, LONGEST_ITERATION)
+    if len(lengths) > len(_FIRST_ITERATIONS) and lengths[-1] < _LEAST_LAST_ITERATION:
+        lengths[-2:] = [sum(lengths[-2:])]
     return lengths
 
 
