@@ -18,6 +18,10 @@ _LEAST_LAST_ITERATION = LONGEST_ITERATION // 2
 _FULL_WEIGHT_SAMPLES = 8
 #: Records that an iteration aims at: what fitting and training can look at in the time they have.
 RECORDS_PER_ITERATION = 1 << 18
+#: Until guiding has been found to pay: so many, or so large a share of all paths. To record a path and to learn from it
+#: costs as much as one or two others (docs/decisions/trial-and-choice.md).
+FEW_RECORDS = 1 << 15
+_FEW_SHARE = 0.03
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Share of the pixels below which few are left.
@@ -105,6 +109,8 @@ class RecordBudget:
     paths_per_sample : int
     records_per_path : float
         Of paths that are recorded, as far as is known.
+    is_frugal : bool
+        Whether few are wanted, since nobody knows yet whether what is learned pays.
     """
 
     def __init__(
@@ -114,6 +120,7 @@ class RecordBudget:
         self._wanted = records_per_iteration
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
+        self.is_frugal = False
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
@@ -122,8 +129,10 @@ class RecordBudget:
     def threshold(self, samples: float) -> int:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
         expected = self.records_per_path * samples
+        of_image = max(expected * self.paths_per_sample, 1.0)
+        wanted = min(self._wanted, max(FEW_RECORDS, _FEW_SHARE * of_image)) if self.is_frugal else self._wanted
         share = min(
-            self._wanted / max(expected * self.paths_per_sample, 1.0),
+            wanted / of_image,
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)
