@@ -172,6 +172,9 @@ class Choice:
         if self._looks_again:
             self._look(efficiency, next_sample)
             return
+        if self.efficiency >= trial.LEAST_OF_SHORT:
+            # It has paid once: what there is to lose is small, however little is left.
+            samples_left = math.inf
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
