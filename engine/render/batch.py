@@ -263,12 +263,12 @@ class Batch:
         work.samples.guide_pdf[:] = 0.0
         work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
 
-    def count(self, seconds: float, path_count: int) -> None:
-        """Add what the unit counted to the statistics; it took so many seconds."""
+    def count(self, seconds: float, path_count: int, cost: float) -> None:
+        """Add what the unit counted to the statistics; it took so many seconds, of which `cost` is compared."""
         statistics, counts, clock = self.statistics, self.work.counts.tolist(), self.work.clock[:-1]
         per_tick = seconds / max(int(clock.sum()), 1)
         self.unit_costs = UnitCosts(
-            seconds,
+            cost,
             counts[CLOSEST_RAYS] + counts[SHADOW_RAYS],
             counts[GUIDED_VERTICES],
             counts[RESAMPLED_CANDIDATES],

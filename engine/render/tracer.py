@@ -92,6 +92,9 @@ from engine.wavefront.stages import STAGES, stage_arguments
 from engine.wavefront.trace_rounds import trace_rounds
 from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneView, UnitView, Work
 
+#: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
+_IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
+_UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
@@ -358,7 +361,7 @@ class Tracer:
             False if it was stopped; the film is then incomplete.
         """
         batch.begin()
-        started = time.perf_counter()
+        started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         session = self._arms[unit.arm].session
         asks_session = session is not None and session.provider
         if self.ray_observer is None and not asks_session and self._compiled_loop is not None:
@@ -373,7 +376,10 @@ class Tracer:
             arguments[2].header[_OF_NO_FOLLOWER] = 0
             arguments[2].header[UNIT_FOLLOWS] = 1
             is_finished = loop(*arguments)
-        batch.count(time.perf_counter() - started, len(unit.pixels) * unit.sample_count if is_finished else 0)
+        seconds = time.perf_counter() - started
+        # Who answers for a session does so in threads of its own.
+        cost = seconds if asks_session else _UNIT_CLOCK() - cost_from
+        batch.count(seconds, len(unit.pixels) * unit.sample_count if is_finished else 0, cost)
         return bool(is_finished)
 
     def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:

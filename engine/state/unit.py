@@ -37,7 +37,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class UnitCosts:
-    """What a unit took: by the clock [s], and counted."""
+    """What a unit took: of its thread's processor time [s], whatever else the machine does, and counted."""
 
     seconds: float = 0.0
     ray_count: int = 0

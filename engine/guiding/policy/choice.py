@@ -34,7 +34,7 @@ _LOOKS = 3
 _SURE = 2.5
 _LEAST_LATER = 1.0
 #: Where guiding has won in the render that this one starts from, it is not compared before so many samples.
-_LOOK_AGAIN_FROM = 31
+_LOOK_AGAIN_FROM = 32
 
 
 class Choice:
@@ -70,7 +70,7 @@ class Choice:
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
         self._iteration = 0
-        self._least_efficiency = self._clear_efficiency = 0.0
+        self._compared_at = 0
         self._has_won = False
         self._trial: GuidingTrial | None = None
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
@@ -139,7 +139,9 @@ class Choice:
     def _is_challenger(self, arm: int) -> bool:
         return arm == CHALLENGER if self.challenger else arm == CURRENT
 
-    def judge(self, weights: np.ndarray, next_sample: int, overhead: float) -> None:
+    def judge(
+        self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf
+    ) -> None:
         """After an iteration: draw the conclusion, if it compared.
 
         Parameters
@@ -148,6 +150,8 @@ class Choice:
         next_sample : int
         overhead : float
             Cost of what the arm compared needs besides tracing, as a share of that.
+        samples_left : float
+            Samples a pixel to come, as far as it is known.
         """
         self._iteration += 1
         self.has_lost = False
@@ -168,11 +172,14 @@ class Choice:
         if self._looks_again:
             self._look(efficiency, next_sample)
             return
+        if self.efficiency >= trial.LEAST_OF_SHORT:
+            # It has paid once: what there is to lose is small, however little is left.
+            samples_left = math.inf
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self._has_won = efficiency >= self._clear_efficiency
+        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
         # Written so that NaN, nothing compared, goes on.
-        self.has_lost = efficiency < self._least_efficiency
+        self.has_lost = efficiency < trial.least_efficiency(self._compared_at, next_sample, samples_left)
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 
@@ -225,8 +232,7 @@ class Choice:
         self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
         self._looks_again = False
         if len(self.parts) > 1:
-            self._least_efficiency = trial.LEAST_EFFICIENCY[self._iteration]
-            self._clear_efficiency = trial.CLEAR_EFFICIENCY[self._iteration]
+            self._compared_at = self._iteration
         elif self.is_settled and count >= 4:
             self._looks_again = self._is_due(first)
             if self._looks_again:

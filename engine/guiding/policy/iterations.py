@@ -4,16 +4,24 @@
 from __future__ import annotations
 
 import math
+from itertools import chain, repeat
 
 from engine.guiding.records.vertices import RECORD_ROWS
 from engine.settings import RenderSettings
 
 #: Samples a pixel of the longest iterations.
 LONGEST_ITERATION = 16
+#: Samples a pixel of the first ones; and how long the last must be to be one of its own.
+_FIRST_ITERATIONS = (1, 3, 4, 8)
+_LEAST_LAST_ITERATION = LONGEST_ITERATION // 2
 #: Samples a pixel after which an iteration counts fully.
 _FULL_WEIGHT_SAMPLES = 8
 #: Records that an iteration aims at: what fitting and training can look at in the time they have.
 RECORDS_PER_ITERATION = 1 << 18
+#: Until guiding has been found to pay: so many, or so large a share of all paths. To record a path and to learn from it
+#: costs as much as one or two others (docs/decisions/trial-and-choice.md).
+FEW_RECORDS = 1 << 15
+_FEW_SHARE = 0.03
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Share of the pixels below which few are left.
@@ -23,13 +31,21 @@ _FULLEST_UNIT = 0.5
 
 
 def iteration_lengths(samples: int) -> list[int]:
-    """Samples a pixel of each iteration: one first, doubling to LONGEST_ITERATION (Rath et al. 2025, section 5.1)."""
+    """Samples a pixel of each iteration: few at first, doubling to LONGEST_ITERATION.
+
+    After Rath et al. 2025, section 5.1, whose iterations are of 1, 2, 4, ... 16 samples. Here they begin where powers
+    of two do, so that each has whole pieces of a pixel's Sobol sequence, and so has what a comparison divides. What
+    would be left for a last short one is added to the one before: nothing learned for so few samples is won back.
+    """
     lengths: list[int] = []
-    left, length = samples, 1
-    while left > 0:
+    left = samples
+    for length in chain(_FIRST_ITERATIONS, repeat(LONGEST_ITERATION)):
+        if left <= 0:
+            break
         lengths.append(min(length, left))
         left -= lengths[-1]
-        length = min(2 * length, LONGEST_ITERATION)
+    if len(lengths) > len(_FIRST_ITERATIONS) and lengths[-1] < _LEAST_LAST_ITERATION:
+        lengths[-2:] = [sum(lengths[-2:])]
     return lengths
 
 
@@ -93,6 +109,8 @@ class RecordBudget:
     paths_per_sample : int
     records_per_path : float
         Of paths that are recorded, as far as is known.
+    is_frugal : bool
+        Whether few are wanted, since nobody knows yet whether what is learned pays.
     """
 
     def __init__(
@@ -102,6 +120,7 @@ class RecordBudget:
         self._wanted = records_per_iteration
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
+        self.is_frugal = False
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
@@ -110,8 +129,10 @@ class RecordBudget:
     def threshold(self, samples: float) -> int:
         """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
         expected = self.records_per_path * samples
+        of_image = max(expected * self.paths_per_sample, 1.0)
+        wanted = min(self._wanted, max(FEW_RECORDS, _FEW_SHARE * of_image)) if self.is_frugal else self._wanted
         share = min(
-            self._wanted / max(expected * self.paths_per_sample, 1.0),
+            wanted / of_image,
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)

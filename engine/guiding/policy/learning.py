@@ -123,6 +123,7 @@ class Learner:
         self._roulette_trial: RouletteTrial | None = None
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
+        self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
         self._iteration = 0
         self._is_over = False
         self._learning_seconds = 0.0
@@ -136,6 +137,7 @@ class Learner:
             start = self._start = None
         if start is not None:
             self._resume(start)
+        self._budget.is_frugal = self._is_doubtful
         first = self._predictor(self._rungs[0])
         # Who asks for a number of candidates gets what predicts at once.
         if self._gate is None and not self._ladder.is_auto and not first.has_begun:
@@ -331,6 +333,7 @@ class Learner:
         weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
             self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            self._budget.is_frugal = self._is_doubtful
         if self._is_over:
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
@@ -447,6 +450,12 @@ class Learner:
         return settings.candidate_count if is_fixed else 0
 
     @property
+    def _is_doubtful(self) -> bool:
+        """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
+        is_tried = self.settings.guiding_trial and self._source is None
+        return is_tried and not self._choice.efficiency >= trial.LEAST_OF_SHORT
+
+    @property
     def wants_last(self) -> bool:
         """Whether the last iteration's records are of use: to the sink, or to what outlives the render."""
         return self.sink is not None or (self._keeps and not self._is_over and self._last_share >= _LEAST_LAST)
@@ -499,7 +508,7 @@ class Learner:
         said = self._media_trial.judge(weights, next_sample)
         if said:
             choice.trials.append(said)
-        choice.judge(weights, next_sample, overhead)
+        choice.judge(weights, next_sample, overhead, self._horizon.samples_left(next_sample))
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return

@@ -24,12 +24,16 @@ from engine.state.unit import CURRENT, PLAIN
 #: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
 #: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
 #: (docs/decisions/trial-and-choice.md).
-LEAST_EFFICIENCY = {3: 0.5, 4: 0.8, 5: 1.0, 6: 1.3}
+LEAST_EFFICIENCY = {2: 0.5, 3: 0.5, 4: 0.8, 5: 1.0, 6: 1.3}
+#: Where at most so many times the samples taken are left, nothing gets the benefit of the doubt: no later part of the
+#: render could pay for it. A trial so costs the same share of a short render as of a long one.
+SHORT_REST = 7
+LEAST_OF_SHORT = 1.25
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
-BEFORE_FIRST = 2
+BEFORE_FIRST = 1
 LAST_DOUBT = 5
 #: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
-CLEAR_EFFICIENCY = {3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
+CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
@@ -50,6 +54,21 @@ class Part(NamedTuple):
     first_sample: int
     sample_count: int
     arm: int
+
+
+def least_efficiency(iteration: int, next_sample: int, samples_left: float) -> float:
+    """Efficiency over unguided rendering from which on guiding goes on after an iteration that compared.
+
+    Parameters
+    ----------
+    iteration : int
+        Of `LEAST_EFFICIENCY`.
+    next_sample : int
+        Samples a pixel so far.
+    samples_left : float
+    """
+    least = LEAST_EFFICIENCY[iteration]
+    return max(least, LEAST_OF_SHORT) if samples_left <= SHORT_REST * next_sample else least
 
 
 def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:

@@ -32,7 +32,7 @@ from engine.state.lights import LightSelection, no_selection
 from engine.state.unit import CURRENT, Unit, UnitCosts
 
 #: Samples a pixel from which on nothing more is learned; of lights, if by the first number nothing was found to pay.
-_LEARNED_SAMPLES, _LIGHTS_SAMPLES = 15, 31
+_LEARNED_SAMPLES, _LIGHTS_SAMPLES = 16, 32
 #: Records that an iteration aims at until then, and the share of all paths of the render that so many may be where
 #: lights are learned: a recorded path costs two or three others, and in a short render that is not won back.
 _RECORDS = 1 << 15

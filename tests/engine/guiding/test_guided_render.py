@@ -174,8 +174,10 @@ def test_iterations_grow_and_hold_every_sample():
     assert iteration_lengths(1) == [1]
     lengths = iteration_lengths(100)
     assert sum(lengths) == 100
-    assert lengths[:5] == [1, 2, 4, 8, 16]
-    assert max(lengths) == LONGEST_ITERATION
+    assert lengths == [1, 3, 4, 8, 16, 16, 16, 16, 20], "the last four are not worth learning for"
+    assert iteration_lengths(104)[-1] == 8
+    assert [sum(iteration_lengths(samples)) for samples in range(200)] == list(range(200))
+    assert max(iteration_lengths(4096)) == LONGEST_ITERATION
     guided = RenderSettings(guiding_method="VMM")
     weights = [iteration_weight(first, guided) for first in (0, 1, 15, 31, 1000)]
     assert weights == sorted(weights) and weights[-1] == 1.0

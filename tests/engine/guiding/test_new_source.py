@@ -56,6 +56,7 @@ def test_as_a_rung(plain: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
     monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
     found = [render("AUTO", seed, **RENDER, source_field="COSINE") for seed in range(SEEDS)]
     assert {result.report.guiding.chosen for result in found} == {"COSINE_RIS"}
     assert all("chose resampled" in "".join(result.report.guiding.lines) for result in found)

@@ -93,11 +93,11 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
 
     done = run(iterations, workers, learn)
     check_samples(done, samples)
-    assert planned == [(1, 2), (3, 4), (7, 8), (15, 16), (31, 16), (47, 16)]
+    assert planned == [(1, 3), (4, 4), (8, 8), (16, 16), (32, 16), (48, 15)]
     # No task of an iteration ends before all of the one before have.
     assert [task.step for task in done] == sorted(task.step for task in done)
     # All of an iteration are weighed by its first sample, whatever their part.
-    assert {task.weighs_as for task in done if task.step == 5} == {31}
+    assert {task.weighs_as for task in done if task.step == 5} == {32}
 
 
 @pytest.mark.parametrize("workers", [1, 4])
@@ -116,7 +116,7 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
 
     done = run(iterations, workers, learn)
     check_samples(done, samples)
-    assert [task.part.sample_count for task in done if task.tile == 0] == [1, 2, 4, 8, 64, 64, 15, 15, 15, 12]
+    assert [task.part.sample_count for task in done if task.tile == 0] == [1, 3, 4, 8, 64, 64, 14, 14, 14, 14]
     assert not any(task.is_first for task in done if task.part.first_sample)
 
 

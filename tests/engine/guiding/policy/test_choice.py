@@ -103,14 +103,14 @@ def test_one_lucky_comparison_does_not_bind_for_good():
 
 
 def test_the_first_comparison_is_not_believed_so_easily():
-    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 0.95))
+    choice, first, worth = Choice(1, "VMM", tries_plain=True), 1, iter((1.5, 1.1, 1.0, 0.95))
     while not choice.has_lost:
         if is_comparing(choice):
             render_parts(choice, {"OFF": 1.0, "VMM": next(worth)})
         choice.judge(WEIGHTS, first, 0.0)
         choice.plan(first, SAMPLES, ())
         first += SAMPLES
-    assert len(choice.trials) == 3
+    assert len(choice.trials) == 4
 
 
 def test_what_is_clearly_better_is_not_doubted():
@@ -200,6 +200,7 @@ def test_the_mean_is_that_of_an_unguided_render(scene, monkeypatch):
     monkeypatch.setattr(predictors, "TABLE_UPDATES", 1)
     monkeypatch.setattr(choice_module, "TAKEN", (0.0, 0.0, 0.0))
     monkeypatch.setattr(choice_module.trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
+    monkeypatch.setattr(choice_module.trial, "LEAST_OF_SHORT", 0.0)
     means, chosen = [], set()
     for seed in range(6):
         result = render("AUTO", seed, scene=scene, deterministic=True, **SETTINGS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, LearningRests, RecordBudget
+from engine.guiding.policy.iterations import FEW_RECORDS, RECORDS_PER_ITERATION, LearningRests, RecordBudget
 from engine.guiding.records.vertices import RECORD_ROWS
 
 
@@ -24,6 +24,18 @@ def test_records_fit(pixels: int, per_path: float, samples: float) -> None:
     of_unit = share * unit * samples * per_path / (0.5 * RECORD_ROWS)
     of_image = share * pixels * samples * per_path / RECORDS_PER_ITERATION
     assert share == 1.0 or max(of_unit, of_image) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_few_paths_are_recorded_while_nobody_knows_whether_it_pays() -> None:
+    """So many records, or so large a share of a large image's paths, and never more than are wanted at all."""
+    shares = {4096: FEW_RECORDS / (4.0 * 16 * 4096), 36_864: 0.03, 1 << 20: 1 / 256, 1024: 0.5}
+    for pixels, share_of_all in shares.items():
+        budget = RecordBudget(pixels, 1024)
+        before = budget.threshold(16.0)
+        budget.is_frugal = True
+        found = budget.threshold(16.0)
+        assert found <= before
+        assert found / 2**32 == pytest.approx(min(share_of_all, before / 2**32), rel=1e-3)
 
 
 def test_learning_rests_while_few_pixels_have_few_paths() -> None:

@@ -112,7 +112,7 @@ def test_guiding_ends_where_it_does_not_pay(method):
     tried = [render(method, seed, learn_guiding_probability=False, **shared) for seed in range(SEEDS)]
     for result in tried:
         assert 0.0 < result.report.guiding.efficiency < 1.0
-        assert 15 <= result.report.guiding.stopped_at < samples
+        assert 8 <= result.report.guiding.stopped_at < samples
         assert any("did not pay" in line for line in result.report.guiding.lines)
     plain = [render("OFF", seed, **shared) for seed in range(SEEDS)]
     means = [np.array([r.passes["Combined"][..., :3].mean() for r in results]) for results in (tried, plain)]
@@ -124,6 +124,7 @@ def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
     untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
     assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
     monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 0.0))
     won = render("VMM", 1, samples=31).report.guiding
     assert won.stopped_at == 0 and won.efficiency > 0.0
@@ -136,3 +137,10 @@ def test_the_trial_does_not_depend_on_threads():
     assert one.report.guiding.stopped_at == two.report.guiding.stopped_at > 0
     assert one.report.guiding.efficiency == two.report.guiding.efficiency
     assert np.array_equal(one.passes["Combined"], two.passes["Combined"])
+
+
+def test_little_that_is_left_gives_no_benefit_of_the_doubt():
+    """No later part of a short render could pay for what a trial costs; a long one waits."""
+    assert trial.least_efficiency(3, 16, 1000.0) == trial.LEAST_EFFICIENCY[3] < 1.0
+    assert trial.least_efficiency(3, 16, 16.0) == trial.LEAST_OF_SHORT > 1.0
+    assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
