@@ -582,6 +582,49 @@ class LightSamples(Bundle):
     channels: tuple[int, ...]
 
 
+#: Light samples that are drawn at once.
+DRAW_WIDTH = 8
+# Columns of LightDraws.real: what is given,
+DRAW_U0 = 0
+DRAW_U1 = 1
+DRAW_ROULETTE = 2  # LightSamples.terminate
+DRAW_PMF = 3  # of the emitter
+DRAW_TRIANGLE = 4  # a vertex as seen from the receiver, and the edges from it
+# and what has been drawn.
+DRAW_PDF = 13
+DRAW_DIRECTION = 14
+DRAW_DISTANCE = 17
+DRAW_U = 18
+DRAW_V = 19
+DRAW_REAL_WIDTH = 20
+
+# Columns of LightDraws.integer.
+DRAW_LANE = 0
+DRAW_EMITTER = 1
+DRAW_PATCH = 2
+DRAW_BITS = 3  # HAS_* of the lane's closures
+DRAW_LEAVES_DIM = 4
+DRAW_INTEGER_WIDTH = 5
+
+
+class LightDraws(Bundle):
+    """A thread's scratch for light samples that are drawn side by side.
+
+    real : float32 (1, DRAW_REAL_WIDTH, DRAW_WIDTH)
+    integer : int64 (DRAW_INTEGER_WIDTH, DRAW_WIDTH)
+    """
+
+    real: Float32Array
+    integer: Int64Array
+
+
+def allocate_light_draws() -> LightDraws:
+    """Zeroed `LightDraws`."""
+    size = 4 * DRAW_REAL_WIDTH * DRAW_WIDTH
+    real = aligned_bytes(size)[:size].view(np.float32).reshape(1, DRAW_REAL_WIDTH, DRAW_WIDTH)
+    return LightDraws(real, np.zeros((DRAW_INTEGER_WIDTH, DRAW_WIDTH), np.int64))
+
+
 LIGHT_USES_MIS = 1
 LIGHT_CASTS_SHADOW = 2
 #: The program's emission at this sample is in the light closures.

@@ -48,9 +48,9 @@ def _blend(
     return types.UniTuple(types.float32, 4)(pixels, *[index] * 4, *[weight] * 4), generate
 
 
-def _blend_in_python(pixels: Any, first: Any, second: Any, third: Any, fourth: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    rows = [pixels[at : at + 4].astype(np.float32) for at in (first, second, third, fourth)]
-    blended = a * rows[0] + b * rows[1] + c * rows[2] + d * rows[3]
+def _blend_in_python(pixels: Any, *rest: Any) -> Any:
+    rows = [pixels[at : at + 4].astype(np.float32) for at in rest[:4]]
+    blended = sum(weight * row for weight, row in zip(rest[4:], rows, strict=True))
     return tuple(np.float32(x) for x in blended)
 
 

@@ -61,7 +61,9 @@ def _points(count: int = 500) -> ShadePoints:
 
 def _columns(closures: Closures, lobe: int) -> np.ndarray:
     param = closures.param[:, lobe]
-    columns = [CLOSURE_SAMPLE_WEIGHT, BUMP, *range(CLOSURE_WEIGHT, CLOSURE_WEIGHT + 3), *range(CLOSURE_N, CLOSURE_N + 3)]
+    columns = [CLOSURE_SAMPLE_WEIGHT, BUMP]
+    for first in (CLOSURE_WEIGHT, CLOSURE_N):
+        columns += range(first, first + 3)
     specular = [ALPHA_X, ALPHA_Y, ETA, ENERGY_SCALE, F0_REAL, *range(F0, F0 + 3)]
     bumped = np.where(param[:, [BUMP]] != 0.0, param[:, SMOOTH_N : SMOOTH_N + 3], 0.0)
     is_specular = (closures.kind[:, lobe] == GLOSSY_SCHLICK)[:, None]
