@@ -180,7 +180,7 @@ def _choose(typing_context: Any, flags: Any, a: Any, b: Any) -> Any:
             a, b = (context.cast(builder, value, typ, types.float32) for typ, value in pairs)
         return builder.select(arguments[0], a, b)
 
-    is_eight = isinstance(flags, FlagsType)
+    is_eight = isinstance(flags, FlagsType) or isinstance(a, EightType) or isinstance(b, EightType)
     return (EIGHT if is_eight else types.float32)(flags, a, b), generate
 
 
@@ -231,7 +231,7 @@ def _last_in_python(flags: Any) -> int:
 
 
 def _choose_in_python(flags: Any, a: Any, b: Any) -> Any:
-    return np.where(flags, a, b) if np.ndim(flags) else np.float32(a if flags else b)
+    return np.where(flags, a, b) if np.ndim(flags) or np.ndim(a) or np.ndim(b) else np.float32(a if flags else b)
 
 
 def _store_in_python(array: Any, i: Any, j: Any, x: Any) -> None:
@@ -250,7 +250,7 @@ store_eight = _for_kernels(_store, _store_in_python)
 absolute = _for_kernels(_absolute, np.abs)
 #: `root(x)`: square roots of eight floats, or of one; 0 of negative ones.
 root = _for_kernels(_root, lambda x: np.sqrt(np.maximum(x, np.float32(0.0))))
-#: `choose(flags, a, b)`: a where the flag is set, else b; each eight floats or a number; of one flag a number.
+#: `choose(flags, a, b)`: a where the flag is set, else b; each eight floats or a number, and so may flag be one.
 choose = _for_kernels(_choose, _choose_in_python)
 #: `sums_before(x)`: of each float the sum of those before it.
 sums_before = _for_kernels(_sums_before, _sums_in_python)

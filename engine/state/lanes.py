@@ -590,21 +590,26 @@ DRAW_U1 = 1
 DRAW_ROULETTE = 2  # LightSamples.terminate
 DRAW_PMF = 3  # of the emitter
 DRAW_TRIANGLE = 4  # a vertex as seen from the receiver, and the edges from it
-# and what has been drawn.
+# what has been drawn,
 DRAW_PDF = 13
 DRAW_DIRECTION = 14
 DRAW_DISTANCE = 17
 DRAW_U = 18
 DRAW_V = 19
-DRAW_REAL_WIDTH = 20
+# and the receiver, by which the emitter is chosen.
+DRAW_P = 20
+DRAW_N = 23
+DRAW_TRANSMITS = 26  # 1, if it counts light from both sides, else 0
+DRAW_U_PICK = 27
+DRAW_IMPORTANCE = 28  # of up to eight emitters
+DRAW_REAL_WIDTH = 36
 
 # Columns of LightDraws.integer.
 DRAW_LANE = 0
 DRAW_EMITTER = 1
 DRAW_PATCH = 2
-DRAW_BITS = 3  # HAS_* of the lane's closures
-DRAW_LEAVES_DIM = 4
-DRAW_INTEGER_WIDTH = 5
+DRAW_LEAVES_DIM = 3
+DRAW_INTEGER_WIDTH = 4
 
 
 class LightDraws(Bundle):

@@ -14,6 +14,8 @@ from engine.kernels.lights import (
     cluster_choice,
     drawn_triangle,
     finds_all,
+    group_of_few,
+    pick_among_few,
     put_triangle,
     sample_emitter,
     sample_triangles,
@@ -28,15 +30,18 @@ from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
-    DRAW_BITS,
     DRAW_EMITTER,
     DRAW_LANE,
     DRAW_LEAVES_DIM,
+    DRAW_N,
+    DRAW_P,
     DRAW_PATCH,
     DRAW_PMF,
     DRAW_ROULETTE,
+    DRAW_TRANSMITS,
     DRAW_U0,
     DRAW_U1,
+    DRAW_U_PICK,
     DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
@@ -62,19 +67,11 @@ _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 
 @kernel(forceinline=True)
-def _choose_emitters(scene, work, lanes, first, lane_count, learns_lights):
-    """Choose an emitter for the next lanes of a queue, as many as are drawn at once, and draw points of triangles.
-
-    Returns
-    -------
-    int
-        How many places of `work.draws` are taken, in the lanes' order: by those that may get light.
-    """
-    lights, geometry = scene.lights, scene.geometry
+def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
+    """Put the next lanes of a queue that may get light into `work.draws`, in their order; returns how many."""
     paths, points, closures, samples, draws = work.paths, work.points, work.closures, work.samples, work.draws
     real, numbers = draws.real, draws.integer
     count = 0
-    has_triangles = False
     for k in range(first, min(first + DRAW_WIDTH, lane_count)):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -91,28 +88,51 @@ def _choose_emitters(scene, work, lanes, first, lane_count, learns_lights):
         if not bits & HAS_EVAL:
             continue
         u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LIGHT)
-        p, n, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_NG)
-        emitter, pmf, patch = choose_emitter(lights, p, n, (bits & HAS_TRANSMISSION) != 0, u0)
-        if emitter < 0 or not pmf > 0.0:
-            continue
-        is_triangle, (v0, edge1, edge2) = triangle_of(lights, geometry, emitter, paths.time[lane])
-        if is_triangle:
-            put_triangle(draws, count, v0, edge1, edge2, p, u1, u2)
-            has_triangles = True
-        else:
-            real[0, DRAW_U0, count] = u1
-            real[0, DRAW_U1, count] = u2
+        for c in range(3):
+            real[0, DRAW_P + c, count] = points.real[lane, POINT_P + c]
+            real[0, DRAW_N + c, count] = points.real[lane, POINT_NS + c]
+        real[0, DRAW_TRANSMITS, count] = 1.0 if bits & HAS_TRANSMISSION != 0 else 0.0
+        real[0, DRAW_U_PICK, count] = u0
+        real[0, DRAW_U0, count] = u1
+        real[0, DRAW_U1, count] = u2
         real[0, DRAW_ROULETTE, count] = u3
-        real[0, DRAW_PMF, count] = pmf
         numbers[DRAW_LANE, count] = lane
-        numbers[DRAW_EMITTER, count] = emitter
-        numbers[DRAW_PATCH, count] = patch
-        numbers[DRAW_BITS, count] = bits
-        numbers[DRAW_LEAVES_DIM, count] = 1 if finds_all(lights, closures, lane, ng) else 0
+        leaves_dim = finds_all(scene.lights, closures, lane, real_3(points, lane, POINT_NG))
+        numbers[DRAW_LEAVES_DIM, count] = 1 if leaves_dim else 0
         count += 1
+    return count
+
+
+@kernel(forceinline=True)
+def _choose_emitters(scene, paths, draws, count, few):
+    """Choose emitters for the first receivers in `draws`, and draw points of those that are triangles.
+
+    Parameters
+    ----------
+    few : int, as `group_of_few` says
+    """
+    lights, geometry = scene.lights, scene.geometry
+    real, numbers = draws.real, draws.integer
+    if few >= 0:
+        pick_among_few(lights, few, draws)
+    has_triangles = False
+    for k in range(count):
+        p = (real[0, DRAW_P, k], real[0, DRAW_P + 1, k], real[0, DRAW_P + 2, k])
+        if few < 0:
+            n = (real[0, DRAW_N, k], real[0, DRAW_N + 1, k], real[0, DRAW_N + 2, k])
+            emitter, pmf, patch = choose_emitter(
+                lights, p, n, real[0, DRAW_TRANSMITS, k] > 0.0, real[0, DRAW_U_PICK, k]
+            )
+            numbers[DRAW_EMITTER, k] = emitter if pmf > 0.0 else -1
+            numbers[DRAW_PATCH, k] = patch
+            real[0, DRAW_PMF, k] = pmf
+        time = paths.time[numbers[DRAW_LANE, k]]
+        is_triangle, (v0, edge1, edge2) = triangle_of(lights, geometry, numbers[DRAW_EMITTER, k], time)
+        if is_triangle:
+            put_triangle(draws, k, v0, edge1, edge2, p)
+            has_triangles = True
     if has_triangles:
         sample_triangles(draws)
-    return count
 
 
 @kernel
@@ -133,10 +153,18 @@ def choose_lights(scene, unit, work, queue):
     real, numbers = draws.real, draws.integer
     lit_count = 0
     program_count = 0
+    few = group_of_few(lights)
+    if few >= 0:
+        for k in range(DRAW_WIDTH):
+            numbers[DRAW_PATCH, k] = -1
     for first in range(0, lane_count, DRAW_WIDTH):
-        for k in range(_choose_emitters(scene, work, lanes, first, lane_count, learns_lights)):
+        count = _take_receivers(scene, work, lanes, first, lane_count, learns_lights)
+        _choose_emitters(scene, paths, draws, count, few)
+        for k in range(count):
+            if numbers[DRAW_EMITTER, k] < 0:
+                continue
             lane = numbers[DRAW_LANE, k]
-            has_transmission = numbers[DRAW_BITS, k] & HAS_TRANSMISSION != 0
+            has_transmission = real[0, DRAW_TRANSMITS, k] > 0.0
             leaves_dim = numbers[DRAW_LEAVES_DIM, k] != 0
             p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS)
             sample = sample_emitter(

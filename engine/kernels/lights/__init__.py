@@ -17,6 +17,7 @@ from engine.kernels.lights.sample import (
     triangle_emitter_pdf,
     triangle_of,
 )
+from engine.kernels.lights.tree import group_of_few, pick_among_few
 from engine.kernels.lights.triangle import drawn_triangle, put_triangle, sample_triangles
 
 __all__ = [
@@ -26,9 +27,11 @@ __all__ = [
     "draw_triangle",
     "drawn_triangle",
     "finds_all",
+    "group_of_few",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",
+    "pick_among_few",
     "put_triangle",
     "sample_emitter",
     "sample_light",

@@ -200,15 +200,13 @@ def sample_triangle(v0, edge1, edge2, p, u0, u1):
 
 
 @kernel
-def put_triangle(draws, k, v0, edge1, edge2, p, u0, u1):
-    """Leave for `sample_triangles` what it is to be given at place `k`: arguments of `sample_triangle`."""
+def put_triangle(draws, k, v0, edge1, edge2, p):
+    """Leave for `sample_triangles` a triangle and a receiver at place `k`: arguments of `sample_triangle`."""
     a = subtract(v0, p)
     for c in range(3):
         draws.real[0, DRAW_TRIANGLE + c, k] = a[c]
         draws.real[0, DRAW_TRIANGLE + 3 + c, k] = edge1[c]
         draws.real[0, DRAW_TRIANGLE + 6 + c, k] = edge2[c]
-    draws.real[0, DRAW_U0, k] = u0
-    draws.real[0, DRAW_U1, k] = u1
 
 
 @kernel
