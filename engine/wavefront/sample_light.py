@@ -24,7 +24,8 @@ from engine.kernels.lights import (
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
-from engine.kernels.rng import SET_LIGHT, sample_4d
+from engine.kernels.rng import SET_LIGHT
+from engine.kernels.rng_eight import put_path, sample_eight
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import store
 from engine.runtime.jit import kernel
@@ -87,19 +88,16 @@ def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
         bits = summarize(closures, lane)
         if not bits & HAS_EVAL:
             continue
-        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LIGHT)
+        put_path(draws, count, paths, lane, SET_LIGHT)
         for c in range(3):
             real[0, DRAW_P + c, count] = points.real[lane, POINT_P + c]
             real[0, DRAW_N + c, count] = points.real[lane, POINT_NS + c]
         real[0, DRAW_TRANSMITS, count] = 1.0 if bits & HAS_TRANSMISSION != 0 else 0.0
-        real[0, DRAW_U_PICK, count] = u0
-        real[0, DRAW_U0, count] = u1
-        real[0, DRAW_U1, count] = u2
-        real[0, DRAW_ROULETTE, count] = u3
         numbers[DRAW_LANE, count] = lane
         leaves_dim = finds_all(scene.lights, closures, lane, real_3(points, lane, POINT_NG))
         numbers[DRAW_LEAVES_DIM, count] = 1 if leaves_dim else 0
         count += 1
+    sample_eight(draws)
     return count
 
 

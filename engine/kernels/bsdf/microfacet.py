@@ -55,7 +55,9 @@ def fresnel_blend(param, lane, i, kind, cos_h):
     reflectance, cos_t = fresnel_dielectric(cos_h, param[lane, i, ETA])
     if kind == GLOSSY_SCHLICK or kind == GLASS:
         f0 = param[lane, i, F0_REAL]
-        reflectance = min(max((reflectance - f0) / max(1.0 - f0, 1e-6), 0.0), 1.0)
+        # A division that need not wait for the reflectance.
+        inverse = 1.0 / max(1.0 - f0, 1e-6)
+        reflectance = min(max((reflectance - f0) * inverse, 0.0), 1.0)
     return reflectance, cos_t
 
 
