@@ -75,7 +75,8 @@ def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
     count = 0
     for k in range(first, min(first + DRAW_WIDTH, lane_count)):
         lane = lanes[k]
-        ahead = lane_ahead(lanes, k, lane_count)
+        # For the next time: they are all read within a moment.
+        ahead = lanes[min(k + DRAW_WIDTH, lane_count - 1)]
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         ask_for_closures(closures, ahead)
