@@ -2,8 +2,8 @@
 """Eight floats that are computed with at once, for kernels where LLVM finds no vectors by itself.
 
 A loop over eight rows is unrolled before LLVM looks for vectors, and then stays what it was. In kernels an `EIGHT` is a
-value like a float: it has the arithmetic operators and, for `choose`, comparisons. Where NUMBA_DISABLE_JIT is set it is
-a numpy array.
+value like a float: it has the arithmetic operators and, for `choose`, comparisons. `absolute`, `root`, `choose` and
+`larger` take plain floats as well, so that one kernel serves both. Where NUMBA_DISABLE_JIT is set it is a numpy array.
 """
 
 import operator
@@ -20,6 +20,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, models, register_model
 
 from engine.runtime.bundle import FieldType, array_of
+from engine.runtime.jit import kernel
 
 #: How many.
 WIDTH = 8
@@ -103,55 +104,84 @@ _register(operator.or_, FlagsType, FLAGS, lambda builder, a, b: builder.or_(a, b
 
 
 def _intrinsic_of(context: Any, builder: Any, name: str, value: Any) -> Any:
+    suffix = f"v{WIDTH}f32" if value.type == _FLOATS else "f32"
     function = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(_FLOATS, [_FLOATS]), f"llvm.{name}.v{WIDTH}f32"
+        builder.module, ir.FunctionType(value.type, [value.type]), f"llvm.{name}.{suffix}"
     )
     return builder.call(function, [value])
+
+
+def _real(typ: Any) -> Any:
+    """EIGHT or float32: what a function returns for one of these."""
+    return EIGHT if isinstance(typ, EightType) else types.float32
+
+
+def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Where eight floats are, of arguments that begin with array, group and column."""
+    array_type = signature.args[0]
+    rows = array_of(context, builder, array_type, arguments[0])
+    indices = [
+        context.cast(builder, index, index_type, types.intp)
+        for index, index_type in zip(arguments[1:3], signature.args[1:3], strict=True)
+    ]
+    indices.append(ir.Constant(indices[0].type, 0))
+    if isinstance(array_type, FieldType):
+        array_type = array_type.array_type
+    pointer = cgutils.get_item_pointer(context, builder, array_type, rows, indices)
+    return builder.bitcast(pointer, _FLOATS.as_pointer())
 
 
 @intrinsic
 def _load(typing_context: Any, array: Any, group: Any, column: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array_type = signature.args[0]
-        rows = array_of(context, builder, array_type, arguments[0])
-        indices = [
-            context.cast(builder, index, index_type, types.intp)
-            for index, index_type in zip(arguments[1:], signature.args[1:], strict=True)
-        ]
-        indices.append(ir.Constant(indices[0].type, 0))
-        if isinstance(array_type, FieldType):
-            array_type = array_type.array_type
-        pointer = cgutils.get_item_pointer(context, builder, array_type, rows, indices)
-        return builder.load(builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
+        return builder.load(_place(context, builder, signature, arguments), align=4)
 
     return EIGHT(array, group, column), generate
 
 
 @intrinsic
+def _store(typing_context: Any, array: Any, group: Any, column: Any, x: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = _place(context, builder, signature, arguments)
+        builder.store(arguments[3], pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, group, column, EIGHT), generate
+
+
+@intrinsic
 def _absolute(typing_context: Any, x: Any) -> Any:
-    return EIGHT(EIGHT), lambda context, builder, _, args: _intrinsic_of(context, builder, "fabs", args[0])
+    real = _real(x)
+    return real(real), lambda context, builder, _, args: _intrinsic_of(context, builder, "fabs", args[0])
 
 
 @intrinsic
 def _root(typing_context: Any, x: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        zero = ir.Constant(_FLOATS, [0.0] * WIDTH)
+        zero = ir.Constant(_FLOATS, [0.0] * WIDTH) if arguments[0].type == _FLOATS else ir.Constant(ir.FloatType(), 0.0)
         is_positive = builder.fcmp_ordered(">", arguments[0], zero)
         return _intrinsic_of(context, builder, "sqrt", builder.select(is_positive, arguments[0], zero))
 
-    return EIGHT(EIGHT), generate
+    real = _real(x)
+    return real(real), generate
 
 
 @intrinsic
 def _choose(typing_context: Any, flags: Any, a: Any, b: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, b = (_eight(context, builder, *pair) for pair in zip(signature.args[1:], arguments[1:], strict=True))
+        pairs = list(zip(signature.args[1:], arguments[1:], strict=True))
+        if is_eight:
+            a, b = (_eight(context, builder, *pair) for pair in pairs)
+        else:
+            a, b = (context.cast(builder, value, typ, types.float32) for typ, value in pairs)
         return builder.select(arguments[0], a, b)
 
-    return EIGHT(flags, a, b), generate
+    is_eight = isinstance(flags, FlagsType) or isinstance(a, EightType) or isinstance(b, EightType)
+    return (EIGHT if is_eight else types.float32)(flags, a, b), generate
 
 
 @intrinsic
@@ -200,21 +230,37 @@ def _last_in_python(flags: Any) -> int:
     return int(np.flatnonzero(flags)[-1]) if np.any(flags) else -1
 
 
+def _choose_in_python(flags: Any, a: Any, b: Any) -> Any:
+    return np.where(flags, a, b) if np.ndim(flags) or np.ndim(a) or np.ndim(b) else np.float32(a if flags else b)
+
+
+def _store_in_python(array: Any, i: Any, j: Any, x: Any) -> None:
+    array[i, j] = x
+
+
 def _for_kernels(compiled: Any, in_python: Any) -> Any:
     return in_python if numba.config.DISABLE_JIT else compiled
 
 
 #: `load_eight(array, i, j)`: array[i, j] of a float32 array whose last dimension is eight.
 load_eight = _for_kernels(_load, lambda array, i, j: array[i, j])
-#: `absolute(x)`: magnitudes of eight floats.
+#: `store_eight(array, i, j, x)`: write it.
+store_eight = _for_kernels(_store, _store_in_python)
+#: `absolute(x)`: magnitudes of eight floats, or of one.
 absolute = _for_kernels(_absolute, np.abs)
-#: `root(x)`: square roots of eight floats, 0 of negative ones.
+#: `root(x)`: square roots of eight floats, or of one; 0 of negative ones.
 root = _for_kernels(_root, lambda x: np.sqrt(np.maximum(x, np.float32(0.0))))
-#: `choose(flags, a, b)`: a where the flag is set, else b; each eight floats or a number.
-choose = _for_kernels(_choose, np.where)
+#: `choose(flags, a, b)`: a where the flag is set, else b; each eight floats or a number, and so may flag be one.
+choose = _for_kernels(_choose, _choose_in_python)
 #: `sums_before(x)`: of each float the sum of those before it.
 sums_before = _for_kernels(_sums_before, _sums_in_python)
 #: `at(x, k)`: float k.
 at = _for_kernels(_at, lambda x, k: x[k])
 #: `last_of(flags)`: which is the last flag that is set, -1 = none.
 last_of = _for_kernels(_last_of, _last_in_python)
+
+
+@kernel
+def larger(a, b):
+    """The larger one of two numbers; each eight floats or one."""
+    return choose(a > b, a, b)

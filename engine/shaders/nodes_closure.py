@@ -7,11 +7,13 @@ which takes the opcode, the weight, further operands and the modes that need the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX
+from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX, WEIGHT_CUTOFF
+from engine.kernels.bsdf.plain_principled import fold_principled
+from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
 from engine.shaders.options import choice
@@ -171,12 +173,38 @@ _PRINCIPLED_OFF: dict[str, Value] = {
 }
 
 
+def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Value]) -> tuple[Value, ...] | None:
+    """Operands of PLAIN_PRINCIPLED, or None where more is asked of PRINCIPLED."""
+    numbers: dict[str, tuple[float, ...]] = {}
+    for name, value in values.items():
+        if isinstance(value, Constant):
+            numbers[name] = value.value
+    folded = ("roughness", "ior", "specular_level", "specular_tint")
+    off = ("metallic", "diffuse_roughness", "anisotropic", "transmission", "coat_weight", "sheen_weight")
+    if not all(name in numbers for name in (*folded, *off, "emission_color", "emission_strength", "alpha")):
+        return None
+    if any(numbers[name][0] >= WEIGHT_CUTOFF for name in off) or numbers["alpha"][0] < 1.0:
+        return None
+    if any(numbers["emission_color"]) and any(numbers["emission_strength"]):
+        return None
+    roughness, ior, level = (numbers[name][0] for name in folded[:3])
+    table = fold_principled(
+        load_tables().data, roughness, ior, level, numbers["specular_tint"], is_multiple=distribution == MULTI_GGX
+    )
+    return normal, values["base_color"], Constant(table)
+
+
 def _principled_lobes(builder: Any, weight: Value, distribution: int, modes: tuple[int, ...], **values: Value) -> None:
     """PRINCIPLED with everything off but `values` (and the normals)."""
     normal = values.pop("normal", None) or _normal(builder)
     coat_normal = values.pop("coat_normal", None) or normal
     tangent = values.pop("tangent", None) or _BLACK
-    rest = tuple((_PRINCIPLED_OFF | values).values())
+    inputs = _PRINCIPLED_OFF | values
+    plain = _plain_principled(distribution, normal, inputs)
+    if plain is not None:
+        builder.closure(ops.opcode("PLAIN_PRINCIPLED"), weight, plain, modes=modes)
+        return
+    rest = tuple(inputs.values())
     builder.closure(
         ops.opcode("PRINCIPLED"), weight, (normal, coat_normal, tangent, *rest), (distribution,), modes=modes
     )

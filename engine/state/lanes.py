@@ -582,6 +582,63 @@ class LightSamples(Bundle):
     channels: tuple[int, ...]
 
 
+#: Light samples that are drawn at once.
+DRAW_WIDTH = 8
+# Columns of LightDraws.real. Numbers of a set:
+DRAW_U_PICK = 0  # chooses the emitter
+DRAW_U0 = 1
+DRAW_U1 = 2
+DRAW_ROULETTE = 3  # LightSamples.terminate
+# the receiver, and the emitter that is chosen for it,
+DRAW_P = 4
+DRAW_N = 7
+DRAW_TRANSMITS = 10  # 1, if it counts light from both sides, else 0
+DRAW_PMF = 11
+DRAW_IMPORTANCE = 12  # of up to eight emitters
+# and the triangle, from a vertex as seen from the receiver by two edges, with the point that is drawn on it.
+DRAW_TRIANGLE = 20
+DRAW_PDF = 29
+DRAW_DIRECTION = 30
+DRAW_DISTANCE = 33
+DRAW_U = 34
+DRAW_V = 35
+DRAW_REAL_WIDTH = 36
+
+# Rows of LightDraws.hashes: what numbers follow from.
+DRAW_RNG = 0
+DRAW_SAMPLE = 1
+DRAW_DIMENSION = 2
+
+# Columns of LightDraws.integer.
+DRAW_LANE = 0
+DRAW_EMITTER = 1
+DRAW_PATCH = 2
+DRAW_LEAVES_DIM = 3
+DRAW_INTEGER_WIDTH = 4
+
+
+class LightDraws(Bundle):
+    """A thread's scratch for what is drawn side by side: light samples, and the numbers of vertices.
+
+    real : float32 (1, DRAW_REAL_WIDTH, DRAW_WIDTH)
+    integer : int64 (DRAW_INTEGER_WIDTH, DRAW_WIDTH)
+    hashes : uint32 (3, DRAW_WIDTH)
+    """
+
+    real: Float32Array
+    integer: Int64Array
+    hashes: Uint32Array
+
+
+def allocate_light_draws() -> LightDraws:
+    """Zeroed `LightDraws`."""
+    size = 4 * DRAW_REAL_WIDTH * DRAW_WIDTH
+    real = aligned_bytes(size)[:size].view(np.float32).reshape(1, DRAW_REAL_WIDTH, DRAW_WIDTH)
+    return LightDraws(
+        real, np.zeros((DRAW_INTEGER_WIDTH, DRAW_WIDTH), np.int64), np.zeros((3, DRAW_WIDTH), np.uint32)
+    )
+
+
 LIGHT_USES_MIS = 1
 LIGHT_CASTS_SHADOW = 2
 #: The program's emission at this sample is in the light closures.

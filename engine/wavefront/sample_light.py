@@ -9,15 +9,41 @@ import numpy as np
 
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.light_sample import keep_light_sample
-from engine.kernels.lights import cluster_choice, finds_all, sample_light
+from engine.kernels.lights import (
+    choose_emitter,
+    cluster_choice,
+    drawn_triangle,
+    finds_all,
+    group_of_few,
+    pick_among_few,
+    put_triangle,
+    sample_emitter,
+    sample_triangles,
+    triangle_of,
+)
+from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
-from engine.kernels.rng import SET_LIGHT, sample_4d
+from engine.kernels.rng import SET_LIGHT
+from engine.kernels.rng_eight import put_path, sample_eight
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
+    DRAW_EMITTER,
+    DRAW_LANE,
+    DRAW_LEAVES_DIM,
+    DRAW_N,
+    DRAW_P,
+    DRAW_PATCH,
+    DRAW_PMF,
+    DRAW_ROULETTE,
+    DRAW_TRANSMITS,
+    DRAW_U0,
+    DRAW_U1,
+    DRAW_U_PICK,
+    DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
     LIGHT_USES_MIS,
@@ -41,6 +67,73 @@ from engine.wavefront.columns import (
 _SCATTERED = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 
+@kernel(forceinline=True)
+def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
+    """Put the next lanes of a queue that may get light into `work.draws`, in their order; returns how many."""
+    paths, points, closures, samples, draws = work.paths, work.points, work.closures, work.samples, work.draws
+    real, numbers = draws.real, draws.integer
+    count = 0
+    for k in range(first, min(first + DRAW_WIDTH, lane_count)):
+        lane = lanes[k]
+        # For the next time: they are all read within a moment.
+        ahead = lanes[min(k + DRAW_WIDTH, lane_count - 1)]
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_closures(closures, ahead)
+        prefetch(points.real, ahead)
+        prefetch(samples.direction, ahead)
+        if learns_lights and work.log.is_recording[lane] != 0:
+            samples.cluster[lane] = -1
+        if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
+            continue
+        bits = summarize(closures, lane)
+        if not bits & HAS_EVAL:
+            continue
+        put_path(draws, count, paths, lane, SET_LIGHT)
+        for c in range(3):
+            real[0, DRAW_P + c, count] = points.real[lane, POINT_P + c]
+            real[0, DRAW_N + c, count] = points.real[lane, POINT_NS + c]
+        real[0, DRAW_TRANSMITS, count] = 1.0 if bits & HAS_TRANSMISSION != 0 else 0.0
+        numbers[DRAW_LANE, count] = lane
+        leaves_dim = finds_all(scene.lights, closures, lane, real_3(points, lane, POINT_NG))
+        numbers[DRAW_LEAVES_DIM, count] = 1 if leaves_dim else 0
+        count += 1
+    sample_eight(draws)
+    return count
+
+
+@kernel(forceinline=True)
+def _choose_emitters(scene, paths, draws, count, few):
+    """Choose emitters for the first receivers in `draws`, and draw points of those that are triangles.
+
+    Parameters
+    ----------
+    few : int, as `group_of_few` says
+    """
+    lights, geometry = scene.lights, scene.geometry
+    real, numbers = draws.real, draws.integer
+    if few >= 0:
+        pick_among_few(lights, few, draws)
+    has_triangles = False
+    for k in range(count):
+        p = (real[0, DRAW_P, k], real[0, DRAW_P + 1, k], real[0, DRAW_P + 2, k])
+        if few < 0:
+            n = (real[0, DRAW_N, k], real[0, DRAW_N + 1, k], real[0, DRAW_N + 2, k])
+            emitter, pmf, patch = choose_emitter(
+                lights, p, n, real[0, DRAW_TRANSMITS, k] > 0.0, real[0, DRAW_U_PICK, k]
+            )
+            numbers[DRAW_EMITTER, k] = emitter if pmf > 0.0 else -1
+            numbers[DRAW_PATCH, k] = patch
+            real[0, DRAW_PMF, k] = pmf
+        time = paths.time[numbers[DRAW_LANE, k]]
+        is_triangle, (v0, edge1, edge2) = triangle_of(lights, geometry, numbers[DRAW_EMITTER, k], time)
+        if is_triangle:
+            put_triangle(draws, k, v0, edge1, edge2, p)
+            has_triangles = True
+    if has_triangles:
+        sample_triangles(draws)
+
+
 @kernel
 def choose_lights(scene, unit, work, queue):
     """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
@@ -50,68 +143,68 @@ def choose_lights(scene, unit, work, queue):
     the BSDF says of it.
     """
     lights, geometry = scene.lights, scene.geometry
-    paths, points, closures, samples = work.paths, work.points, work.closures, work.samples
+    paths, points, closures, samples, draws = work.paths, work.points, work.closures, work.samples, work.draws
     lit, programs = work.lit.lanes, work.programs.lanes
     tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
     learns_lights = unit.header[UNIT_LEARNS_LIGHTS] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
+    real, numbers = draws.real, draws.integer
     lit_count = 0
     program_count = 0
-    for k in range(lane_count):
-        lane = lanes[k]
-        ahead = lane_ahead(lanes, k, lane_count)
-        ask_for_ray(paths, ahead)
-        ask_for_throughput(paths, ahead)
-        ask_for_closures(closures, ahead)
-        prefetch(points.real, ahead)
-        prefetch(samples.direction, ahead)
-        is_recorded = learns_lights and log.is_recording[lane] != 0
-        if is_recorded:
-            samples.cluster[lane] = -1
-        if paths.alive[lane] == 0 or samples.weight[lane] == 0.0:
-            continue
-        bits = summarize(closures, lane)
-        if not bits & HAS_EVAL:
-            continue
-        u0, u1, u2, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_LIGHT)
-        real = points.real
-        p = (real[lane, POINT_P], real[lane, POINT_P + 1], real[lane, POINT_P + 2])
-        n = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
-        ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
-        has_transmission = (bits & HAS_TRANSMISSION) != 0
-        leaves_dim = finds_all(lights, closures, lane, ng)
-        sample = sample_light(lights, geometry, p, n, has_transmission, leaves_dim, paths.time[lane], u0, u1, u2)
-        (
-            pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
-        ) = sample  # fmt: skip
-        if is_recorded and pdf > 0.0:
-            cluster, cluster_pmf, tree_pmf = cluster_choice(
-                lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
-            )
-            samples.cluster[lane] = cluster
-            samples.cluster_pmf[lane] = cluster_pmf
-            samples.tree_pmf[lane] = tree_pmf
-        if not pdf > 0.0 or paths.depth[lane] > max_bounces:
-            continue
-        if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
-            continue
-        if follows and instance >= 0:
-            # Nothing but catchers is there for them.
-            if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
+    few = group_of_few(lights)
+    if few >= 0:
+        for k in range(DRAW_WIDTH):
+            numbers[DRAW_PATCH, k] = -1
+    for first in range(0, lane_count, DRAW_WIDTH):
+        count = _take_receivers(scene, work, lanes, first, lane_count, learns_lights)
+        _choose_emitters(scene, paths, draws, count, few)
+        for k in range(count):
+            if numbers[DRAW_EMITTER, k] < 0:
                 continue
-        wo = (real[lane, POINT_WO], real[lane, POINT_WO + 1], real[lane, POINT_WO + 2])
-        bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, visibility & _SCATTERED, f_cos, lane)
-        largest = 0.0
-        for c in range(len(paths.channels)):
-            largest = max(largest, abs(f_cos[lane, c]))
-        if not largest > 0.0:
-            continue
-        if keep_light_sample(scene, work, lane, sample, bsdf_pdf, u3, scene.header[SCENE_WORLD_GROUP], splits_light):
-            programs[program_count] = lane
-            program_count += 1
-        lit[lit_count] = lane
-        lit_count += 1
+            lane = numbers[DRAW_LANE, k]
+            has_transmission = real[0, DRAW_TRANSMITS, k] > 0.0
+            leaves_dim = numbers[DRAW_LEAVES_DIM, k] != 0
+            p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS)
+            sample = sample_emitter(
+                lights, geometry, numbers[DRAW_EMITTER, k], real[0, DRAW_PMF, k], numbers[DRAW_PATCH, k],
+                drawn_triangle(draws, k), p, n, has_transmission, leaves_dim, paths.time[lane], real[0, DRAW_U0, k],
+                real[0, DRAW_U1, k],
+            )
+            (
+                pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
+            ) = sample  # fmt: skip
+            if learns_lights and log.is_recording[lane] != 0 and pdf > 0.0:
+                cluster, cluster_pmf, tree_pmf = cluster_choice(
+                    lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
+                )
+                samples.cluster[lane] = cluster
+                samples.cluster_pmf[lane] = cluster_pmf
+                samples.tree_pmf[lane] = tree_pmf
+            if not pdf > 0.0 or paths.depth[lane] > max_bounces:
+                continue
+            if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
+                continue
+            if follows and instance >= 0:
+                # Nothing but catchers is there for them.
+                if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
+                    continue
+            wo = real_3(points, lane, POINT_WO)
+            ng = real_3(points, lane, POINT_NG)
+            bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, visibility & _SCATTERED, f_cos, lane)
+            largest = 0.0
+            for c in range(len(paths.channels)):
+                largest = max(largest, abs(f_cos[lane, c]))
+            if not largest > 0.0:
+                continue
+            if keep_light_sample(
+                scene, work, lane, sample, bsdf_pdf, real[0, DRAW_ROULETTE, k], scene.header[SCENE_WORLD_GROUP],
+                splits_light,
+            ):
+                programs[program_count] = lane
+                program_count += 1
+            lit[lit_count] = lane
+            lit_count += 1
     work.lit.count[0] = lit_count
     work.programs.count[0] = program_count
 

@@ -26,6 +26,7 @@ from engine.state.lanes import (
     Closures,
     FeatureLanes,
     GuidedLanes,
+    LightDraws,
     LightPassLanes,
     LightSamples,
     PathState,
@@ -139,6 +140,7 @@ class Work(Bundle):
     active, free : lanes with a path and without
     traced, tracked, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
     single, several : guided lanes with one candidate, and with several
+    draws : scratch of `choose_lights`
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
@@ -173,6 +175,7 @@ class Work(Bundle):
     closures: Closures
     shaded: Closures
     samples: LightSamples
+    draws: LightDraws
     shadows: ShadowRays
     light_points: ShadePoints
     light_closures: Closures

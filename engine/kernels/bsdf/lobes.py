@@ -17,7 +17,16 @@ Kinds that are neither diffuse nor transparent are microfacet lobes, one family 
 
 import numpy as np
 
-from engine.kernels.bsdf import diffuse, glossy, oren_nayar, phase, principled, sheen, translucent
+from engine.kernels.bsdf import (
+    diffuse,
+    glossy,
+    oren_nayar,
+    phase,
+    plain_principled,
+    principled,
+    sheen,
+    translucent,
+)
 from engine.kernels.bsdf.kinds import (
     F0,
     F82_B,
@@ -36,6 +45,7 @@ LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE
 #: Instructions that add lobes, by name; they are asked in this order.
 INSTRUCTIONS = {
     "DIFFUSE": diffuse.run_diffuse,
+    "PLAIN_PRINCIPLED": plain_principled.run_plain_principled,
     "PRINCIPLED": principled.run_principled,
     "TRANSLUCENT": translucent.run_translucent,
     "GLOSSY": glossy.run_glossy,

@@ -55,7 +55,9 @@ def fresnel_blend(param, lane, i, kind, cos_h):
     reflectance, cos_t = fresnel_dielectric(cos_h, param[lane, i, ETA])
     if kind == GLOSSY_SCHLICK or kind == GLASS:
         f0 = param[lane, i, F0_REAL]
-        reflectance = min(max((reflectance - f0) / max(1.0 - f0, 1e-6), 0.0), 1.0)
+        # A division that need not wait for the reflectance.
+        inverse = 1.0 / max(1.0 - f0, 1e-6)
+        reflectance = min(max((reflectance - f0) * inverse, 0.0), 1.0)
     return reflectance, cos_t
 
 
@@ -130,9 +132,10 @@ def eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
             branch_pmf = 1.0 - branch_pmf
 
     # D |dh / dwi| / cos_o (Walter et al. 2007, Eqs. 14 and 17).
-    common = 0.25 / cos_o
+    inverse_o = 1.0 / cos_o
+    common = 0.25 * inverse_o
     if is_refracted:
-        common = eta * inverse_length * eta * inverse_length * abs(cos_ho * cos_hi) / cos_o
+        common = eta * inverse_length * eta * inverse_length * abs(cos_ho * cos_hi) * inverse_o
     # (alpha tan(theta))^2 of both directions.
     stretched_o = 0.0
     stretched_i = 0.0
@@ -141,7 +144,7 @@ def eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
         sine = cross(n, h)
         slope = dot(sine, sine) + alpha_squared * cos_nh * cos_nh
         common *= alpha_squared * INV_PI / (slope * slope)
-        stretched_o = alpha_squared * max(1.0 / (cos_o * cos_o) - 1.0, 0.0)
+        stretched_o = alpha_squared * max(inverse_o * inverse_o - 1.0, 0.0)
         stretched_i = alpha_squared * max(1.0 / (cos_i * cos_i) - 1.0, 0.0)
     else:
         tangent = read3(param, lane, i, TANGENT)
@@ -150,8 +153,8 @@ def eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
         y = dot(bitangent, h) / alpha_y
         slope = x * x + y * y + cos_nh * cos_nh
         common *= INV_PI / (alpha_squared * slope * slope)
-        x = alpha_x * dot(tangent, wo) / cos_o
-        y = alpha_y * dot(bitangent, wo) / cos_o
+        x = alpha_x * dot(tangent, wo) * inverse_o
+        y = alpha_y * dot(bitangent, wo) * inverse_o
         stretched_o = x * x + y * y
         x = alpha_x * dot(tangent, wi) / cos_i
         y = alpha_y * dot(bitangent, wi) / cos_i

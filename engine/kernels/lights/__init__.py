@@ -3,7 +3,9 @@
 
 from engine.kernels.lights.sample import (
     background_pdf,
+    choose_emitter,
     cluster_choice,
+    draw_triangle,
     finds_all,
     lamp_factor,
     lamp_hit,
@@ -13,18 +15,29 @@ from engine.kernels.lights.sample import (
     sun_is_hit,
     sun_pdf,
     triangle_emitter_pdf,
+    triangle_of,
 )
+from engine.kernels.lights.tree import group_of_few, pick_among_few
+from engine.kernels.lights.triangle import drawn_triangle, put_triangle, sample_triangles
 
 __all__ = [
     "background_pdf",
+    "choose_emitter",
     "cluster_choice",
+    "draw_triangle",
+    "drawn_triangle",
     "finds_all",
+    "group_of_few",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",
+    "pick_among_few",
+    "put_triangle",
     "sample_emitter",
     "sample_light",
+    "sample_triangles",
     "sun_is_hit",
     "sun_pdf",
     "triangle_emitter_pdf",
+    "triangle_of",
 ]

@@ -123,21 +123,49 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     shows_back : bool, of a triangle: the receiver sees its back
     pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
     """
-    emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u_pick)
+    emitter, pmf, patch = choose_emitter(lights, p, n, has_transmission, u_pick)
+    drawn = draw_triangle(lights, geometry, emitter, p, time, u0, u1)
     return sample_emitter(
-        lights, geometry, emitter, pmf, patch, p, n, has_transmission, leaves_dim, time, u0, u1
+        lights, geometry, emitter, pmf, patch, drawn, p, n, has_transmission, leaves_dim, time, u0, u1
     )
 
 
 @kernel(forceinline=True)
+def choose_emitter(lights, p, n, has_transmission, u):
+    """The emitter that `sample_light` chooses; returns as `pick_emitter` does."""
+    return pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u)
+
+
+@kernel(forceinline=True)
+def triangle_of(lights, geometry, emitter, time):
+    """Whether an emitter that has been chosen is a triangle, and `emissive_triangle`; -1 is no emitter."""
+    if emitter >= 0 and lights.emitters[emitter, EMITTER_KIND] == LIGHT_TRIANGLE:
+        return True, emissive_triangle(lights, geometry, emitter, time)
+    nothing = 0.0 * time
+    zero = (nothing, nothing, nothing)
+    return False, (zero, zero, zero)
+
+
+@kernel
+def draw_triangle(lights, geometry, emitter, p, time, u0, u1):
+    """Draw a point of an emitter that has been chosen, if it is a triangle; returns as `sample_triangle` does."""
+    is_triangle, (v0, edge1, edge2) = triangle_of(lights, geometry, emitter, time)
+    if is_triangle:
+        return sample_triangle(v0, edge1, edge2, p, u0, u1)
+    nothing = 0.0 * u0
+    return nothing, p, nothing, nothing, nothing
+
+
+@kernel(forceinline=True)
 def sample_emitter(
-    lights, geometry, emitter, pmf, patch, p, n, has_transmission, leaves_dim, time, u0, u1
+    lights, geometry, emitter, pmf, patch, drawn, p, n, has_transmission, leaves_dim, time, u0, u1
 ):
     """Draw a direction towards an emitter that has been chosen; takes and returns the rest as `sample_light` does.
 
     Parameters
     ----------
     emitter : int, -1 = none; pmf : float, with which it was chosen; patch : int, see `pick_emitter`
+    drawn : tuple, `draw_triangle` of the same numbers; not read unless the emitter is a triangle
     """
     pdf = 0.0 * u0
     u = pdf
@@ -165,7 +193,8 @@ def sample_emitter(
             instance = int(lights.emitters[emitter, EMITTER_INSTANCE])
             triangle = int(lights.emitters[emitter, EMITTER_TRIANGLE])
             v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
-            pdf, wi, distance, u, v, normal = sample_triangle(v0, edge1, edge2, p, u0, u1)
+            pdf, wi, distance, u, v = drawn
+            normal = cross(edge1, edge2)
             facing = dot(normal, wi)
             flags = lights.emitters[emitter, EMITTER_FLAGS]
             if facing == 0.0 or not _sides(flags, facing):

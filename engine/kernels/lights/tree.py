@@ -19,8 +19,18 @@ import numpy as np
 
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.constants import FLOAT_MAX, ONE_MINUS_EPSILON
-from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, sums_before
+from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, store_eight, sums_before
 from engine.runtime.jit import kernel
+from engine.state.lanes import (
+    DRAW_EMITTER,
+    DRAW_IMPORTANCE,
+    DRAW_N,
+    DRAW_P,
+    DRAW_PMF,
+    DRAW_TRANSMITS,
+    DRAW_U_PICK,
+    DRAW_WIDTH,
+)
 from engine.state.lights import (
     DISTANT_COS,
     DISTANT_DIRECTION,
@@ -50,32 +60,28 @@ _LAST = np.int64(GROUP_SIZE - 1)
 
 
 @kernel
-def group_importances(nodes, group, p, n, has_transmission):
-    """Irradiance at p, up to a constant, that each node of a group may cause; 0 only where it causes none.
+def _importances(node, p, n, has_transmission):
+    """`group_importances` of one node at eight receivers, or of eight nodes at one.
 
     Cosines are those of the most favourable point of a node's bounding sphere; the distance is the mean over its
     energy. All angles are kept as products of lengths with the distance D: sin theta_u = radius / D,
     cos theta = along / D and so on, so that one division serves all and square roots do not wait for each other.
+
+    Parameters
+    ----------
+    node : tuple, columns of `LightArrays.nodes` in the order in which `_node` gives them
     """
-    dx = load_eight(nodes, group, NODE_CENTER) - p[0]
-    dy = load_eight(nodes, group, NODE_CENTER + 1) - p[1]
-    dz = load_eight(nodes, group, NODE_CENTER + 2) - p[2]
+    center, half_size, axis, radius, cos_normals, sin_normals, cos_emission, two_sided, energy, spread = node
+    dx = center[0] - p[0]
+    dy = center[1] - p[1]
+    dz = center[2] - p[2]
     squared = dx * dx + dy * dy + dz * dz
     height = n[0] * dx + n[1] * dy + n[2] * dz
-    reach = (
-        abs(n[0]) * load_eight(nodes, group, NODE_HALF_SIZE)
-        + abs(n[1]) * load_eight(nodes, group, NODE_HALF_SIZE + 1)
-        + abs(n[2]) * load_eight(nodes, group, NODE_HALF_SIZE + 2)
-    )
-    is_above = height + reach > (-FLOAT_MAX if has_transmission else np.float32(0.0))
-    height = absolute(height) if has_transmission else height
-    along = (
-        load_eight(nodes, group, NODE_AXIS) * dx
-        + load_eight(nodes, group, NODE_AXIS + 1) * dy
-        + load_eight(nodes, group, NODE_AXIS + 2) * dz
-    )
-    along = choose(load_eight(nodes, group, NODE_TWO_SIDED) > 0.0, absolute(along), 0.0 - along)
-    radius = load_eight(nodes, group, NODE_RADIUS)
+    reach = absolute(n[0]) * half_size[0] + absolute(n[1]) * half_size[1] + absolute(n[2]) * half_size[2]
+    is_above = height + reach > choose(has_transmission, -FLOAT_MAX, 0.0)
+    height = choose(has_transmission, absolute(height), height)
+    along = axis[0] * dx + axis[1] * dy + axis[2] * dz
+    along = choose(two_sided > 0.0, absolute(along), 0.0 - along)
     tangent = root(squared - radius * radius)
     across = root(squared - along * along)
     beside = root(squared - height * height)
@@ -84,17 +90,57 @@ def group_importances(nodes, group, p, n, has_transmission):
     # theta' = theta - theta_o - theta_u, between the receiver and the nearest normal of an emitter.
     nearest = (along * tangent + across * radius) * inverse
     nearest_sine = (across * tangent - along * radius) * inverse
-    cos_normals = load_eight(nodes, group, NODE_COS_NORMALS)
-    emitted = nearest * cos_normals + nearest_sine * load_eight(nodes, group, NODE_SIN_NORMALS)
-    is_lit = emitted > load_eight(nodes, group, NODE_COS_EMISSION)
+    emitted = nearest * cos_normals + nearest_sine * sin_normals
+    is_lit = emitted > cos_emission
     is_inside = squared <= radius * radius
     faces = is_inside | (along >= tangent) | (nearest >= cos_normals)
     received = (height * tangent + beside * radius) * inverse
     overhead = is_inside | (height >= tangent)
-    importance = load_eight(nodes, group, NODE_ENERGY) / (squared + load_eight(nodes, group, NODE_SPREAD) + 1e-20)
+    importance = energy / (squared + spread + 1e-20)
     importance = importance * choose(faces, 1.0, emitted)
     importance = importance * choose(overhead, 1.0, choose(received > 0.0, received, 0.0))
     return choose(is_above & (faces | is_lit), importance, 0.0)
+
+
+@kernel
+def group_importances(nodes, group, p, n, has_transmission):
+    """Irradiance at p, up to a constant, that each node of a group may cause; 0 only where it causes none."""
+    node = (
+        _three(nodes, group, NODE_CENTER),
+        _three(nodes, group, NODE_HALF_SIZE),
+        _three(nodes, group, NODE_AXIS),
+        load_eight(nodes, group, NODE_RADIUS),
+        load_eight(nodes, group, NODE_COS_NORMALS),
+        load_eight(nodes, group, NODE_SIN_NORMALS),
+        load_eight(nodes, group, NODE_COS_EMISSION),
+        load_eight(nodes, group, NODE_TWO_SIDED),
+        load_eight(nodes, group, NODE_ENERGY),
+        load_eight(nodes, group, NODE_SPREAD),
+    )
+    return _importances(node, p, n, has_transmission)
+
+
+@kernel
+def _three(rows, group, column):
+    """Three columns in a row, eight floats each."""
+    return load_eight(rows, group, column), load_eight(rows, group, column + 1), load_eight(rows, group, column + 2)
+
+
+@kernel
+def _node(nodes, group, k):
+    """Node `k` of a group, for `_importances`."""
+    return (
+        (nodes[group, NODE_CENTER, k], nodes[group, NODE_CENTER + 1, k], nodes[group, NODE_CENTER + 2, k]),
+        (nodes[group, NODE_HALF_SIZE, k], nodes[group, NODE_HALF_SIZE + 1, k], nodes[group, NODE_HALF_SIZE + 2, k]),
+        (nodes[group, NODE_AXIS, k], nodes[group, NODE_AXIS + 1, k], nodes[group, NODE_AXIS + 2, k]),
+        nodes[group, NODE_RADIUS, k],
+        nodes[group, NODE_COS_NORMALS, k],
+        nodes[group, NODE_SIN_NORMALS, k],
+        nodes[group, NODE_COS_EMISSION, k],
+        nodes[group, NODE_TWO_SIDED, k],
+        nodes[group, NODE_ENERGY, k],
+        nodes[group, NODE_SPREAD, k],
+    )
 
 
 @kernel
@@ -248,6 +294,54 @@ def pick_emitter(lights, row, p, n, has_transmission, u):
         pmf *= importance / total
         group = np.int64(children[group, chosen])
     return ~group, pmf, np.int64(-1)
+
+
+@kernel
+def group_of_few(lights):
+    """The group whose nodes are all emitters that there are, at most eight and none at infinity; -1: there are more,
+    or regions have learned what to choose.
+    """
+    if lights.selection.cumulative.shape[0] > 0 or lights.distant.shape[0] > 0 or lights.nodes.shape[0] == 0:
+        return np.int64(-1)
+    group = np.int64(lights.child[_ROOT, _ROOT])
+    if group < 0:
+        return np.int64(-1)
+    for k in range(GROUP_SIZE):
+        if lights.child[group, k] >= 0 and lights.nodes[group, NODE_ENERGY, k] > 0.0:
+            return np.int64(-1)
+    return group
+
+
+@kernel
+def pick_among_few(lights, group, draws):
+    """`pick_emitter` for the receivers at all eight places of a `LightDraws`, of which the root's is the only group.
+
+    What follows, for the emitters that there are, is what `pick_emitter` does for one receiver and all emitters.
+    """
+    real, numbers, nodes = draws.real, draws.integer, lights.nodes
+    p, n = _three(real, _ROOT, DRAW_P), _three(real, _ROOT, DRAW_N)
+    has_transmission = load_eight(real, _ROOT, DRAW_TRANSMITS) > 0.0
+    total = 0.0 * p[0]
+    for k in range(GROUP_SIZE):
+        if nodes[group, NODE_ENERGY, k] > 0.0:
+            importance = _importances(_node(nodes, group, k), p, n, has_transmission)
+            store_eight(real, _ROOT, DRAW_IMPORTANCE + k, importance)
+            total = total + importance
+    target = load_eight(real, _ROOT, DRAW_U_PICK) * total
+    before = 0.0 * total
+    chosen = before - 1.0
+    chosen_importance = before
+    for k in range(GROUP_SIZE):
+        if nodes[group, NODE_ENERGY, k] > 0.0:
+            importance = load_eight(real, _ROOT, DRAW_IMPORTANCE + k)
+            is_reached = (importance > 0.0) & (before <= target)
+            chosen = choose(is_reached, np.float32(k), chosen)
+            chosen_importance = choose(is_reached, importance, chosen_importance)
+            before = before + importance
+    store_eight(real, _ROOT, DRAW_PMF, chosen_importance / choose(total > 0.0, total, 1.0))
+    for place in range(DRAW_WIDTH):
+        k = int(at(chosen, np.int64(place)))
+        numbers[DRAW_EMITTER, place] = ~np.int64(lights.child[group, k]) if k >= 0 else -1
 
 
 @kernel

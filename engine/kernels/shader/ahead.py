@@ -72,12 +72,11 @@ def ask_for_texels(programs, images, pixels_byte, pixels_float, geometry, points
     image = programs[points.integer[lane, POINT_PROGRAM], PROGRAM_AHEAD_IMAGE] - 1
     width = images[image, IMAGE_X]
     height = images[image, IMAGE_Y]
-    i = int((u - np.float32(floor_of(u))) * np.float32(width))
-    j = int((v - np.float32(floor_of(v))) * np.float32(height))
+    # The filter's lower left texel, half a texel back, and the one above.
+    i = int((u - np.float32(floor_of(u))) * np.float32(width) - 0.5)
+    j = floor_of((v - np.float32(floor_of(v))) * np.float32(height) - 0.5)
     texel = images[image, IMAGE_OFFSET] + 4 * (j * width + i)
-    # Half a texel back: the filter's lower left one; and the row above.
-    texel -= 4 * width
-    for _row in range(3):
+    for _row in range(2):
         if images[image, IMAGE_IS_FLOAT]:
             prefetch(pixels_float, texel)
         else:

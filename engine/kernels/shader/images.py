@@ -9,6 +9,7 @@ values; alpha is divided out and sRGB decoded afterwards.
 import numpy as np
 
 from engine.kernels.rounding import floor_of
+from engine.kernels.shader.four import blend_four
 from engine.runtime.jit import kernel
 from engine.state.shaders import IMAGE_IS_FLOAT, IMAGE_IS_SRGB, IMAGE_OFFSET, IMAGE_X, IMAGE_Y, SRGB_TABLE_SIZE
 
@@ -23,6 +24,7 @@ EXTENSION_MIRROR = 3
 
 _LAST_SRGB = np.float32(SRGB_TABLE_SIZE - 1)
 _INV_255 = np.float32(1.0 / 255.0)
+_ONE = np.float32(1.0)
 
 
 @kernel
@@ -63,30 +65,14 @@ def texel(images, pixels_byte, pixels_float, image, i, j, weight):
 
 
 @kernel
-def _blend_four(pixels, first, second, third, fourth, left, right, low, high):
-    """RGBA of four texels, given by the indices of their reds: left and right ones of the lower and upper row."""
-    a = left * low
-    b = right * low
-    c = left * high
-    d = right * high
-    return (
-        a * np.float32(pixels[first])
-        + b * np.float32(pixels[second])
-        + c * np.float32(pixels[third])
-        + d * np.float32(pixels[fourth]),
-        a * np.float32(pixels[first + 1])
-        + b * np.float32(pixels[second + 1])
-        + c * np.float32(pixels[third + 1])
-        + d * np.float32(pixels[fourth + 1]),
-        a * np.float32(pixels[first + 2])
-        + b * np.float32(pixels[second + 2])
-        + c * np.float32(pixels[third + 2])
-        + d * np.float32(pixels[fourth + 2]),
-        a * np.float32(pixels[first + 3])
-        + b * np.float32(pixels[second + 3])
-        + c * np.float32(pixels[third + 3])
-        + d * np.float32(pixels[fourth + 3]),
-    )
+def _blend(pixels, first, second, third, fourth, x, y, whole):
+    """RGBA of four texels, given by the indices of their reds: left and right ones of the lower and upper row.
+
+    `x` in [0, 1] is the share of the right ones, `y` in [0, whole] that of the upper ones.
+    """
+    left = 1.0 - x
+    low = whole - y
+    return blend_four(pixels, first, second, third, fourth, left * low, x * low, left * y, x * y)
 
 
 @kernel
@@ -142,13 +128,9 @@ def filtered(images, pixels_byte, pixels_float, image, u, v, interpolation, exte
             left *= 4
             right *= 4
             if images[image, IMAGE_IS_FLOAT]:
-                return _blend_four(
-                    pixels_float, below + left, below + right, above + left, above + right, 1.0 - x, x, 1.0 - y, y
-                )
+                return _blend(pixels_float, below + left, below + right, above + left, above + right, x, y, _ONE)
             y *= _INV_255
-            return _blend_four(
-                pixels_byte, below + left, below + right, above + left, above + right, 1.0 - x, x, _INV_255 - y, y
-            )
+            return _blend(pixels_byte, below + left, below + right, above + left, above + right, x, y, _INV_255)
     r = 0.0
     g = 0.0
     b = 0.0
@@ -168,6 +150,15 @@ def filtered(images, pixels_byte, pixels_float, image, u, v, interpolation, exte
 
 
 @kernel
+def _table_to_linear(tables, c):
+    """Decode an sRGB value by the table: one in [0, 1], but for rounding."""
+    x = c * _LAST_SRGB
+    i = min(int(x), SRGB_TABLE_SIZE - 2)
+    t = x - np.float32(i)
+    return tables[i] + t * (tables[i + 1] - tables[i])
+
+
+@kernel
 def srgb_to_linear(tables, c):
     """Decode an sRGB value; a table on [0, 1], the formula beyond (IEC 61966-2-1)."""
     if c <= 0.0:
@@ -175,10 +166,7 @@ def srgb_to_linear(tables, c):
     # Filtered bytes are above 1 by rounding, where the table's last piece goes on as well.
     if c >= 1.0001:
         return ((c + 0.055) / 1.055) ** 2.4
-    x = c * _LAST_SRGB
-    i = min(int(x), SRGB_TABLE_SIZE - 2)
-    t = x - np.float32(i)
-    return tables[i] + t * (tables[i + 1] - tables[i])
+    return _table_to_linear(tables, c)
 
 
 @kernel
@@ -191,6 +179,9 @@ def image_color(images, pixels_byte, pixels_float, tables, image, u, v, interpol
         r /= a
         g /= a
         b /= a
+    elif images[image, IMAGE_IS_SRGB] and not images[image, IMAGE_IS_FLOAT]:
+        # Filtered bytes.
+        return _table_to_linear(tables, r), _table_to_linear(tables, g), _table_to_linear(tables, b), a
     if images[image, IMAGE_IS_SRGB]:
         r = srgb_to_linear(tables, r)
         g = srgb_to_linear(tables, g)

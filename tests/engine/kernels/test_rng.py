@@ -9,7 +9,9 @@ from scipy.stats import qmc
 
 from engine.kernels.pixel_shifts import shift_table
 from engine.kernels.rng import pixel_hash, sample_4d
+from engine.kernels.rng_eight import sample_eight
 from engine.runtime.jit import kernel
+from engine.state.lanes import DRAW_WIDTH, allocate_light_draws
 
 
 @kernel
@@ -169,3 +171,32 @@ def test_each_set_has_an_order_of_its_own():
         signs[dimension] = np.sign(first - other)
     correlation = np.corrcoef(signs)[np.triu_indices(10, 1)]
     assert np.abs(correlation).max() < 4.5 / np.sqrt(1536)
+
+
+@kernel
+def _draw_eight(hashes, draws, one_by_one, side_by_side):
+    for first in range(0, hashes.shape[1], DRAW_WIDTH):
+        for k in range(DRAW_WIDTH):
+            for row in range(3):
+                draws.hashes[row, k] = hashes[row, first + k]
+        sample_eight(draws)
+        for k in range(DRAW_WIDTH):
+            i = first + k
+            one_by_one[i, 0], one_by_one[i, 1], one_by_one[i, 2], one_by_one[i, 3] = sample_4d(
+                hashes[0, i], np.int32(hashes[1, i]), np.int32(hashes[2, i])
+            )
+            for c in range(4):
+                side_by_side[i, c] = draws.real[0, c, k]
+
+
+def test_eight_paths_at_once_have_the_same_numbers() -> None:
+    """Early and late samples in the same eight, and in eight alone."""
+    rng = np.random.default_rng(8)
+    hashes = rng.integers(0, 1 << 32, (3, 4096), np.uint32)
+    hashes[1] >>= rng.choice([1, 8, 16, 17, 24], 4096).astype(np.uint32)
+    hashes[1, :1024] &= 0xFFFF
+    hashes[2] >>= 12
+    one_by_one, side_by_side = np.zeros((2, 4096, 4), np.float32)
+    _draw_eight(hashes, allocate_light_draws(), one_by_one, side_by_side)
+    np.testing.assert_array_equal(side_by_side, one_by_one)
+    assert len(np.unique(side_by_side)) > 10_000
