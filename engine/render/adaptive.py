@@ -67,9 +67,12 @@ class NoiseThreshold(NamedTuple):
         return _ERROR_PER_THRESHOLD * self.threshold
 
     def next_look(self, samples: int) -> int:
-        """Samples a pixel at the next look of a render that has looked at `samples`, a multiple of LOOK_INTERVAL."""
+        """Samples a pixel at the next look, a multiple of LOOK_INTERVAL, of a render that has come to `samples`.
+
+        That is a multiple too where it was looked at, and may be none where guiding was given up.
+        """
         first = self.least_samples + 2  # Cycles' count: at a sample whose index is above the least
-        return math.ceil(max(first, samples + LOOK_INTERVAL) / LOOK_INTERVAL) * LOOK_INTERVAL
+        return math.ceil(max(first, samples + LOOK_INTERVAL // 2) / LOOK_INTERVAL) * LOOK_INTERVAL
 
 
 def pixel_errors(film: Film, pixels: np.ndarray, exposure: float) -> np.ndarray:

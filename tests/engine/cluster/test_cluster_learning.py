@@ -132,7 +132,7 @@ def test_networks_are_trained_by_the_coordinator():
 
 
 def test_what_workers_have_learned_is_kept_and_begun_with():
-    settings = RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=24)
+    settings = RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=24, guiding_trial=False)
     first, other = by_one(settings, keep=True), by_workers(WorkersHere(2), settings, keep=True)
     assert other.learned is not None and other.learned.samples == first.learned.samples
     again = by_workers(WorkersHere(2), settings, start=other.learned)
@@ -144,7 +144,7 @@ def test_a_worker_goes_by_what_the_order_names():
     pool = WorkersHere(1)
     by_workers(pool, RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=15))
     named = {pickle.loads(order).learned: (order, learned) for order, learned in pool.orders}
-    assert len(named) == 4  # iterations of 1, 2, 4 and 8 samples
+    assert len(named) == 4  # iterations of 1, 3, 4 and 7 samples
     (first, first_learned), *_, (last, last_learned) = named.values()
     layout = pickle.loads(last).layout
 

@@ -154,7 +154,7 @@ def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
 def test_a_network_that_does_not_pay_is_given_up(monkeypatch):
     """What stood in for it guides again, and is tried in its turn."""
     monkeypatch.setattr(learning, "make_source_model", lambda settings: Late(settings, 20.0, 4))
-    settings = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
+    settings = {"scene": pit_scene, "samples": 255, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
     result = render("NPM", 0, **settings)
     report = result.report.guiding
     # In the third iteration that compares it must be better than unguided rendering.
