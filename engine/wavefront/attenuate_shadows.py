@@ -299,11 +299,11 @@ def find_shadow_collisions(scene, unit, work, queue):
             if instance < 0 or media.crossings[own] > MOST_CROSSINGS:
                 break
             rest = tracking.rest[own]
-            tracking.rest[own] = rest - tracking.end[own] if rest < FAR else DISTANT
             triangle = tracking.triangle[own]
-            p, ng, error, _gap = _meet(
+            p, ng, error, gap = _meet(
                 scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
+            tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
             _cross(scene, work, own, direction, instance, triangle, ng)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
             _start_leg(scene, work, row, own)

@@ -93,12 +93,18 @@ def _light_sent_back(albedo):
     return 1.0 - lost / (lost + 0.5 * albedo * (weights * mu * h / (1.0 + mu)).sum())
 
 
+@pytest.mark.parametrize("is_varying", [False, True])
 @pytest.mark.parametrize("density", [1e3, 1e5, 1e6])
-def test_what_is_too_dense_to_see_into_sends_back_what_theory_says(density):
-    """By 1e6 a mean free path is as short as what a ray skips at a surface: 61% of the light was lost once."""
+def test_what_is_too_dense_to_see_into_sends_back_what_theory_says(density, is_varying):
+    """By 1e6 a mean free path is as short as what a ray skips at a surface: 61% of the light was lost once.
+
+    What varies with depth alone has the same answer, for depth counts in mean free paths.
+    """
     milk = medium("Coefficients", **{
         "Absorption Coefficients": (0.1 * density,) * 3, "Scatter Coefficients": (0.9 * density,) * 3,
     })  # fmt: skip
+    if is_varying:
+        milk = varying("Principled", "Density", density, Color=(0.9, 0.9, 0.9, 1.0))
     means = means_by_seed(media_scene([milk], [placed()]), samples=256, volume_bounces=128, max_bounces=128)
     expected = np.full(3, _light_sent_back(0.9))
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
