@@ -33,10 +33,8 @@ slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh in
 	$(PYTHON) -m pytest -n $(JOBS) -m slow
 
 # Training is not tested there: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own.
-test-3.13: .venv-3.13/installed ## Run the add-on's tests, the export's and the short comparisons with Cycles on Python 3.13
-	.venv-3.13/bin/python -m pytest -n $(JOBS) -m "not slow" --ignore tests/addon/test_blender34.py \
-		tests/addon tests/engine/kernels/test_procedural_cycles.py tests/engine/shaders/test_cycles.py \
-		tests/engine/shaders/test_node_math*.py
+test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
+	.venv-3.13/bin/python -m pytest -n $(JOBS) -m "not slow" --ignore tests/addon/test_blender34.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

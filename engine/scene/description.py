@@ -125,7 +125,7 @@ class Material:
 
 @dataclass
 class Image:
-    """Pixels of an image texture.
+    """Pixels of an image texture. Whether two are equal, their keys tell.
 
     Attributes
     ----------
@@ -140,7 +140,8 @@ class Image:
 
     key: Hashable
     name: str
-    pixels: npt.NDArray[np.uint8] | Float32Array
+    #: Not compared: arrays have no truth value.
+    pixels: npt.NDArray[np.uint8] | Float32Array = field(compare=False)
     encoding: str = "SRGB"
     is_associated: bool = False
     alpha_mode: str = "STRAIGHT"
