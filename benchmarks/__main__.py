@@ -190,9 +190,8 @@ def main(arguments: list[str] | None = None) -> int:
             from benchmarks.profiling import profile
 
             scenes = _scenes(chosen, SHORT_SET[:1])
-            profile(
-                scenes, chosen.samples, pixels=chosen.pixels, threads=chosen.threads, with_replay=not chosen.no_replay
-            )
+            del common["resume"]
+            profile(scenes, chosen.samples, with_replay=not chosen.no_replay, **common)
             return 0
         if chosen.command == "passes":
             from benchmarks.pass_sheet import pass_sheets

@@ -2,17 +2,29 @@
 """`python -m benchmarks profile`: time and rays per stage, and how near a render comes to bare Embree.
 
 Rays of a one-thread render are recorded and traced again in the same order by a compiled loop around Embree; the ratio
-of the two rates is the share of the ray tracing limit that the whole render reaches.
+of the two rates is the share of the ray tracing limit that the whole render reaches. `bare_embree.json` keeps bare
+Embree's rate by scene, for `report`.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 
 from benchmarks import environment
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import SceneSource, open_scene
 from benchmarks.tables import table
+
+#: In a folder of results: rays that bare Embree traces in a second of one thread, by scene.
+BARE_EMBREE_FILE = "bare_embree.json"
+
+
+def read_bare_rates(folder: Path) -> dict[str, float]:
+    """What `profile` has left in a folder, rays a second of one thread by scene; nothing where it was not run."""
+    path = folder / BARE_EMBREE_FILE
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
 
 def stage_table(stage_seconds: dict[str, float], thread_seconds: float) -> str:
@@ -37,9 +49,10 @@ def ray_table(rays: dict[str, int], seconds: float, path_count: int) -> str:
 
 
 def profile(
-    sources: Sequence[SceneSource], samples: int, *, pixels: int = 0, threads: int = 0, with_replay: bool = True
-) -> None:
-    """Render each scene with the session itself and print where the time went."""
+    sources: Sequence[SceneSource], samples: int, *, out: Path, pixels: int = 0, threads: int = 0,
+    with_replay: bool = True,
+) -> None:  # fmt: skip
+    """Render each scene with the session itself and print where the time went; rates of bare Embree go to `out`."""
     import bpy
 
     from addon.export import export_scene
@@ -73,6 +86,9 @@ def profile(
             session.render(ray_observer=recorder.observe)
             bare = min(recorder.replay(session.scene, 1) for _ in range(3))
             bare_rate = recorder.count / bare
+            out.mkdir(parents=True, exist_ok=True)
+            rates = {**read_bare_rates(out), source.name: bare_rate}
+            (out / BARE_EMBREE_FILE).write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
             rate = sum(single.rays.values()) / single.render_seconds
             print(
                 f"\nOne thread: {rate / 1e6:.2f} Mrays/s in the render, {bare_rate / 1e6:.2f} Mrays/s by bare Embree "

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI = 110
+#: Whose rays are drawn by bare Embree's time: ours as it is, and without guiding.
+_LIMIT_RIVALS = ("OFF", "AUTO")
 
 
 def save_themed(path: Path, size: tuple[float, float], draw: Callable[[Figure, Theme], None]) -> None:
@@ -83,11 +85,12 @@ def _legend(figure: Figure, axes: Iterable[Axes]) -> None:
 
 def draw_errors(
     axes: Axes, points: Sequence[Point], rivals: Sequence[str], measure: str, over: str, theme: Theme,
-    own_error: float = math.nan,
+    own_error: float = math.nan, bare_rate: float = 0.0,
 ) -> None:  # fmt: skip
     """Lines of one measure over "seconds" or "samples", with bands, and a star where training ended.
 
-    `own_error`: of the reference; drawn as a dashed line where the axis comes near it.
+    `own_error`: of the reference; drawn as a dashed line where the axis comes near it. `bare_rate`: rays a second of
+    bare Embree by all threads; over seconds errors are drawn dotted at the time that their rays alone would take.
     """
     for rival in rivals:
         line = series(points, rival, measure)
@@ -103,6 +106,10 @@ def draw_errors(
         if len(line) == 1:
             axes.vlines(x, low, high, color=style.colour, alpha=0.5)
         axes.plot(x, y, color=style.colour, marker=style.marker, linestyle=style.line, label=rival, markersize=6)
+        if over == "seconds" and bare_rate > 0.0 and rival in _LIMIT_RIVALS and all(p.ray_count > 0.0 for p in line):
+            limit = [p.ray_count / bare_rate for p in line]
+            name = f"{rival}, its rays by bare Embree"
+            axes.plot(limit, y, color=style.colour, linestyle=":", linewidth=1.6, label=name)
         end = learning_end(line)
         if end is not None:
             at = end[0] if over == "samples" else end[1]
@@ -123,15 +130,16 @@ def draw_errors(
 
 
 def error_chart(
-    path: Path, points: Sequence[Point], rivals: Sequence[str], over: str, own_errors: dict[str, float]
-) -> None:
-    """All measures that are known, a panel each; `own_errors` are the reference's, by measure."""
+    path: Path, points: Sequence[Point], rivals: Sequence[str], over: str, own_errors: dict[str, float],
+    bare_rate: float = 0.0,
+) -> None:  # fmt: skip
+    """All measures that are known, a panel each; `own_errors` are the reference's, by measure; see `draw_errors`."""
     known = [name for name in MEASURES if any(name in p.errors for p in points)]
 
     def draw(figure: Figure, theme: Theme) -> None:
         panels = figure.subplots(1, len(known), squeeze=False).ravel()
         for axes, name in zip(panels, known, strict=True):
-            draw_errors(axes, points, rivals, name, over, theme, own_errors.get(name, math.nan))
+            draw_errors(axes, points, rivals, name, over, theme, own_errors.get(name, math.nan), bare_rate)
         _legend(figure, panels)
 
     save_themed(path, (max(2.85 * len(known), 7.2), 3.5), draw)

@@ -59,6 +59,7 @@ class Point:
     errors : by measure: those of `MEASURES` that are known
     seed_error : trimmed, by the variance over seeds whatever `errors` are by; nan of less than LEAST_SEEDS
     seconds, samples : medians over seeds
+    ray_count : all rays of a render, median over seeds; 0 of renderers that do not count them
     training_end : samples per pixel after which nothing more was learned; None where it went on, or never began
     chosen : method that choosing by itself settled on; '' where nothing was chosen
     """
@@ -69,6 +70,7 @@ class Point:
     seconds: float
     samples: float
     memory_mib: float
+    ray_count: float = 0.0
     errors: dict[str, Spread] = field(default_factory=dict)
     seed_error: float = math.nan
     training_end: float | None = None
@@ -104,6 +106,7 @@ def measure(batch: Batch, scene: SceneResults, truth: Float32Array) -> Point:
         float(statistics.median(r.render_seconds for r in records)),
         float(statistics.median(r.samples for r in records)),
         max(r.peak_memory_mib for r in records),
+        float(statistics.median(sum(r.rays.values()) for r in records)),
     )
     ends = [end for record in records if (end := training_end(record)) is not None]
     point.training_end = float(statistics.median(ends)) if 2 * len(ends) > len(records) else None

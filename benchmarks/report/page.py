@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from benchmarks.profiling import read_bare_rates
 from benchmarks.reference import NOTABLE_SHARE
 from benchmarks.report import charts, html
 from benchmarks.report.collect import SceneResults, collect
@@ -69,8 +70,8 @@ def _remark(text: str) -> str:
     return f"<p{kind}>{escape(text)}</p>"
 
 
-def _figures_table(scene: SceneResults, points: Sequence[Point]) -> str:
-    """All figures of a scene."""
+def _figures_table(scene: SceneResults, points: Sequence[Point], bare_rate: float) -> str:
+    """All figures of a scene; `bare_rate`: rays a second of bare Embree by all threads, 0 where it is not known."""
     known = [name for name in MEASURES if any(name in p.errors for p in points)]
     front = pareto_front(points, RELMSE_TRIMMED)
     rows = []
@@ -82,11 +83,14 @@ def _figures_table(scene: SceneResults, points: Sequence[Point]) -> str:
                 row.append(f"{format_figure(e.centre)} ({format_figure(e.low)} to {format_figure(e.high)})")
             else:
                 row.append(None)
+        if bare_rate > 0.0:
+            row.append(p.ray_count / bare_rate if p.ray_count > 0.0 else None)
         rows.append(
             [*row, p.seed_error, "yes" if any(p is one for one in front) else "", p.training_end, p.chosen or None]
         )
     header = [
-        "rival", "budget", "seeds", "render s", "spp", *known, "seed error, trimmed", "on the front",
+        "rival", "budget", "seeds", "render s", "spp", *known, *(["rays alone [s]"] if bare_rate > 0.0 else []),
+        "seed error, trimmed", "on the front",
         "learned until [spp]", "chose",
     ]  # fmt: skip
     return html.table(f"{scene.name}: medians over seeds, and the range of single seeds", header, rows, rival_column=0)
@@ -100,8 +104,10 @@ def _time_table(scene: SceneResults) -> str:
     return html.table(caption, ["rival", *kinds], rows, rival_column=0)
 
 
-def _scene_section(scene: SceneResults, points: list[Point], folder: Path, identifier: str) -> str:
-    """Charts, figures and pictures of one scene; writes their files."""
+def _scene_section(
+    scene: SceneResults, points: list[Point], folder: Path, identifier: str, bare_rate: float
+) -> str:
+    """Charts, figures and pictures of one scene; writes their files. `bare_rate` as in `charts.draw_errors`."""
     prefix = identifier
     budget = str(scene.final_budget())
     parts = [
@@ -118,10 +124,12 @@ def _scene_section(scene: SceneResults, points: list[Point], folder: Path, ident
         if scene.reference is not None and scene.reference.facts is not None:
             own = {RELMSE: scene.reference.facts.error, RELMSE_TRIMMED: scene.reference.facts.error_trimmed}
         for over, name in (("seconds", "time"), ("samples", "samples")):
-            charts.error_chart(folder / f"{prefix}_error_{name}.png", points, scene.rivals, over, own)
+            charts.error_chart(folder / f"{prefix}_error_{name}.png", points, scene.rivals, over, own, bare_rate)
         charts.front_chart(folder / f"{prefix}_front.png", points, scene.rivals)
         names = ", ".join(scene.rivals)
         band = "Lines: medians over seeds (variance over all, without a reference); bands: the range of single seeds."
+        if bare_rate > 0.0:
+            band += " Dotted: the time that the same rays would take by bare Embree, the limit of a faster tracer."
         front = ", ".join(f"{p.rival} at {format_figure(p.seconds)} s" for p in pareto_front(points, RELMSE_TRIMMED))
         parts += [
             "<h3>Error over time and over samples</h3>",
@@ -134,7 +142,7 @@ def _scene_section(scene: SceneResults, points: list[Point], folder: Path, ident
                 "A star and a dotted line: nothing was learned from there on. Without one, learning went on to the"
                 " end.",
             ),
-            html.details("Figures of these charts", _figures_table(scene, points)),
+            html.details("Figures of these charts", _figures_table(scene, points, bare_rate)),
             "<h3>Speed against accuracy</h3>",
             html.chart(
                 f"{prefix}_front.png",
@@ -272,7 +280,13 @@ def write_report(folder: Path, to: Path, references: Path | None = None) -> Path
     efficiency, ratios = _efficiency_section(scenes, points, to)
     scaling = scaling_section(folder, to)
     identifiers = {scene.name: f"scene-{number}-{file_name(scene.scene)}" for number, scene in enumerate(scenes, 1)}
-    sections = [_scene_section(scene, points[scene.name], to, identifiers[scene.name]) for scene in scenes]
+    bare_rates = read_bare_rates(folder)
+    sections = [
+        _scene_section(
+            scene, points[scene.name], to, identifiers[scene.name], bare_rates.get(scene.scene, 0.0) * scene.threads
+        )
+        for scene in scenes
+    ]
     links = [("efficiency", "Efficiency"), *((identifiers[scene.name], scene.name) for scene in scenes)]
     links += [("scaling", "Scaling")] if scaling else []
     links.append(("machine", "Machine"))

@@ -15,6 +15,7 @@ import pytest
 
 from benchmarks.__main__ import main
 from benchmarks.environment import describe
+from benchmarks.profiling import BARE_EMBREE_FILE
 from benchmarks.report import figures
 from benchmarks.report.collect import collect
 from benchmarks.report.figures import BETTER_CYCLES, FLIP, MAPE, RELMSE, RELMSE_TRIMMED
@@ -93,7 +94,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path]:
     folder = tmp_path_factory.mktemp("report")
     write_line(folder / "sweep", "cycles", {1.0: 0.4, 4.0: 0.2}, off_by)
     write_line(folder / "sweep", "cycles-guided", {1.0: 0.4, 4.0: 0.1}, off_by)
-    write_line(folder / "sweep", "OFF", {1.0: 0.2, 4.0: 0.1}, off_by)
+    write_line(folder / "sweep", "OFF", {1.0: 0.2, 4.0: 0.1}, off_by, rays={"closest": 2_000_000, "shadow": 1_000_000})
+    (folder / "sweep" / BARE_EMBREE_FILE).write_text('{"room": 3e6}', encoding="utf-8")
     learned = {"learning": {"stopped_at": 20, "field_seconds": 1.0, "training_seconds": 0.5}}
     stages = {"stage_seconds": {"intersect_closest": 2.0, "scatter": 3.0, "draw_candidates": 0.25}}
     write_line(folder / "sweep", "VMM", {1.0: 0.2, 4.0: 0.05}, off_by, details={**learned, **stages})
@@ -121,6 +123,15 @@ def test_errors_on_the_page_are_those_planted(page: tuple[Page, Path]) -> None:
     assert row[head.index(RELMSE)] == "0.00248 (0.002 to 0.003)"  # 0.0025 / 1.01
     assert row[head.index(MAPE)] == "0.0495 (0.0446 to 0.0545)"  # 0.05 / 1.01
     assert row[head.index("learned until [spp]")] == "20"
+
+
+def test_rays_are_told_by_bare_embrees_time(page: tuple[Page, Path]) -> None:
+    head, *rows = page[0].table("room: medians")
+    told = {(row[0], row[1]): row[head.index("rays alone [s]")] for row in rows}
+    # 3 million rays; two threads of 3 million a second each.
+    assert told["OFF", "1s"] == told["OFF", "4s"] == "0.5"
+    assert told["cycles", "1s"] == told["VMM", "1s"] == "-"
+    assert "by bare Embree" in page[0].text
 
 
 def test_front_is_what_nothing_beats(page: tuple[Page, Path]) -> None:
