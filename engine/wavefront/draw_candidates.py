@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: propose directions by the guide and by the BSDF."""
 
+from engine.guiding.sampling.candidate_rows import keep_candidate, open_vertex
 from engine.guiding.sampling.guide import ask_for_guide
 from engine.guiding.sampling.scattering import propose
-from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
-from engine.kernels.rng import sample_4d
-from engine.kernels.vector import store
-from engine.ris.spread import SET_CANDIDATES, rotated
+from engine.ris.spread import rotated
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_P, POINT_TIME, RGB
 from engine.wavefront.columns import (
     CANDIDATES,
     GUIDED_VERTICES,
@@ -53,24 +50,16 @@ def draw_candidates(scene, unit, guidance, work, queue):
         ask_for_closures(closures, ahead)
         ask_for_guide(guide, ahead)
         k += 1
-        candidates.lane[vertex] = lane
-        candidates.first[vertex] = row
-        store(candidates.position, vertex, real_3(points, lane, POINT_P))
-        candidates.time[vertex] = points.real[lane, POINT_TIME]
-        if len(paths.channels) > RGB:
-            candidates.hero[vertex] = paths.hero[lane]
-        u1, u2, u0, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_CANDIDATES)
+        u0, u1, u2, u3 = open_vertex(paths, points, candidates, lane, vertex, row)
         for j in range(guided.candidate_count[lane]):
             candidate, is_valid = propose(work, guide, lane, rotated(u0, u1, u2, u3, j), row)
-            candidates.vertex[row] = vertex
-            store(candidates.direction, row, candidate.wi)
-            candidates.source_pdf[row] = candidate.source_pdf
-            candidates.bsdf_pdf[row] = candidate.bsdf_pdf
-            candidates.guide_pdf[row] = candidate.guide_pdf
+            keep_candidate(
+                candidates, row, vertex, candidate.wi, candidate.source_pdf, candidate.bsdf_pdf, candidate.guide_pdf,
+                is_valid,
+            )  # fmt: skip
             candidates.label[row] = candidate.label
             candidates.roughness[row] = candidate.roughness
             candidates.eta[row] = candidate.eta
-            candidates.is_valid[row] = 1 if is_valid else 0
             row += 1
         vertex += 1
     counts[NEXT_LANE] = k
