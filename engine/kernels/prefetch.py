@@ -23,7 +23,7 @@ _LANES_AHEAD = 4
 
 @intrinsic
 def prefetch_byte(typing_context: Any, array: Any, row: Any, offset: Any) -> Any:
-    """Have the processor fetch the cache line that holds a byte of a row of a C-contiguous array or of a field of lanes.
+    """Have the processor fetch the cache line of a byte of a row of a C-contiguous array or of a field of lanes.
 
     Rows out of range do no harm.
     """

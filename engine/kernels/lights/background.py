@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.kernels.angles import sine_and_cosine, upper_angle
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI, TWO_PI
+from engine.kernels.eight import WIDTH, count_of, load_from
 from engine.kernels.prefetch import prefetch_byte
 from engine.runtime.jit import kernel
 from engine.state.lights import MAP_GUIDE_SIZE
@@ -28,10 +29,10 @@ def find_row(marginal, guide, row_count, u):
     high = np.int64(guide[row_count, step + 1]) + 1
     while high - low > 1:
         middle = (low + high) >> 1
-        # Without branches, which would be foreseen wrongly half of the time.
-        is_left = np.int64(marginal[middle, 0] <= u)
-        low += is_left * (middle - low)
-        high -= (1 - is_left) * (high - middle)
+        if marginal[middle, 0] <= u:
+            low = middle
+        else:
+            high = middle
     return low
 
 
@@ -40,9 +41,10 @@ def _search(cumulative, row, low, high, u):
     """Last column of [low, high) of a row whose value is not above u."""
     while high - low > 1:
         middle = (low + high) >> 1
-        is_left = np.int64(cumulative[row, middle] <= u)
-        low += is_left * (middle - low)
-        high -= (1 - is_left) * (high - middle)
+        if cumulative[row, middle] <= u:
+            low = middle
+        else:
+            high = middle
     return low
 
 
@@ -66,7 +68,19 @@ def ask_for_columns(conditional, guide, row, u):
 def find_column(conditional, guide, row, u):
     """Last column of a row whose cumulative probability is not above u."""
     step = int(u * _GUIDE_STEPS)
-    return _search(conditional, row, np.int64(guide[row, step]), np.int64(guide[row, step + 1]) + 1, u)
+    low = np.int64(guide[row, step])
+    high = np.int64(guide[row, step + 1]) + 1
+    while high - low > 2 * WIDTH:
+        middle = (low + high) >> 1
+        if conditional[row, middle] <= u:
+            low = middle
+        else:
+            high = middle
+    if low + 2 * WIDTH >= conditional.shape[1]:
+        return _search(conditional, row, low, high, u)
+    # All values from `high` on are above u. The processor need not guess how each comparison ends.
+    near = load_from(conditional, row, low + 1) <= u
+    return low + count_of(near) + count_of(load_from(conditional, row, low + 1 + WIDTH) <= u)
 
 
 @kernel
