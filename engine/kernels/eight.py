@@ -141,6 +141,20 @@ def _load(typing_context: Any, array: Any, group: Any, column: Any) -> Any:
 
 
 @intrinsic
+def _load_from(typing_context: Any, array: Any, row: Any, first: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array_type = signature.args[0]
+        rows = array_of(context, builder, array_type, arguments[0])
+        if isinstance(array_type, FieldType):
+            array_type = array_type.array_type
+        pointer = cgutils.get_item_pointer(context, builder, array_type, rows, arguments[1:3])
+        return builder.load(builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
+
+    return EIGHT(array, types.intp, types.intp), generate
+
+
+@intrinsic
 def _store(typing_context: Any, array: Any, group: Any, column: Any, x: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -212,6 +226,16 @@ def _at(typing_context: Any, x: Any, k: Any) -> Any:
 
 
 @intrinsic
+def _count_of(typing_context: Any, flags: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.zext(builder.bitcast(arguments[0], ir.IntType(WIDTH)), _WORD)
+        return builder.zext(builder.ctpop(bits), ir.IntType(64))
+
+    return types.int64(FLAGS), generate
+
+
+@intrinsic
 def _last_of(typing_context: Any, flags: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -244,6 +268,8 @@ def _for_kernels(compiled: Any, in_python: Any) -> Any:
 
 #: `load_eight(array, i, j)`: array[i, j] of a float32 array whose last dimension is eight.
 load_eight = _for_kernels(_load, lambda array, i, j: array[i, j])
+#: `load_from(array, i, j)`: array[i, j : j + 8] of a float32 array of two dimensions.
+load_from = _for_kernels(_load_from, lambda array, i, j: array[i, j : j + WIDTH])
 #: `store_eight(array, i, j, x)`: write it.
 store_eight = _for_kernels(_store, _store_in_python)
 #: `absolute(x)`: magnitudes of eight floats, or of one.
@@ -256,6 +282,8 @@ choose = _for_kernels(_choose, _choose_in_python)
 sums_before = _for_kernels(_sums_before, _sums_in_python)
 #: `at(x, k)`: float k.
 at = _for_kernels(_at, lambda x, k: x[k])
+#: `count_of(flags)`: how many flags are set.
+count_of = _for_kernels(_count_of, lambda flags: int(np.sum(flags)))
 #: `last_of(flags)`: which is the last flag that is set, -1 = none.
 last_of = _for_kernels(_last_of, _last_in_python)
 

@@ -22,8 +22,8 @@ _LANES_AHEAD = 4
 
 
 @intrinsic
-def prefetch_line(typing_context: Any, array: Any, row: Any, line: Any) -> Any:
-    """Have the processor fetch the cache line, by number, of a row of a C-contiguous array or of a field of lanes.
+def prefetch_byte(typing_context: Any, array: Any, row: Any, offset: Any) -> Any:
+    """Have the processor fetch the cache line of a byte of a row of a C-contiguous array or of a field of lanes.
 
     Rows out of range do no harm.
     """
@@ -35,9 +35,7 @@ def prefetch_line(typing_context: Any, array: Any, row: Any, line: Any) -> Any:
         else:
             fields = array_of(context, builder, signature.args[0], arguments[0])
             start, stride = fields.data, builder.extract_value(fields.strides, 0)
-        offset = builder.add(
-            builder.mul(arguments[1], stride), builder.mul(arguments[2], ir.Constant(ir.IntType(64), LINE_BYTES))
-        )
+        offset = builder.add(builder.mul(arguments[1], stride), arguments[2])
         address = builder.gep(builder.bitcast(start, pointer), [offset])
         function = cgutils.get_or_insert_function(
             builder.module, ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag]), "llvm.prefetch.p0"
@@ -46,6 +44,12 @@ def prefetch_line(typing_context: Any, array: Any, row: Any, line: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, types.intp, types.intp), generate
+
+
+@kernel
+def prefetch_line(array, row, line):
+    """Fetch the cache line, by number, of a row that begins at one."""
+    prefetch_byte(array, row, line * LINE_BYTES)
 
 
 @kernel

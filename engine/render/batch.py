@@ -195,6 +195,12 @@ class Batch:
             records=self.records,
             taught=allocate_taught_records(TAUGHT_ROWS if records and uses_cache else 1),
         )
+        self._queue_counts = [getattr(self.work, name).count for name in QUEUES]
+        self._free_lanes = np.arange(LANE_COUNT - 1, -1, -1, dtype=np.int32)
+        #: Whether no unit changes what lanes have where nothing guides them.
+        self._stays_plain = not (is_guided or records or layout.has_media)
+        self.work.samples.cluster[:] = -1
+        self._guide_none()
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(pixel_count, RGB, layout)
         self.no_weight = np.zeros(pixel_count, np.float32)
@@ -241,22 +247,24 @@ class Batch:
         work = self.work
         for array in self.film:
             array.fill(0)
-        for name in QUEUES:
-            getattr(work, name).count[0] = 0
-        work.free.lanes[:] = np.arange(LANE_COUNT - 1, -1, -1)
+        for count in self._queue_counts:
+            count[0] = 0
+        work.free.lanes[:] = self._free_lanes
         work.free.count[0] = LANE_COUNT
         work.counts[:] = 0
         work.clock[:] = 0
         work.closures.aovs[:] = 0.0
-        # Stays where nobody learns which lights to sample.
-        work.samples.cluster[:] = -1
-        self._guide_none()
+        if not self._stays_plain:
+            # Stays where nobody learns which lights to sample.
+            work.samples.cluster[:] = -1
+            self._guide_none()
         begin(work.clock)
 
     def begin_followers(self) -> None:
         """As `begin`, for the followers of a unit that has been traced: what that has left stays."""
         self.work.counts[NEXT_PATH] = 0
-        self._guide_none()
+        if not self._stays_plain:
+            self._guide_none()
 
     def _guide_none(self) -> None:
         work = self.work

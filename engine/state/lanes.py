@@ -614,7 +614,10 @@ DRAW_LANE = 0
 DRAW_EMITTER = 1
 DRAW_PATCH = 2
 DRAW_LEAVES_DIM = 3
-DRAW_INTEGER_WIDTH = 4
+# Cell of the background's map; row -1: the sample is none of the whole map.
+DRAW_ROW = 4
+DRAW_COLUMN = 5
+DRAW_INTEGER_WIDTH = 6
 
 
 class LightDraws(Bundle):

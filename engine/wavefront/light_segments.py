@@ -18,7 +18,7 @@ from engine.kernels.collision import place_collision, set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
 from engine.kernels.light_sample import keep_light_sample
-from engine.kernels.lights import background_pdf, draw_triangle, sample_emitter
+from engine.kernels.lights import background_pdf, draw_cell, draw_triangle, sample_emitter
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.media import (
@@ -177,8 +177,9 @@ def light_segments(scene, unit, work, queue):
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT_LIGHT
         )
         drawn = draw_triangle(lights, geometry, emitter, p, paths.time[lane], u0, u1)
+        cell = draw_cell(lights, emitter, -1, False, u0, u1)
         sample = sample_emitter(
-            lights, geometry, emitter, pmf, -1, drawn, p, normal, True, False, paths.time[lane], u0, u1
+            lights, geometry, emitter, pmf, -1, drawn, cell, p, normal, True, False, paths.time[lane], u0, u1
         )
         pdf, _, _, wi, _, _, _, _, _, instance, _, _, _, visibility, _, max_bounces, _, _, _ = sample
         if not pdf > 0.0 or paths.depth[lane] > max_bounces or not visibility & RAY_VOLUME:

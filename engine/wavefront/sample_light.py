@@ -10,13 +10,17 @@ import numpy as np
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import (
+    ask_for_cell,
     choose_emitter,
     cluster_choice,
+    column_of_map,
     drawn_triangle,
     finds_all,
     group_of_few,
+    is_of_map,
     pick_among_few,
     put_triangle,
+    row_of_map,
     sample_emitter,
     sample_triangles,
     triangle_of,
@@ -31,6 +35,7 @@ from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
+    DRAW_COLUMN,
     DRAW_EMITTER,
     DRAW_LANE,
     DRAW_LEAVES_DIM,
@@ -39,6 +44,7 @@ from engine.state.lanes import (
     DRAW_PATCH,
     DRAW_PMF,
     DRAW_ROULETTE,
+    DRAW_ROW,
     DRAW_TRANSMITS,
     DRAW_U0,
     DRAW_U1,
@@ -56,6 +62,7 @@ from engine.state.lanes import (
     RAY_TRANSMIT,
     RAY_VOLUME,
 )
+from engine.state.lights import HEADER_BACKGROUND_EMITTER
 from engine.wavefront.columns import (
     SCENE_WORLD_GROUP,
     SHADOW_ROWS,
@@ -132,6 +139,30 @@ def _choose_emitters(scene, paths, draws, count, few):
             has_triangles = True
     if has_triangles:
         sample_triangles(draws)
+    if lights.header[HEADER_BACKGROUND_EMITTER] >= 0:
+        _find_cells(lights, draws, count)
+
+
+@kernel(forceinline=True)
+def _find_cells(lights, draws, count):
+    """Draw cells of the background's map for the first receivers in `draws` that have chosen it.
+
+    The map fits into no cache: each step asks for what the next one reads.
+    """
+    real, numbers = draws.real, draws.integer
+    for k in range(count):
+        row = np.int64(-1)
+        if is_of_map(lights, numbers[DRAW_EMITTER, k], numbers[DRAW_PATCH, k]):
+            row = row_of_map(lights, numbers[DRAW_LEAVES_DIM, k] != 0, real[0, DRAW_U0, k], real[0, DRAW_U1, k])
+        numbers[DRAW_ROW, k] = row
+    for k in range(count):
+        if numbers[DRAW_ROW, k] >= 0:
+            ask_for_cell(lights, numbers[DRAW_LEAVES_DIM, k] != 0, numbers[DRAW_ROW, k], real[0, DRAW_U0, k])
+    for k in range(count):
+        if numbers[DRAW_ROW, k] >= 0:
+            numbers[DRAW_COLUMN, k] = column_of_map(
+                lights, numbers[DRAW_LEAVES_DIM, k] != 0, numbers[DRAW_ROW, k], real[0, DRAW_U0, k]
+            )
 
 
 @kernel
@@ -168,8 +199,8 @@ def choose_lights(scene, unit, work, queue):
             p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS)
             sample = sample_emitter(
                 lights, geometry, numbers[DRAW_EMITTER, k], real[0, DRAW_PMF, k], numbers[DRAW_PATCH, k],
-                drawn_triangle(draws, k), p, n, has_transmission, leaves_dim, paths.time[lane], real[0, DRAW_U0, k],
-                real[0, DRAW_U1, k],
+                drawn_triangle(draws, k), (numbers[DRAW_ROW, k], numbers[DRAW_COLUMN, k]), p, n, has_transmission,
+                leaves_dim, paths.time[lane], real[0, DRAW_U0, k], real[0, DRAW_U1, k],
             )
             (
                 pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,

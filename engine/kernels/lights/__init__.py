@@ -2,14 +2,19 @@
 """Sampling lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
 
 from engine.kernels.lights.sample import (
+    ask_for_cell,
     background_pdf,
     choose_emitter,
     cluster_choice,
+    column_of_map,
+    draw_cell,
     draw_triangle,
     finds_all,
+    is_of_map,
     lamp_factor,
     lamp_hit,
     lamp_pdf,
+    row_of_map,
     sample_emitter,
     sample_light,
     sun_is_hit,
@@ -21,18 +26,23 @@ from engine.kernels.lights.tree import group_of_few, pick_among_few
 from engine.kernels.lights.triangle import drawn_triangle, put_triangle, sample_triangles
 
 __all__ = [
+    "ask_for_cell",
     "background_pdf",
     "choose_emitter",
     "cluster_choice",
+    "column_of_map",
+    "draw_cell",
     "draw_triangle",
     "drawn_triangle",
     "finds_all",
     "group_of_few",
+    "is_of_map",
     "lamp_factor",
     "lamp_hit",
     "lamp_pdf",
     "pick_among_few",
     "put_triangle",
+    "row_of_map",
     "sample_emitter",
     "sample_light",
     "sample_triangles",

@@ -10,17 +10,20 @@ import math
 
 import numpy as np
 
+from engine.kernels.angles import sine_and_cosine, upper_angle
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI, TWO_PI
-from engine.kernels.vector import dot
+from engine.kernels.eight import WIDTH, count_of, load_from
+from engine.kernels.prefetch import prefetch_byte
 from engine.runtime.jit import kernel
 from engine.state.lights import MAP_GUIDE_SIZE
 
 _GUIDE_STEPS = np.float32(MAP_GUIDE_SIZE)
+_FLOAT_BYTES = 4
 
 
 @kernel
-def _find_row(marginal, guide, row_count, u):
-    """Last row whose cumulative probability is not above u."""
+def find_row(marginal, guide, row_count, u):
+    """Last row of a map whose cumulative probability is not above u."""
     step = int(u * _GUIDE_STEPS)
     low = np.int64(guide[row_count, step])
     high = np.int64(guide[row_count, step + 1]) + 1
@@ -46,10 +49,38 @@ def _search(cumulative, row, low, high, u):
 
 
 @kernel
-def _find_column(conditional, guide, row, u):
+def ask_for_guide(guide, row, u):
+    """Fetch what `ask_for_columns` reads."""
+    prefetch_byte(guide, row, np.int64(u * _GUIDE_STEPS) * _FLOAT_BYTES)
+
+
+@kernel
+def ask_for_columns(conditional, guide, row, u):
+    """Fetch what `find_column` reads, or most of it."""
+    step = int(u * _GUIDE_STEPS)
+    first, last = np.int64(guide[row, step]), np.int64(guide[row, step + 1])
+    prefetch_byte(conditional, row, first * _FLOAT_BYTES)
+    prefetch_byte(conditional, row, ((first + last) >> 1) * _FLOAT_BYTES)
+    prefetch_byte(conditional, row, (last + 1) * _FLOAT_BYTES)
+
+
+@kernel
+def find_column(conditional, guide, row, u):
     """Last column of a row whose cumulative probability is not above u."""
     step = int(u * _GUIDE_STEPS)
-    return _search(conditional, row, np.int64(guide[row, step]), np.int64(guide[row, step + 1]) + 1, u)
+    low = np.int64(guide[row, step])
+    high = np.int64(guide[row, step + 1]) + 1
+    while high - low > 2 * WIDTH:
+        middle = (low + high) >> 1
+        if conditional[row, middle] <= u:
+            low = middle
+        else:
+            high = middle
+    if low + 2 * WIDTH >= conditional.shape[1]:
+        return _search(conditional, row, low, high, u)
+    # All values from `high` on are above u. The processor need not guess how each comparison ends.
+    near = load_from(conditional, row, low + 1) <= u
+    return low + count_of(near) + count_of(load_from(conditional, row, low + 1 + WIDTH) <= u)
 
 
 @kernel
@@ -73,17 +104,17 @@ def _direction(marginal, row, column, column_count, dv, du):
     z = marginal[row, 1] + dv * (marginal[row + 1, 1] - marginal[row, 1])
     phi = PI - TWO_PI * ((np.float32(column) + du) / np.float32(column_count))
     r = math.sqrt(max(0.0, 1.0 - z * z))
-    return r * math.cos(phi), r * math.sin(phi), z
+    sine, cosine = sine_and_cosine(abs(phi))
+    return r * cosine, r * (-sine if phi < 0.0 else sine), z
 
 
 @kernel
-def sample_map(marginal, conditional, guide, u0, u1):
-    """Direction towards the background and its density [sr^-1] (0 = none)."""
-    row_count = conditional.shape[0]
+def sample_cell(marginal, conditional, row, column, u0, u1):
+    """Direction towards the background, of the numbers by which the cell was found, and its density [sr^-1]
+    (0 = none).
+    """
     column_count = conditional.shape[1] - 1
-    row = _find_row(marginal, guide, row_count, u1)
     dv = _share_of(marginal[row, 0], marginal[row + 1, 0], u1)
-    column = _find_column(conditional, guide, row, u0)
     du = _share_of(conditional[row, column], conditional[row, column + 1], u0)
     pdf = _cell_pdf(marginal, conditional, row, column, column_count)
     return pdf, _direction(marginal, row, column, column_count, dv, du)
@@ -94,9 +125,10 @@ def find_cell(conditional, direction):
     """Row and column of the map's cell that a direction (any length) lies in."""
     row_count = conditional.shape[0]
     column_count = conditional.shape[1] - 1
-    z = direction[2] / math.sqrt(dot(direction, direction))
-    v = 1.0 - math.acos(min(1.0, max(-1.0, z))) * INV_PI
-    u = 0.5 - math.atan2(direction[1], direction[0]) * INV_TWO_PI
+    x, y, z = direction
+    v = 1.0 - upper_angle(math.sqrt(x * x + y * y), z) * INV_PI
+    turn = upper_angle(abs(y), x) * INV_TWO_PI
+    u = 0.5 + turn if y < 0.0 else 0.5 - turn
     row = min(row_count - 1, max(0, int(v * np.float32(row_count))))
     column = min(column_count - 1, max(0, int(u * np.float32(column_count))))
     return row, column

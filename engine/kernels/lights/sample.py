@@ -12,11 +12,22 @@ pdf : [sr^-1] in solid angle at p, times the probability of choosing the emitter
 radiance : what the light emits towards p if `program` is -1, else the factor on that program's emission.
 """
 
+import numpy as np
 
 from engine.kernels.bsdf import keeps_to_geometry
 from engine.kernels.constants import DISTANT, INV_TWO_PI
 from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_attenuation
-from engine.kernels.lights.background import map_pdf, patch_of, patch_pdf, sample_map, sample_patch
+from engine.kernels.lights.background import (
+    ask_for_columns,
+    ask_for_guide,
+    find_column,
+    find_row,
+    map_pdf,
+    patch_of,
+    patch_pdf,
+    sample_cell,
+    sample_patch,
+)
 from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
 from engine.kernels.lights.tree import (
@@ -125,8 +136,9 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     """
     emitter, pmf, patch = choose_emitter(lights, p, n, has_transmission, u_pick)
     drawn = draw_triangle(lights, geometry, emitter, p, time, u0, u1)
+    cell = draw_cell(lights, emitter, patch, leaves_dim, u0, u1)
     return sample_emitter(
-        lights, geometry, emitter, pmf, patch, drawn, p, n, has_transmission, leaves_dim, time, u0, u1
+        lights, geometry, emitter, pmf, patch, drawn, cell, p, n, has_transmission, leaves_dim, time, u0, u1
     )
 
 
@@ -156,9 +168,57 @@ def draw_triangle(lights, geometry, emitter, p, time, u0, u1):
     return nothing, p, nothing, nothing, nothing
 
 
+@kernel
+def is_of_map(lights, emitter, patch):
+    """Whether a direction is drawn from the whole map of the background; takes what `pick_emitter` returns."""
+    return emitter >= 0 and patch < 0 and lights.emitters[emitter, EMITTER_KIND] == LIGHT_BACKGROUND
+
+
+@kernel
+def row_of_map(lights, leaves_dim, u0, u1):
+    """Row of the map in which a direction is drawn. What `ask_for_cell` reads is asked for."""
+    row_count = lights.map_conditional.shape[0]
+    if leaves_dim:
+        row_count = lights.compensated_conditional.shape[0]
+        row = find_row(lights.compensated_marginal, lights.compensated_guide, row_count, u1)
+        ask_for_guide(lights.compensated_guide, row, u0)
+    else:
+        row = find_row(lights.map_marginal, lights.map_guide, row_count, u1)
+        ask_for_guide(lights.map_guide, row, u0)
+    return row
+
+
+@kernel
+def ask_for_cell(lights, leaves_dim, row, u0):
+    """Have fetched what `column_of_map` reads."""
+    if leaves_dim:
+        ask_for_columns(lights.compensated_conditional, lights.compensated_guide, row, u0)
+    else:
+        ask_for_columns(lights.map_conditional, lights.map_guide, row, u0)
+
+
+@kernel
+def column_of_map(lights, leaves_dim, row, u0):
+    """Column of the map in which a direction is drawn."""
+    if leaves_dim:
+        return find_column(lights.compensated_conditional, lights.compensated_guide, row, u0)
+    return find_column(lights.map_conditional, lights.map_guide, row, u0)
+
+
+@kernel
+def draw_cell(lights, emitter, patch, leaves_dim, u0, u1):
+    """Row and column of the map in which a direction is drawn; (-1, -1): in none."""
+    row = np.int64(-1)
+    column = np.int64(-1)
+    if is_of_map(lights, emitter, patch):
+        row = row_of_map(lights, leaves_dim, u0, u1)
+        column = column_of_map(lights, leaves_dim, row, u0)
+    return row, column
+
+
 @kernel(forceinline=True)
 def sample_emitter(
-    lights, geometry, emitter, pmf, patch, drawn, p, n, has_transmission, leaves_dim, time, u0, u1
+    lights, geometry, emitter, pmf, patch, drawn, cell, p, n, has_transmission, leaves_dim, time, u0, u1
 ):
     """Draw a direction towards an emitter that has been chosen; takes and returns the rest as `sample_light` does.
 
@@ -166,6 +226,7 @@ def sample_emitter(
     ----------
     emitter : int, -1 = none; pmf : float, with which it was chosen; patch : int, see `pick_emitter`
     drawn : tuple, `draw_triangle` of the same numbers; not read unless the emitter is a triangle
+    cell : tuple, `draw_cell` of the same numbers; not read unless the emitter is the background, and no patch of it
     """
     pdf = 0.0 * u0
     u = pdf
@@ -216,11 +277,11 @@ def sample_emitter(
                     lights.header[HEADER_SECTORS], patch - lights.header[HEADER_FIRST_PATCH], u0, u1,
                 )
             elif leaves_dim:
-                pdf, wi = sample_map(
-                    lights.compensated_marginal, lights.compensated_conditional, lights.compensated_guide, u0, u1
+                pdf, wi = sample_cell(
+                    lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1
                 )
             else:
-                pdf, wi = sample_map(lights.map_marginal, lights.map_conditional, lights.map_guide, u0, u1)
+                pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
             ng = (-wi[0], -wi[1], -wi[2])
             point = wi
             distance = DISTANT

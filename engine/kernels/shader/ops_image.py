@@ -3,6 +3,7 @@
 
 import math
 
+from engine.kernels.angles import upper_angle
 from engine.kernels.constants import INV_PI, INV_TWO_PI
 from engine.kernels.memory import read3, write3
 from engine.kernels.shader.images import image_color
@@ -48,8 +49,9 @@ def environment_coordinates(d, projection):
     if projection == PROJECTION_EQUIRECTANGULAR:
         if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
             return 0.0, 0.0
-        u = 0.5 - math.atan2(d[1], d[0]) * INV_TWO_PI
-        return u, 1.0 - math.acos(min(max(d[2], -1.0), 1.0)) * INV_PI
+        turn = upper_angle(abs(d[1]), d[0]) * INV_TWO_PI
+        u = 0.5 + turn if d[1] < 0.0 else 0.5 - turn
+        return u, 1.0 - upper_angle(math.sqrt(d[0] * d[0] + d[1] * d[1]), d[2]) * INV_PI
     y = d[1] - 1.0
     divisor = 2.0 * math.sqrt(max(-0.5 * y, 0.0))
     x = d[0]

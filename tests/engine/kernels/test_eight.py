@@ -6,7 +6,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.kernels.eight import WIDTH, absolute, at, choose, last_of, load_eight, root, sums_before
+from engine.kernels.eight import (
+    WIDTH,
+    absolute,
+    at,
+    choose,
+    count_of,
+    last_of,
+    load_eight,
+    load_from,
+    root,
+    sums_before,
+)
 from engine.runtime.jit import kernel
 
 
@@ -43,3 +54,17 @@ def test_none_and_all(is_set: bool) -> None:
     rows = np.full((1, 2, WIDTH), 1.0 if is_set else -1.0, np.float32)
     rows[0, 1] = 0.0
     assert _compute(rows, 0, np.float32(2.0), np.zeros((2, WIDTH), np.float32)) == (WIDTH - 1 if is_set else -1)
+
+
+@kernel
+def _count(rows, row, first, number):
+    return count_of(load_from(rows, row, first) <= number)
+
+
+def test_those_that_are_no_more_than_a_number_are_counted_from_any_column() -> None:
+    rows = np.random.default_rng(2).random((5, 30)).astype(np.float32)
+    number = np.float32(0.6)
+    for row in range(5):
+        for first in range(30 - WIDTH + 1):
+            expected = int((rows[row, first : first + WIDTH] <= number).sum())
+            assert _count(rows, row, first, number) == expected

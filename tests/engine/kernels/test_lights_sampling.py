@@ -8,6 +8,8 @@ import pytest
 
 import tests.helpers.light_probe as probe
 from engine.builder.environment import build_environment_map
+from engine.kernels.constants import ONE_MINUS_EPSILON
+from engine.kernels.lights.background import find_cell, find_column, find_row
 from engine.scene.description import World
 from engine.state.lights import LIGHT_BACKGROUND
 from tests.helpers.chi2 import cell_integrals, histogram, p_value, sidak
@@ -328,6 +330,46 @@ def test_the_guide_finds_the_cells_of_a_full_search() -> None:
             found = np.searchsorted(cumulative, u, side="right") - 1
             low, high = guide[line, int(u * 64)], guide[line, int(u * 64) + 1]
             assert low <= min(found, len(cumulative) - 2) <= high
+
+
+@pytest.mark.parametrize("width", [3, 100, 4000])
+def test_a_cell_is_that_of_a_full_search(width: int) -> None:
+    """Columns that are compared many at once, and one by one where a row is short; numbers on the boundaries, too."""
+    generator = np.random.default_rng(6)
+    radiance = generator.random((30, width, 3)).astype(np.float32) ** 20
+    radiance[7] = 0.0
+    radiance[20, : width // 2] = 0.0
+    radiance[20, width // 2] = 50.0
+    environment = build_environment_map(radiance)
+    marginal, conditional, guide = environment.marginal, environment.conditional, environment.guide
+    numbers = np.concatenate([generator.random(300), np.arange(64) / 64.0, [ONE_MINUS_EPSILON], conditional[20, :-1]])
+    numbers = numbers[numbers < 1.0].astype(np.float32)
+    assert [find_row(marginal, guide, 30, u) for u in numbers] == list(
+        np.minimum(np.searchsorted(marginal[:, 0], numbers, side="right") - 1, 29)
+    )
+    for row in (7, 12, 20):
+        expected = np.minimum(np.searchsorted(conditional[row], numbers, side="right") - 1, width - 1)
+        assert [find_column(conditional, guide, row, u) for u in numbers] == list(expected)
+
+
+def test_a_direction_is_in_the_cell_that_its_angles_say() -> None:
+    """All around, along the axes, and of any length; in double precision they say the same but at boundaries."""
+    generator = np.random.default_rng(7)
+    axes = np.concatenate([np.eye(3), -np.eye(3), [[-1.0, 1e-7, 0.0], [-1.0, -1e-7, 0.0]]])
+    directions = np.concatenate([generator.normal(size=(4000, 3)), axes]).astype(np.float32)
+    conditional = np.zeros((500, 1001), np.float32)
+    x, y, z = directions.astype(np.float64).T
+    row = (1.0 - np.arctan2(np.hypot(x, y), z) / np.pi) * 500.0
+    column = (0.5 - np.arctan2(y, x) / (2.0 * np.pi)) * 1000.0
+    found = np.array([find_cell(conditional, (d[0], d[1], d[2])) for d in directions])
+    for index, place, count in ((found[:, 0], row, 500), (found[:, 1], column, 1000)):
+        expected = np.clip(np.floor(place), 0, count - 1)
+        is_near = np.abs(place - np.round(place)) < 1e-3
+        assert is_near.mean() < 0.01
+        assert (index == expected)[~is_near].all()
+        # Longitudes of -pi and pi are the same, and poles have any.
+        place = np.where((x == 0.0) & (y == 0.0) & (count == 1000), index + 0.5, place)
+        assert (np.abs((index + 0.5 - place + 0.5 * count) % count - 0.5 * count) < 0.51).all()
 
 
 def test_background_map_points_where_the_sun_is() -> None:
