@@ -31,12 +31,12 @@ from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.horizon import Horizon
-from engine.guiding.policy.iterations import RecordBudget, is_narrow
+from engine.guiding.policy.iterations import RecordBudget, is_narrow, iteration_weight
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
-from engine.guiding.policy.trial import NewestVariance, Part
+from engine.guiding.policy.trial import NewestVariance, Part, comparison_weights
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -55,6 +55,9 @@ _LEAST_LAST = 0.1
 #: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
 #: equal time on a processor, and to start and train one takes about eight seconds of a thread.
 _AUTO_CAUTION = 5.0
+#: Iterations after which a render that tries guiding begins with it: what few samples teach guides badly, and unguided
+#: samples are what guiding is compared with.
+_LEARNED_ITERATIONS = 2
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -125,6 +128,8 @@ class Learner:
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
         self._iteration = 0
+        #: Whether the iteration in work is guided.
+        self._is_guiding = False
         self._is_over = False
         self._learning_seconds = 0.0
         self._gate = self._make_gate()
@@ -142,6 +147,12 @@ class Learner:
         # Who asks for a number of candidates gets what predicts at once.
         if self._gate is None and not self._ladder.is_auto and not first.has_begun:
             first.begin(1)
+        #: Whether samples weigh by their variance, and what guided ones weigh then. In parts of u variances are others.
+        self._weighs_by_variance = (
+            settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
+            and settings.strata <= 1
+        )
+        self._guided_weight = trial.GUIDED_WEIGHT
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -204,6 +215,19 @@ class Learner:
             return rung == self._rungs[0]
         return self._gate is not None and not self._gate.is_open
 
+    def weight(self, first_sample: int, arm: int) -> float:
+        """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
+        if self._weighs_by_variance:
+            return self._guided_weight if self._is_guiding and arm != PLAIN else 1.0
+        weight = iteration_weight(first_sample, self.settings, self.known_samples)
+        return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
+
+    @property
+    def _waits(self) -> bool:
+        """Whether the next iteration is unguided whatever is known."""
+        is_tried = self.settings.guiding_trial and self._start is None
+        return is_tried and self._iteration < _LEARNED_ITERATIONS
+
     @property
     def parts(self) -> list[Part]:
         """Parts of the iteration in work."""
@@ -235,7 +259,9 @@ class Learner:
         """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
         return self.settings.roulette == "LEARNED" or not self._choice.is_settled
 
-    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
+    def _unguided(
+        self, weights: np.ndarray, compared_weights: np.ndarray, next_range: tuple[int, int]
+    ) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
         plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
@@ -245,7 +271,7 @@ class Learner:
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
         elif self._roulette_trial.is_running:
-            self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
+            self.report.trials.append(self._roulette_trial.judge(compared_weights, next_range[0]))
         return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
 
     def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
@@ -288,6 +314,7 @@ class Learner:
             self._cache.rehearse()
         if self._roulette is not None:
             self._roulette.rehearse()
+        trial.rehearse(self.settings.channel_count)
         if self._gate is not None:
             held = hold_out(records, count, regions.field, regions.selection.probability, 1.0)
             for predictor in self._predictors.values():
@@ -330,19 +357,24 @@ class Learner:
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
-        weights = pixel_weights(mean.reshape(*size, -1))
+        weights = compared_weights = pixel_weights(mean.reshape(*size, -1))
+        if self._is_guiding or len(self.parts) > 1:
+            compared_weights = comparison_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            self._judge(compared_weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
+            self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return self._unguided(weights, next_range)
+                return self._unguided(weights, compared_weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
-        was_guided = self._regions is not None
+        was_guided, self._is_guiding = self._is_guiding, False
         ray_count = costs.ray_count / max(costs.path_count, 1)
-        variance = image_variance(self._newest.look(), weights)
+        newest = self._newest.look()
+        variance = image_variance(newest if was_guided else choice.plain_variance, weights)
+        self._weigh(newest, compared_weights)
         if self._start is not None and self._iteration == 1:
             # One sample a pixel has none.
             variance = max(variance, self._variance)
@@ -388,11 +420,23 @@ class Learner:
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
             self._costs.measure(choice.rung, costs)
+        if self._waits:
+            choice.plan(*next_range, (), knows_something=False)
+            threshold = self._budget.threshold(next_range[1])
+            return self._completed(Guidance(settings, threshold, lights=self._lights), weights)
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
         choice.plan(*next_range, offers, is_whole=is_whole)
         self._plan_media(regions, next_range)
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
+
+    def _weigh(self, newest: np.ndarray, weights: np.ndarray) -> None:
+        """Say what guided samples weigh from here on, by the variances of the newest ones and of unguided samples."""
+        if not self._weighs_by_variance or self._choice.is_narrow:
+            return
+        weight = trial.guided_weight(self._choice.plain_variance, newest, weights)
+        if math.isfinite(weight):
+            self._guided_weight = weight
 
     def _plan_media(self, regions: RegionModels, next_range: tuple[int, int]) -> None:
         """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""
@@ -408,6 +452,7 @@ class Learner:
     ) -> Guidance:
         """What the next iteration's guided samples, so many a pixel, go by."""
         choice = self._choice
+        self._is_guiding = True
         field = regions.field
         probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
         self.report.chosen = choice.rung
@@ -473,7 +518,7 @@ class Learner:
             self.sink.take(records, row_count)
         if self._keeps and not self._is_over and row_count and self._last_share >= _LEAST_LAST:
             self._iteration += 1
-            was_guided = self._regions is not None
+            was_guided = self._is_guiding
             self._fit(records, row_count)
             assert self._regions is not None
             self._regions.add_deltas(records, row_count)
@@ -489,7 +534,7 @@ class Learner:
             if self._roulette_trial is not None and self._roulette_trial.is_running:
                 self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
-        if unit.arm != PLAIN and self._regions is not None:
+        if unit.arm != PLAIN and self._is_guiding:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
         if self._media_trial.is_running:
             self._media_trial.compare(unit, film, self._costs.unit(costs, unit.arm, self._choice.rung))

@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy import trial
-from engine.guiding.policy.trial import GuidingTrial, SampleMoments, parts
-from engine.state.unit import CURRENT
+from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import GuidingTrial, SampleMoments, comparison_weights, guided_weight, parts
+from engine.ris.orca import pixel_weights
+from engine.settings import RenderSettings
+from engine.state.unit import CURRENT, PLAIN
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene
 
@@ -144,3 +148,62 @@ def test_little_that_is_left_gives_no_benefit_of_the_doubt():
     assert trial.least_efficiency(3, 16, 1000.0) == trial.LEAST_EFFICIENCY[3] < 1.0
     assert trial.least_efficiency(3, 16, 16.0) == trial.LEAST_OF_SHORT > 1.0
     assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
+
+
+def test_a_bright_sample_does_not_hide_itself():
+    """Its pixel's variance is divided by what the pixels around it are, which it is no part of."""
+    rng = np.random.default_rng(4)
+    size, counts, chance = (60, 80), (6, 2), (0.02, 0.5)
+    found = {pixel_weights: [], comparison_weights: []}
+    for _ in range(20):
+        # Unguided and guided samples, of the same mean.
+        values = [rng.binomial(1, p, size=(n, *size, 1)) / p for n, p in zip(counts, chance, strict=True)]
+        mean = sum(of.sum(axis=0) for of in values) / sum(counts)
+        variance = [of.var(axis=0, ddof=1).ravel() for of in values]
+        for weights, ratios in found.items():
+            plain, guided = (float((of * weights(mean)).sum()) for of in variance)
+            ratios.append(plain / guided)
+    truth = (1.0 / chance[0] - 1.0) / (1.0 / chance[1] - 1.0)
+    assert np.median(found[comparison_weights]) == pytest.approx(truth, rel=0.1)
+    assert np.median(found[pixel_weights]) < 0.7 * truth
+
+
+def test_weights_for_comparing_are_those_of_pixels_where_there_is_no_noise():
+    mean = np.linspace(1.0, 2.0, 12 * 9).reshape(12, 9, 1).repeat(3, axis=2).astype(np.float32)
+    np.testing.assert_allclose(comparison_weights(mean), pixel_weights(mean), rtol=0.15)
+    np.testing.assert_allclose(comparison_weights(mean), comparison_weights(100.0 * mean) * 1e4, rtol=1e-4)
+
+
+def test_guided_samples_weigh_by_their_variance():
+    ones = np.ones(100, np.float32)
+    unknown = np.full(100, np.nan)
+    assert guided_weight(3.0 * ones, ones, ones) == pytest.approx(3.0)
+    assert guided_weight(np.where(np.arange(100) < 50, 3.0, np.nan), ones, ones) == pytest.approx(3.0)
+    assert guided_weight(1e6 * ones, ones, ones) == 4.0
+    assert guided_weight(ones, 1e6 * ones, ones) == 0.5
+    assert np.isnan(guided_weight(unknown, ones, ones)) and np.isnan(guided_weight(ones, unknown, ones))
+    assert np.isnan(guided_weight(0.0 * ones, 0.0 * ones, ones))
+
+
+@pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}, {"strata": 4}])
+def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(asked):
+    settings = RenderSettings(guiding_method="VMM", samples=64, **asked)
+    learner = Learner(settings, 1, 100)
+    for first in (0, 1, 4, 32):
+        assert learner.weight(first, CURRENT) == iteration_weight(first, settings)
+        assert learner.weight(first, PLAIN) == 0.5 * iteration_weight(first, settings)
+    learner.close()
+
+
+def test_unguided_samples_count_alike():
+    """What is given up costs no sample: an unguided one weighs one before, during and after the trial."""
+    learner = Learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
+    assert [learner.weight(first, arm) for first in (0, 1, 4, 32) for arm in (CURRENT, PLAIN)] == [1.0] * 8
+    learner.close()
+
+
+def test_nothing_is_guided_before_the_fifth_sample_where_it_is_tried():
+    shared = {"scene": lambda: corner_scene((40, 40)), "samples": 4}
+    tried, untried = (render("VMM", 3, guiding_trial=trial, **shared).report for trial in (True, False))
+    assert np.isnan(tried.guiding.guided_share)
+    assert untried.guiding.guided_share > 0.0
