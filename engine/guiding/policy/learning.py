@@ -55,9 +55,6 @@ _LEAST_LAST = 0.1
 #: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
 #: equal time on a processor, and to start and train one takes about eight seconds of a thread.
 _AUTO_CAUTION = 5.0
-#: Iterations after which a render that tries guiding begins with it: what few samples teach guides badly, and unguided
-#: samples are what guiding is compared with.
-_LEARNED_ITERATIONS = 2
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -223,12 +220,6 @@ class Learner:
         return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
 
     @property
-    def _waits(self) -> bool:
-        """Whether the next iteration is unguided whatever is known."""
-        is_tried = self.settings.guiding_trial and self._start is None
-        return is_tried and self._iteration < _LEARNED_ITERATIONS
-
-    @property
     def parts(self) -> list[Part]:
         """Parts of the iteration in work."""
         if self._roulette_trial is not None and self._roulette_trial.is_running:
@@ -373,7 +364,7 @@ class Learner:
         was_guided, self._is_guiding = self._is_guiding, False
         ray_count = costs.ray_count / max(costs.path_count, 1)
         newest = self._newest.look()
-        variance = image_variance(newest if was_guided else choice.plain_variance, weights)
+        variance = image_variance(newest, weights)
         self._weigh(newest, compared_weights)
         if self._start is not None and self._iteration == 1:
             # One sample a pixel has none.
@@ -420,10 +411,6 @@ class Learner:
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
             self._costs.measure(choice.rung, costs)
-        if self._waits:
-            choice.plan(*next_range, (), knows_something=False)
-            threshold = self._budget.threshold(next_range[1])
-            return self._completed(Guidance(settings, threshold, lights=self._lights), weights)
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
         choice.plan(*next_range, offers, is_whole=is_whole)
         self._plan_media(regions, next_range)

@@ -83,6 +83,17 @@ def test_what_is_learned_decides():
     assert learned.rays["closest"] != by_throughput.rays["closest"]
 
 
+def test_one_sample_a_pixel_decides_nothing():
+    """It has no variance, beside which any path would be worth its cost."""
+
+    def pictures(samples):
+        settings = PIT | {"samples": samples}
+        return [render("OFF", 1, **settings, roulette=by).passes["Combined"] for by in ("THROUGHPUT", "LEARNED")]
+
+    assert np.array_equal(*pictures(4))
+    assert not np.array_equal(*pictures(8))
+
+
 def test_the_image_does_not_depend_on_threads():
     one, three = (
         render("OFF", 1, **PIT, roulette="LEARNED", threads=threads).passes["Combined"] for threads in (1, 3)

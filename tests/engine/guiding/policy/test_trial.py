@@ -200,10 +200,3 @@ def test_unguided_samples_count_alike():
     learner = Learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
     assert [learner.weight(first, arm) for first in (0, 1, 4, 32) for arm in (CURRENT, PLAIN)] == [1.0] * 8
     learner.close()
-
-
-def test_nothing_is_guided_before_the_fifth_sample_where_it_is_tried():
-    shared = {"scene": lambda: corner_scene((40, 40)), "samples": 4}
-    tried, untried = (render("VMM", 3, guiding_trial=trial, **shared).report for trial in (True, False))
-    assert np.isnan(tried.guiding.guided_share)
-    assert untried.guiding.guided_share > 0.0
