@@ -96,11 +96,6 @@ class Choice:
         counts = [(count, arm != PLAIN) for _, count, arm in self.parts]
         return sum(count for count, is_guided in counts if is_guided) / sum(count for count, _ in counts)
 
-    @property
-    def plain_variance(self) -> np.ndarray:
-        """Variance of an unguided sample by pixel, float64 (P,), NaN where fewer than two are known."""
-        return self._plain.variance()
-
     def has_tried(self, method: str) -> bool:
         """Whether a method is in use, or has been compared."""
         return method == self.rung or method in self._not_before

@@ -36,7 +36,7 @@ from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
-from engine.guiding.policy.trial import NewestVariance, Part, comparison_weights
+from engine.guiding.policy.trial import NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -144,12 +144,8 @@ class Learner:
         # Who asks for a number of candidates gets what predicts at once.
         if self._gate is None and not self._ladder.is_auto and not first.has_begun:
             first.begin(1)
-        #: Whether samples weigh by their variance, and what guided ones weigh then. In parts of u variances are others.
-        self._weighs_by_variance = (
-            settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
-            and settings.strata <= 1
-        )
-        self._guided_weight = trial.GUIDED_WEIGHT
+        #: Whether a sample weighs by whether it is guided, not by the samples seen before.
+        self._weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -214,8 +210,8 @@ class Learner:
 
     def weight(self, first_sample: int, arm: int) -> float:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
-        if self._weighs_by_variance:
-            return self._guided_weight if self._is_guiding and arm != PLAIN else 1.0
+        if self._weighs_arms:
+            return trial.tried_weight(first_sample, is_guided=self._is_guiding and arm != PLAIN)
         weight = iteration_weight(first_sample, self.settings, self.known_samples)
         return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
 
@@ -250,9 +246,7 @@ class Learner:
         """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
         return self.settings.roulette == "LEARNED" or not self._choice.is_settled
 
-    def _unguided(
-        self, weights: np.ndarray, compared_weights: np.ndarray, next_range: tuple[int, int]
-    ) -> Guidance:
+    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
         plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
@@ -262,7 +256,7 @@ class Learner:
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
         elif self._roulette_trial.is_running:
-            self.report.trials.append(self._roulette_trial.judge(compared_weights, next_range[0]))
+            self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
         return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
 
     def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
@@ -348,24 +342,20 @@ class Learner:
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
-        weights = compared_weights = pixel_weights(mean.reshape(*size, -1))
-        if self._is_guiding or len(self.parts) > 1:
-            compared_weights = comparison_weights(mean.reshape(*size, -1))
+        weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            self._judge(compared_weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return self._unguided(weights, compared_weights, next_range)
+                return self._unguided(weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
         was_guided, self._is_guiding = self._is_guiding, False
         ray_count = costs.ray_count / max(costs.path_count, 1)
-        newest = self._newest.look()
-        variance = image_variance(newest, weights)
-        self._weigh(newest, compared_weights)
+        variance = image_variance(self._newest.look(), weights)
         if self._start is not None and self._iteration == 1:
             # One sample a pixel has none.
             variance = max(variance, self._variance)
@@ -416,14 +406,6 @@ class Learner:
         self._plan_media(regions, next_range)
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
-
-    def _weigh(self, newest: np.ndarray, weights: np.ndarray) -> None:
-        """Say what guided samples weigh from here on, by the variances of the newest ones and of unguided samples."""
-        if not self._weighs_by_variance or self._choice.is_narrow:
-            return
-        weight = trial.guided_weight(self._choice.plain_variance, newest, weights)
-        if math.isfinite(weight):
-            self._guided_weight = weight
 
     def _plan_media(self, regions: RegionModels, next_range: tuple[int, int]) -> None:
         """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.kernels.sample_moments import add_moments, add_weighted
-from engine.ris.orca import RELATIVE_EPSILON, sample_variance
+from engine.ris.orca import sample_variance
 from engine.state.unit import CURRENT, PLAIN
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
@@ -35,13 +35,13 @@ BEFORE_FIRST = 1
 LAST_DOUBT = 5
 #: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
 CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
-#: Weight in the image of a sample that was taken to compare, where weights go by the samples seen
+#: Weight in the image of a sample that was taken to compare, where weights grow with the samples seen
 #: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
-#: Where they go by variances an unguided sample weighs one, and a guided one of which nothing is known yet so much.
-GUIDED_WEIGHT = 1.0
-#: Bounds of a guided sample's weight.
-_LEAST_GUIDED_WEIGHT, _MOST_GUIDED_WEIGHT = 0.5, 4.0
+#: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
+#: much from this sample on: until then guides have learned from the first sample alone.
+GUIDED_WEIGHT = 2.0
+_GUIDED_WEIGHT_FROM = 4
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
 _DECAY = 0.4
@@ -52,8 +52,6 @@ _LEAST_LEFT = 0.4
 _OUTLIER_SHARE = 0.05
 #: Rounds of cutting: each brings a single outlier down to a twentieth.
 _ROUNDS = 8
-#: Half the side of the squares of pixels over which values are averaged to compare variances.
-_SMOOTH_REACH = 2
 
 
 class Part(NamedTuple):
@@ -79,6 +77,15 @@ def least_efficiency(iteration: int, next_sample: int, samples_left: float) -> f
     return max(least, LEAST_OF_SHORT) if samples_left <= SHORT_REST * next_sample else least
 
 
+def tried_weight(first_sample: int, *, is_guided: bool) -> float:
+    """Weight in the image of each sample of an iteration that begins with `first_sample`, where guiding is tried.
+
+    It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
+    trial-and-choice.md).
+    """
+    return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
+
+
 def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:
     """Parts of an iteration, for the trial against unguided rendering.
 
@@ -96,55 +103,6 @@ def compared_parts(first: int, count: int) -> list[Part]:
     """Parts of an iteration, of four samples or more, that renders a few of them unguided."""
     plain = max(count // 4, 2)  # a variance takes two
     return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
-
-
-def _around(value: np.ndarray, reach: int, axis: int) -> list[np.ndarray]:
-    """Values of the pixels up to `reach` before and behind each along an axis; beyond the edge those at the edge."""
-    margins = [(0, 0), (0, 0)]
-    margins[axis] = (reach, reach)
-    padded, count = np.pad(value, margins, mode="edge"), value.shape[axis]
-    return [padded[first : first + count] if axis == 0 else padded[:, first : first + count]
-            for first in range(2 * reach + 1)]  # fmt: skip
-
-
-def _sorted_three(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lowest, middle and highest of each three values."""
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    return np.minimum(low, c), np.maximum(low, np.minimum(high, c)), np.maximum(high, c)
-
-
-def _median_of_nine(value: np.ndarray) -> np.ndarray:
-    """Median of the 3 x 3 pixels around each."""
-    low, middle, high = _sorted_three(*_around(value, 1, 0))
-    of_lows = _sorted_three(*_around(low, 1, 1))[2]
-    of_middles = _sorted_three(*_around(middle, 1, 1))[1]
-    of_highs = _sorted_three(*_around(high, 1, 1))[0]
-    return _sorted_three(of_lows, of_middles, of_highs)[1]
-
-
-def comparison_weights(mean: np.ndarray) -> np.ndarray:
-    """As `engine.ris.orca.pixel_weights`, to compare variances of the very samples that the image is made of.
-
-    A bright sample makes its pixel's variance, and its pixel's value: divided by that, it would hide itself. So a
-    pixel's own value plays no part, and single bright ones around it play little: each value is replaced by the median
-    of 3 x 3 first (docs/decisions/trial-and-choice.md).
-
-    Parameters
-    ----------
-    mean : float32 (height, width, C), the image so far
-
-    Returns
-    -------
-    float32 (height * width,)
-    """
-    value = mean.mean(axis=2, dtype=np.float64)
-    scale = max(float(value.mean()), 1e-20)
-    value = _median_of_nine(value / scale)
-    total = value
-    for axis in range(2):
-        total = np.sum(_around(total, _SMOOTH_REACH, axis), axis=0)
-    smooth = (total - value) / ((2 * _SMOOTH_REACH + 1) ** 2 - 1)
-    return (1.0 / (smooth**2 + RELATIVE_EPSILON) / scale**2).astype(np.float32).ravel()
 
 
 class SampleMoments:
@@ -234,35 +192,6 @@ class NewestVariance:
         return variance
 
 
-def _totals(variance: np.ndarray) -> np.ndarray:
-    """Sums over pixels, of which none has more than `_OUTLIER_SHARE`; `variance` is float64 (K, P), the sums (K,)."""
-    total: np.ndarray = variance.sum(axis=1)
-    for _ in range(_ROUNDS):
-        total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
-    return total
-
-
-def guided_weight(plain: np.ndarray, guided: np.ndarray, weights: np.ndarray) -> float:
-    """What a guided sample weighs in the image, an unguided one 1: the inverse of its variance over the other's.
-
-    Parameters
-    ----------
-    plain, guided : float64 (P,), variances of a sample, NaN where they are not known
-    weights : float32 (P,), of the pixels' variances
-
-    Returns
-    -------
-    float
-        NaN where nothing is known of both.
-    """
-    variance = np.stack([plain, guided])
-    known = np.isfinite(variance).all(axis=0)
-    total = _totals(variance[:, known] * weights[known])
-    if not total.all():
-        return math.nan
-    return float(min(max(total[0] / total[1], _LEAST_GUIDED_WEIGHT), _MOST_GUIDED_WEIGHT))
-
-
 class GuidingTrial:
     """Moments of samples by the challenger (guiding, or a finer method) and by what it is to beat, and their costs.
 
@@ -300,7 +229,10 @@ class GuidingTrial:
         known = np.isfinite(variance).all(axis=0)
         if not known.any() or 0 in self._paths:
             return float("nan")
-        total = _totals(variance[:, known] * weights[known])
+        variance = variance[:, known] * weights[known]
+        total = variance.sum(axis=1)
+        for _ in range(_ROUNDS):
+            total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
         other, challenger = total * cost

@@ -7,8 +7,8 @@ import pytest
 from engine.guiding.policy import trial
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
-from engine.guiding.policy.trial import GuidingTrial, SampleMoments, comparison_weights, guided_weight, parts
-from engine.ris.orca import pixel_weights
+from engine.guiding.policy.trial import GuidingTrial, SampleMoments, parts, tried_weight
+from engine.render.film import Film
 from engine.settings import RenderSettings
 from engine.state.unit import CURRENT, PLAIN
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
@@ -150,42 +150,7 @@ def test_little_that_is_left_gives_no_benefit_of_the_doubt():
     assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
 
 
-def test_a_bright_sample_does_not_hide_itself():
-    """Its pixel's variance is divided by what the pixels around it are, which it is no part of."""
-    rng = np.random.default_rng(4)
-    size, counts, chance = (60, 80), (6, 2), (0.02, 0.5)
-    found = {pixel_weights: [], comparison_weights: []}
-    for _ in range(20):
-        # Unguided and guided samples, of the same mean.
-        values = [rng.binomial(1, p, size=(n, *size, 1)) / p for n, p in zip(counts, chance, strict=True)]
-        mean = sum(of.sum(axis=0) for of in values) / sum(counts)
-        variance = [of.var(axis=0, ddof=1).ravel() for of in values]
-        for weights, ratios in found.items():
-            plain, guided = (float((of * weights(mean)).sum()) for of in variance)
-            ratios.append(plain / guided)
-    truth = (1.0 / chance[0] - 1.0) / (1.0 / chance[1] - 1.0)
-    assert np.median(found[comparison_weights]) == pytest.approx(truth, rel=0.1)
-    assert np.median(found[pixel_weights]) < 0.7 * truth
-
-
-def test_weights_for_comparing_are_those_of_pixels_where_there_is_no_noise():
-    mean = np.linspace(1.0, 2.0, 12 * 9).reshape(12, 9, 1).repeat(3, axis=2).astype(np.float32)
-    np.testing.assert_allclose(comparison_weights(mean), pixel_weights(mean), rtol=0.15)
-    np.testing.assert_allclose(comparison_weights(mean), comparison_weights(100.0 * mean) * 1e4, rtol=1e-4)
-
-
-def test_guided_samples_weigh_by_their_variance():
-    ones = np.ones(100, np.float32)
-    unknown = np.full(100, np.nan)
-    assert guided_weight(3.0 * ones, ones, ones) == pytest.approx(3.0)
-    assert guided_weight(np.where(np.arange(100) < 50, 3.0, np.nan), ones, ones) == pytest.approx(3.0)
-    assert guided_weight(1e6 * ones, ones, ones) == 4.0
-    assert guided_weight(ones, 1e6 * ones, ones) == 0.5
-    assert np.isnan(guided_weight(unknown, ones, ones)) and np.isnan(guided_weight(ones, unknown, ones))
-    assert np.isnan(guided_weight(0.0 * ones, 0.0 * ones, ones))
-
-
-@pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}, {"strata": 4}])
+@pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}])
 def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(asked):
     settings = RenderSettings(guiding_method="VMM", samples=64, **asked)
     learner = Learner(settings, 1, 100)
@@ -196,7 +161,25 @@ def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(a
 
 
 def test_unguided_samples_count_alike():
-    """What is given up costs no sample: an unguided one weighs one before, during and after the trial."""
+    """Where guiding is given up none is lost: each weighs one before, during and after the trial."""
     learner = Learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
     assert [learner.weight(first, arm) for first in (0, 1, 4, 32) for arm in (CURRENT, PLAIN)] == [1.0] * 8
     learner.close()
+    assert [tried_weight(first, is_guided=False) for first in (0, 4, 8)] == [1.0] * 3
+    assert [tried_weight(first, is_guided=True) for first in (1, 4, 8)] == [1.0, 2.0, 2.0]
+
+
+def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
+    """Of 16 samples 1 is unguided, 3 are guided by what it has taught, 2 + 4 guided and 2 + 2 not, to compare."""
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 1e9))
+    found = []
+
+    def merged(film, pixels, tile, weight=1.0, merge=Film.merge):
+        merge(film, pixels, tile, weight)
+        found.append(film)
+
+    monkeypatch.setattr(Film, "merge", merged)
+    render("VMM", 1, samples=16)
+    np.testing.assert_array_equal(found[-1].sums.weight, 1.0 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0))
