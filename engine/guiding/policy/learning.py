@@ -246,13 +246,16 @@ class Learner:
         """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
         return self.settings.roulette == "LEARNED" or not self._choice.is_settled
 
-    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
+    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int], *, is_whole: bool) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
         plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
             return plain
         if self._roulette_trial is None:
-            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
+            self._roulette_trial = RouletteTrial(
+                self._paths_per_sample, next_range, uses_clock=self._uses_clock,
+                plain=self._choice.plain if is_whole else None,
+            )
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
         elif self._roulette_trial.is_running:
@@ -350,7 +353,7 @@ class Learner:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return self._unguided(weights, next_range)
+                return self._unguided(weights, next_range, is_whole=is_whole)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
         was_guided, self._is_guiding = self._is_guiding, False

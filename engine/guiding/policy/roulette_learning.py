@@ -14,7 +14,7 @@ from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, Re
 from engine.guiding.fields.reflected.model import ReflectedModel
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.trial import GuidingTrial, Part
+from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import image_variance, sample_variance
 from engine.state.film import FilmTile
@@ -24,10 +24,11 @@ from engine.state.unit import CHALLENGER, CURRENT, Unit
 #: and ending paths that mattered costs more than tracing some that do not.
 _FACTOR = 2.0
 _LEAST = 0.1
-#: What a look-up at every surface costs, where rays are counted instead of seconds; and the least efficiency over
-#: roulette by the throughput with which it goes on.
+#: What a look-up at every surface costs, where rays are counted instead of seconds.
 _COUNTED_OVERHEAD = 1.08
-_LEAST_EFFICIENCY = 1.0
+#: Efficiency over roulette by the throughput from which on it goes on: a few samples tell it to a tenth or two, and it
+#: wins by more than it loses (docs/decisions/roulette-and-light-sampling.md).
+_LEAST_EFFICIENCY = 0.9
 #: Of a variance about a mean of the same samples, the share that must not be in that mean.
 _LEAST_LEFT = 0.2
 _REHEARSED_RECORDS = 16
@@ -62,10 +63,10 @@ class RouletteModel:
         if field is None:
             return
         weight = np.maximum(sums.weight, 1e-20)[:, None]
-        variance = sample_variance(sums.radiance / weight, sums.square / weight)
         # The mean is taken from the same samples.
         left = 1.0 - sums.weight_squared / weight[:, 0] ** 2
-        variance = image_variance(variance / np.where(left > _LEAST_LEFT, left, np.nan), weights)
+        by_pixel = sample_variance(sums.radiance / weight, sums.square / weight)
+        variance = image_variance(by_pixel / np.where(left > _LEAST_LEFT, left, np.nan), weights)
         self._knows_variance = variance > 0.0
         vertex_count = costs.closest_count / max(costs.path_count, 1)
         field.numbers[NUMBER_SCALE] = _FACTOR * math.sqrt(vertex_count / max(variance, 1e-20))
@@ -92,6 +93,8 @@ class RouletteTrial:
         First sample and samples a pixel of the iteration.
     uses_clock : bool
         Whether units cost seconds; else rays.
+    plain : SampleMoments, optional
+        Of unguided samples from before, which count too.
 
     Attributes
     ----------
@@ -100,14 +103,16 @@ class RouletteTrial:
     is_won : bool, roulette goes by what was learned
     """
 
-    def __init__(self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool) -> None:
+    def __init__(
+        self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool, plain: SampleMoments | None = None
+    ) -> None:
         first, count = samples
         half = count // 2
         self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
         # Of fewer nothing can be told.
         self.is_running = half > 1
         self.is_won = True
-        self._moments = GuidingTrial(pixel_count)
+        self._moments = GuidingTrial(pixel_count, plain)
         self._overhead = 1.0 if uses_clock else _COUNTED_OVERHEAD
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
