@@ -39,8 +39,8 @@ CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
-#: much from this sample on: until then guides have learned from the first sample alone. That one, unguided, weighs less:
-#: its bright paths make the values that variances are divided by, and would hide where guiding helps.
+#: much from this sample on: until then guides have learned from the first sample alone. That one weighs less: its
+#: bright paths make the values that variances are divided by, and would hide where guiding helps.
 GUIDED_WEIGHT = 2.0
 _GUIDED_WEIGHT_FROM = 4
 _FIRST_WEIGHT = 0.5
