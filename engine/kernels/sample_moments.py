@@ -52,3 +52,21 @@ def add_weighted(weight, weight_squared, moments, pixels, radiance, square, samp
             moments[1, pixel, c] += square[k, c]
         weight[pixel] += np.float32(sample_count)
         weight_squared[pixel] += np.float32(sample_count)
+
+
+@kernel(fastmath=False)
+def add_values(weight, total, pixels, radiance, sample_count, factor):
+    """Add a unit's sums to those of an image, float32 (P,) and (P, C), times what each of its samples weighs.
+
+    Parameters
+    ----------
+    pixels, radiance, sample_count
+        As for `add_moments`.
+    factor : float32
+    """
+    added = np.float32(sample_count) * factor
+    for k in range(len(pixels)):
+        pixel = pixels[k]
+        for c in range(total.shape[1]):
+            total[pixel, c] += radiance[k, c] * factor
+        weight[pixel] += added

@@ -36,7 +36,7 @@ from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
-from engine.guiding.policy.trial import NewestVariance, Part
+from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -146,6 +146,7 @@ class Learner:
             first.begin(1)
         #: Whether a sample weighs by whether it is guided, not by the samples seen before.
         self._weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
+        self._compared_values = ComparedValues(paths_per_sample)
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -212,6 +213,10 @@ class Learner:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
         if self._weighs_arms:
             return trial.tried_weight(first_sample, is_guided=self._is_guiding and arm != PLAIN)
+        return self._grown_weight(first_sample, arm)
+
+    def _grown_weight(self, first_sample: int, arm: int) -> float:
+        """Weight of a sample by what was seen before."""
         weight = iteration_weight(first_sample, self.settings, self.known_samples)
         return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
 
@@ -347,7 +352,8 @@ class Learner:
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            compared_weights = self._compared_values.weights(size) if self._weighs_arms else weights
+            self._judge(compared_weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
             self._is_guiding = False
@@ -506,6 +512,9 @@ class Learner:
             if self._roulette_trial is not None and self._roulette_trial.is_running:
                 self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
+        if self._weighs_arms:
+            weight = self._grown_weight(self.parts[0].first_sample, unit.arm)
+            self._compared_values.add(unit.film_index, film.radiance, unit.sample_count, weight)
         if unit.arm != PLAIN and self._is_guiding:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
         if self._media_trial.is_running:

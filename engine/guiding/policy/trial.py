@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.kernels.sample_moments import add_moments, add_weighted
-from engine.ris.orca import sample_variance
+from engine.kernels.sample_moments import add_moments, add_values, add_weighted
+from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.unit import CURRENT, PLAIN
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
@@ -39,11 +39,9 @@ CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
-#: much from this sample on: until then guides have learned from the first sample alone. That one weighs less: its
-#: bright paths make the values that variances are divided by, and would hide where guiding helps.
+#: much from this sample on: until then guides have learned from the first sample alone.
 GUIDED_WEIGHT = 2.0
 _GUIDED_WEIGHT_FROM = 4
-_FIRST_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
 _DECAY = 0.4
@@ -85,8 +83,6 @@ def tried_weight(first_sample: int, *, is_guided: bool) -> float:
     It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
     trial-and-choice.md).
     """
-    if first_sample == 0:
-        return _FIRST_WEIGHT
     return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
 
 
@@ -196,6 +192,34 @@ class NewestVariance:
         return variance
 
 
+class ComparedValues:
+    """The image that variances are divided by to compare them, where the film's samples weigh by what they are.
+
+    Unguided samples weigh less here: their bright paths would make the values that their variance is divided by, and
+    hide where guiding helps (docs/decisions/trial-and-choice.md).
+
+    Parameters
+    ----------
+    pixel_count : int
+    """
+
+    def __init__(self, pixel_count: int) -> None:
+        self._weight = np.zeros(pixel_count, np.float32)
+        self._total: np.ndarray | None = None
+
+    def add(self, pixels: np.ndarray, radiance: np.ndarray, sample_count: int, weight: float) -> None:
+        """Take a unit's sum over samples that weigh so much each, `pixels` int64 (P,), each once."""
+        if self._total is None:
+            self._total = np.zeros((len(self._weight), radiance.shape[1]), np.float32)
+        pixels = np.ascontiguousarray(pixels, np.int64)
+        add_values(self._weight, self._total, pixels, radiance, sample_count, np.float32(weight))
+
+    def weights(self, size: tuple[int, int]) -> np.ndarray:
+        """Of the pixels' variances, float32 (P,); the image has so many rows and columns."""
+        total = np.zeros((len(self._weight), 1), np.float32) if self._total is None else self._total
+        return pixel_weights((total / np.maximum(self._weight, 1e-20)[:, None]).reshape(*size, -1))
+
+
 class GuidingTrial:
     """Moments of samples by the challenger (guiding, or a finer method) and by what it is to beat, and their costs.
 
@@ -248,3 +272,4 @@ def rehearse(channel_count: int) -> None:
     pixels, sums = np.zeros(1, np.int64), np.ones((1, channel_count), np.float32)
     for moments in (SampleMoments(1), NewestVariance(1)):
         moments.add(pixels, sums, sums, 1)
+    ComparedValues(1).add(pixels, sums, 1, 1.0)
