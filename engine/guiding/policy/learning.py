@@ -350,10 +350,12 @@ class Learner:
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
-        weights = pixel_weights(mean.reshape(*size, -1))
+        if self._weighs_arms and not self._is_over:
+            weights = self._compared_values.weights(size)
+        else:
+            weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            compared_weights = self._compared_values.weights(size) if self._weighs_arms else weights
-            self._judge(compared_weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
             self._is_guiding = False

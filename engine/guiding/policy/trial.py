@@ -39,9 +39,11 @@ CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
 #: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
 #: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
-#: much from this sample on: until then guides have learned from the first sample alone.
+#: much from this sample on: until then guides have learned from the first sample alone. Where guiding wins that one is
+#: worse than others by still more, and weighs half.
 GUIDED_WEIGHT = 2.0
 _GUIDED_WEIGHT_FROM = 4
+_FIRST_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
 _DECAY = 0.4
@@ -83,6 +85,8 @@ def tried_weight(first_sample: int, *, is_guided: bool) -> float:
     It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
     trial-and-choice.md).
     """
+    if first_sample == 0:
+        return _FIRST_WEIGHT
     return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
 
 
@@ -193,7 +197,7 @@ class NewestVariance:
 
 
 class ComparedValues:
-    """The image that variances are divided by to compare them, where the film's samples weigh by what they are.
+    """The image that variances are divided by where the film's samples weigh by what they are.
 
     Unguided samples weigh less here: their bright paths would make the values that their variance is divided by, and
     hide where guiding helps (docs/decisions/trial-and-choice.md).
