@@ -96,11 +96,6 @@ class Choice:
         counts = [(count, arm != PLAIN) for _, count, arm in self.parts]
         return sum(count for count, is_guided in counts if is_guided) / sum(count for count, _ in counts)
 
-    @property
-    def plain(self) -> SampleMoments:
-        """Moments of all unguided samples so far."""
-        return self._plain
-
     def has_tried(self, method: str) -> bool:
         """Whether a method is in use, or has been compared."""
         return method == self.rung or method in self._not_before

@@ -246,21 +246,13 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
-    @property
-    def _teaches_roulette(self) -> bool:
-        """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
-        return self.settings.roulette == "LEARNED" or not self._choice.is_settled
-
-    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int], *, is_whole: bool) -> Guidance:
+    def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
         plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
             return plain
         if self._roulette_trial is None:
-            self._roulette_trial = RouletteTrial(
-                self._paths_per_sample, next_range, uses_clock=self._uses_clock,
-                plain=self._choice.plain if is_whole else None,
-            )
+            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
         elif self._roulette_trial.is_running:
@@ -269,7 +261,7 @@ class Learner:
 
     def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
         """Guidance with what ends paths; `weights` are those of the film's pixels."""
-        if self._roulette is not None and self.settings.roulette == "LEARNED":
+        if self._roulette is not None:
             guidance = self._roulette.complete(guidance, weights)
         return guidance if self._cache is None else self._cache.complete(guidance)
 
@@ -361,7 +353,7 @@ class Learner:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
-                return self._unguided(weights, next_range, is_whole=is_whole)
+                return self._unguided(weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
         was_guided, self._is_guiding = self._is_guiding, False
@@ -379,7 +371,7 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
-            if self._roulette is not None and self._teaches_roulette:
+            if self._roulette is not None:
                 self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)

@@ -14,7 +14,7 @@ from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, Re
 from engine.guiding.fields.reflected.model import ReflectedModel
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
+from engine.guiding.policy.trial import GuidingTrial, Part
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import image_variance, sample_variance
 from engine.state.film import FilmTile
@@ -93,8 +93,6 @@ class RouletteTrial:
         First sample and samples a pixel of the iteration.
     uses_clock : bool
         Whether units cost seconds; else rays.
-    plain : SampleMoments, optional
-        Of unguided samples from before, which count too.
 
     Attributes
     ----------
@@ -103,16 +101,14 @@ class RouletteTrial:
     is_won : bool, roulette goes by what was learned
     """
 
-    def __init__(
-        self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool, plain: SampleMoments | None = None
-    ) -> None:
+    def __init__(self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool) -> None:
         first, count = samples
         half = count // 2
         self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
         # Of fewer nothing can be told.
         self.is_running = half > 1
         self.is_won = True
-        self._moments = GuidingTrial(pixel_count, plain)
+        self._moments = GuidingTrial(pixel_count)
         self._overhead = 1.0 if uses_clock else _COUNTED_OVERHEAD
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
