@@ -468,7 +468,7 @@ class RenderSettings:
     roulette: str = _declare(
         "AUTO", "Roulette By", "What decides which paths end early", "Paths",
         choices=(
-            Choice("AUTO", "Automatic", "Learned light where automatic guiding loses and this wins, else throughput"),
+            Choice("AUTO", "Automatic", "Learned light with automatic guiding, unless it loses; else throughput"),
             Choice("THROUGHPUT", "Throughput", "What the surfaces that a path has met have left of its light"),
             Choice("LEARNED", "Learned Light", "What a path is expected to bring to its pixel, by what others found"),
         ),

@@ -17,11 +17,10 @@ import numpy.typing as npt
 
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.source_model import TrainedSource
-from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.iterations import LearningRests, iteration_weight
+from engine.guiding.policy.iterations import LearningRests
 from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.unguided_learning import UnguidedLearner
@@ -200,11 +199,7 @@ class Course:
     ) -> None:
         """As `keep`, of alike tasks of several tiles (`is_alike`); rows of `sums` are of one unit after the other."""
         task, unit, learner = tasks[0], units[0], self.learner
-        weight = 1.0
-        if learner is not None:
-            weight = iteration_weight(task.weighs_as, self.settings, learner.known_samples)
-            if unit.arm == PLAIN:
-                weight *= trial.PLAIN_WEIGHT
+        weight = 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm)
         for index, of_unit in enumerate(records or ()):
             self._units.setdefault(tasks[index].tile, []).append(of_unit)
         pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else unit.film_index

@@ -17,7 +17,7 @@ from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.residual import residual_error
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.iterations import RecordBudget
+from engine.guiding.policy.iterations import RecordBudget, iteration_weight
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import allocate_taught_records, join_taught
@@ -103,6 +103,10 @@ class CacheLearner:
     def is_over(self) -> bool:
         """Whether there is nothing to learn any more, so that the render need not go in iterations."""
         return self.is_given_up
+
+    def weight(self, first_sample: int, _arm: int) -> float:
+        """Weight in the image of each sample of an iteration."""
+        return iteration_weight(first_sample, self.settings)
 
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""

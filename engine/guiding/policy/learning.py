@@ -31,12 +31,12 @@ from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.horizon import Horizon
-from engine.guiding.policy.iterations import RecordBudget, is_narrow
+from engine.guiding.policy.iterations import RecordBudget, is_narrow, iteration_weight
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
-from engine.guiding.policy.trial import NewestVariance, Part
+from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -125,6 +125,8 @@ class Learner:
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
         self._iteration = 0
+        #: Whether the iteration in work is guided.
+        self._is_guiding = False
         self._is_over = False
         self._learning_seconds = 0.0
         self._gate = self._make_gate()
@@ -142,6 +144,9 @@ class Learner:
         # Who asks for a number of candidates gets what predicts at once.
         if self._gate is None and not self._ladder.is_auto and not first.has_begun:
             first.begin(1)
+        #: Whether a sample weighs by whether it is guided, not by the samples seen before.
+        self._weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
+        self._compared_values = ComparedValues(paths_per_sample)
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -204,6 +209,17 @@ class Learner:
             return rung == self._rungs[0]
         return self._gate is not None and not self._gate.is_open
 
+    def weight(self, first_sample: int, arm: int) -> float:
+        """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
+        if self._weighs_arms:
+            return trial.tried_weight(first_sample, is_guided=self._is_guiding and arm != PLAIN)
+        return self._grown_weight(first_sample, arm)
+
+    def _grown_weight(self, first_sample: int, arm: int) -> float:
+        """Weight of a sample by what was seen before."""
+        weight = iteration_weight(first_sample, self.settings, self.known_samples)
+        return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
+
     @property
     def parts(self) -> list[Part]:
         """Parts of the iteration in work."""
@@ -230,11 +246,6 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
-    @property
-    def _teaches_roulette(self) -> bool:
-        """Whether roulette learns from an iteration: where it decides, else until guiding has won."""
-        return self.settings.roulette == "LEARNED" or not self._choice.is_settled
-
     def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
         plain = Guidance(self.settings, 0, lights=self._lights)
@@ -250,7 +261,7 @@ class Learner:
 
     def _completed(self, guidance: Guidance, weights: np.ndarray | None = None) -> Guidance:
         """Guidance with what ends paths; `weights` are those of the film's pixels."""
-        if self._roulette is not None and self.settings.roulette == "LEARNED":
+        if self._roulette is not None:
             guidance = self._roulette.complete(guidance, weights)
         return guidance if self._cache is None else self._cache.complete(guidance)
 
@@ -288,6 +299,7 @@ class Learner:
             self._cache.rehearse()
         if self._roulette is not None:
             self._roulette.rehearse()
+        trial.rehearse(self.settings.channel_count)
         if self._gate is not None:
             held = hold_out(records, count, regions.field, regions.selection.probability, 1.0)
             for predictor in self._predictors.values():
@@ -330,17 +342,21 @@ class Learner:
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
-        weights = pixel_weights(mean.reshape(*size, -1))
+        if self._weighs_arms and not self._is_over:
+            weights = self._compared_values.weights(size)
+        else:
+            weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
             self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
+            self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
                 return self._unguided(weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
-        was_guided = self._regions is not None
+        was_guided, self._is_guiding = self._is_guiding, False
         ray_count = costs.ray_count / max(costs.path_count, 1)
         variance = image_variance(self._newest.look(), weights)
         if self._start is not None and self._iteration == 1:
@@ -355,7 +371,7 @@ class Learner:
         if row_count:
             self._budget.count(row_count + costs.dropped_records, recorded_share * guided_share * costs.path_count)
             self._fit(records, row_count)
-            if self._roulette is not None and self._teaches_roulette:
+            if self._roulette is not None:
                 self._roulette.learn(records, row_count, sums, weights, costs)
             if self._cache is not None:
                 self._cache.take(units)
@@ -408,6 +424,7 @@ class Learner:
     ) -> Guidance:
         """What the next iteration's guided samples, so many a pixel, go by."""
         choice = self._choice
+        self._is_guiding = True
         field = regions.field
         probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
         self.report.chosen = choice.rung
@@ -473,7 +490,7 @@ class Learner:
             self.sink.take(records, row_count)
         if self._keeps and not self._is_over and row_count and self._last_share >= _LEAST_LAST:
             self._iteration += 1
-            was_guided = self._regions is not None
+            was_guided = self._is_guiding
             self._fit(records, row_count)
             assert self._regions is not None
             self._regions.add_deltas(records, row_count)
@@ -489,7 +506,10 @@ class Learner:
             if self._roulette_trial is not None and self._roulette_trial.is_running:
                 self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
-        if unit.arm != PLAIN and self._regions is not None:
+        if self._weighs_arms:
+            weight = self._grown_weight(self.parts[0].first_sample, unit.arm)
+            self._compared_values.add(unit.film_index, film.radiance, unit.sample_count, weight)
+        if unit.arm != PLAIN and self._is_guiding:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
         if self._media_trial.is_running:
             self._media_trial.compare(unit, film, self._costs.unit(costs, unit.arm, self._choice.rung))

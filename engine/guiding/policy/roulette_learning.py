@@ -24,10 +24,13 @@ from engine.state.unit import CHALLENGER, CURRENT, Unit
 #: and ending paths that mattered costs more than tracing some that do not.
 _FACTOR = 2.0
 _LEAST = 0.1
-#: What a look-up at every surface costs, where rays are counted instead of seconds; and the least efficiency over
-#: roulette by the throughput with which it goes on.
+#: What a look-up at every surface costs, where rays are counted instead of seconds.
 _COUNTED_OVERHEAD = 1.08
-_LEAST_EFFICIENCY = 1.0
+#: Efficiency over roulette by the throughput from which on it goes on: a few samples tell it to a tenth or two, and it
+#: wins by more than it loses (docs/decisions/roulette-and-light-sampling.md).
+_LEAST_EFFICIENCY = 0.9
+#: Of a variance about a mean of the same samples, the share that must not be in that mean.
+_LEAST_LEFT = 0.2
 _REHEARSED_RECORDS = 16
 
 
@@ -36,6 +39,8 @@ class RouletteModel:
 
     def __init__(self) -> None:
         self._cells = ReflectedModel()
+        #: One sample a pixel has no variance: beside that no path would be worth its cost, or any.
+        self._knows_variance = False
 
     @property
     def field(self) -> ReflectedField | None:
@@ -58,14 +63,20 @@ class RouletteModel:
         if field is None:
             return
         weight = np.maximum(sums.weight, 1e-20)[:, None]
-        variance = image_variance(sample_variance(sums.radiance / weight, sums.square / weight), weights)
+        # The mean is taken from the same samples.
+        left = 1.0 - sums.weight_squared / weight[:, 0] ** 2
+        by_pixel = sample_variance(sums.radiance / weight, sums.square / weight)
+        variance = image_variance(by_pixel / np.where(left > _LEAST_LEFT, left, np.nan), weights)
+        self._knows_variance = variance > 0.0
         vertex_count = costs.closest_count / max(costs.path_count, 1)
         field.numbers[NUMBER_SCALE] = _FACTOR * math.sqrt(vertex_count / max(variance, 1e-20))
         field.numbers[NUMBER_LEAST] = _LEAST
 
     def complete(self, guidance: Guidance, weights: np.ndarray | None) -> Guidance:
         """Guidance whose paths end by what is known."""
-        return guidance if self.field is None else guidance.with_roulette(self.field, weights)
+        if self.field is None or not self._knows_variance:
+            return guidance
+        return guidance.with_roulette(self.field, weights)
 
     def rehearse(self) -> None:
         """Load (or compile) the kernels of learning by learning from nothing in particular."""

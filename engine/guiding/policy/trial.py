@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.ris.orca import sample_variance
+from engine.kernels.sample_moments import add_moments, add_values, add_weighted
+from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.unit import CURRENT, PLAIN
 
 #: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
@@ -34,8 +35,15 @@ BEFORE_FIRST = 1
 LAST_DOUBT = 5
 #: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
 CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
-#: Weight in the image of a sample that was taken to compare: where guiding is worth having, it is a bad one.
+#: Weight in the image of a sample that was taken to compare, where weights grow with the samples seen
+#: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
 PLAIN_WEIGHT = 0.5
+#: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
+#: much from this sample on: until then guides have learned from the first sample alone. Where guiding wins that one is
+#: worse than others by still more, and weighs half.
+GUIDED_WEIGHT = 2.0
+_GUIDED_WEIGHT_FROM = 4
+_FIRST_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
 _DECAY = 0.4
@@ -69,6 +77,17 @@ def least_efficiency(iteration: int, next_sample: int, samples_left: float) -> f
     """
     least = LEAST_EFFICIENCY[iteration]
     return max(least, LEAST_OF_SHORT) if samples_left <= SHORT_REST * next_sample else least
+
+
+def tried_weight(first_sample: int, *, is_guided: bool) -> float:
+    """Weight in the image of each sample of an iteration that begins with `first_sample`, where guiding is tried.
+
+    It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
+    trial-and-choice.md).
+    """
+    if first_sample == 0:
+        return _FIRST_WEIGHT
+    return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
 
 
 def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:
@@ -105,7 +124,7 @@ class SampleMoments:
         self._mean: np.ndarray | None = None
 
     def add(self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int) -> None:
-        """Take a unit's sums (Chan et al. 1983, of two sets of samples). Of a pixel in the order of its samples.
+        """Take a unit's sums. Of a pixel in the order of its samples.
 
         Parameters
         ----------
@@ -114,14 +133,8 @@ class SampleMoments:
         """
         if self._mean is None:
             self._mean = np.zeros((len(self._count), radiance.shape[1]), np.float32)
-        total = radiance[: len(pixels)].astype(np.float64)
-        spread = np.maximum(square[: len(pixels)] - total * total / sample_count, 0.0).mean(axis=1)
-        before = self._count[pixels]
-        difference = total / sample_count - self._mean[pixels]
-        share = sample_count / (before + sample_count)
-        self._spread[pixels] += spread + before * share * (difference * difference).mean(axis=1)
-        self._mean[pixels] += difference * share[:, None]
-        self._count[pixels] += sample_count
+        pixels = np.ascontiguousarray(pixels, np.int64)
+        add_moments(self._count, self._mean, self._spread, pixels, radiance, square, sample_count)
 
     def variance(self) -> np.ndarray:
         """Variance of a sample, mean over channels, by pixel; NaN of fewer than two.
@@ -158,10 +171,8 @@ class NewestVariance:
         self._is_sampled[pixels] = True
         if self._moments is None:
             self._moments = np.zeros((2, len(self._weight), radiance.shape[1]), np.float32)
-        self._moments[0, pixels] += radiance[: len(pixels)]
-        self._moments[1, pixels] += square[: len(pixels)]
-        self._weight[pixels] += sample_count
-        self._weight_squared[pixels] += sample_count
+        pixels = np.ascontiguousarray(pixels, np.int64)
+        add_weighted(self._weight, self._weight_squared, self._moments, pixels, radiance, square, sample_count)
 
     def look(self) -> np.ndarray:
         """Variance of a sample, mean over channels; called once an iteration, whose samples weigh less afterwards.
@@ -183,6 +194,34 @@ class NewestVariance:
         self._weight_squared *= np.float32(_DECAY**2)
         self._is_sampled[:] = False
         return variance
+
+
+class ComparedValues:
+    """The image that variances are divided by where the film's samples weigh by what they are.
+
+    Unguided samples weigh less here: their bright paths would make the values that their variance is divided by, and
+    hide where guiding helps (docs/decisions/trial-and-choice.md).
+
+    Parameters
+    ----------
+    pixel_count : int
+    """
+
+    def __init__(self, pixel_count: int) -> None:
+        self._weight = np.zeros(pixel_count, np.float32)
+        self._total: np.ndarray | None = None
+
+    def add(self, pixels: np.ndarray, radiance: np.ndarray, sample_count: int, weight: float) -> None:
+        """Take a unit's sum over samples that weigh so much each, `pixels` int64 (P,), each once."""
+        if self._total is None:
+            self._total = np.zeros((len(self._weight), radiance.shape[1]), np.float32)
+        pixels = np.ascontiguousarray(pixels, np.int64)
+        add_values(self._weight, self._total, pixels, radiance, sample_count, np.float32(weight))
+
+    def weights(self, size: tuple[int, int]) -> np.ndarray:
+        """Of the pixels' variances, float32 (P,); the image has so many rows and columns."""
+        total = np.zeros((len(self._weight), 1), np.float32) if self._total is None else self._total
+        return pixel_weights((total / np.maximum(self._weight, 1e-20)[:, None]).reshape(*size, -1))
 
 
 class GuidingTrial:
@@ -230,3 +269,11 @@ class GuidingTrial:
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
         other, challenger = total * cost
         return float(other / challenger) if challenger > 0.0 else float("nan")
+
+
+def rehearse(channel_count: int) -> None:
+    """Load (or compile) the kernels that comparing takes."""
+    pixels, sums = np.zeros(1, np.int64), np.ones((1, channel_count), np.float32)
+    for moments in (SampleMoments(1), NewestVariance(1)):
+        moments.add(pixels, sums, sums, 1)
+    ComparedValues(1).add(pixels, sums, 1, 1.0)

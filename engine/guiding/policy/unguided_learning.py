@@ -121,6 +121,10 @@ class UnguidedLearner:
             wanted = min(int(_RECORDS_SHARE * paths_per_sample * settings.samples) + 1, _RECORDS)
         self._budget = RecordBudget(paths_per_sample, unit_pixels, wanted)
 
+    def weight(self, _first_sample: int, _arm: int) -> float:
+        """Weight in the image of each sample of an iteration."""
+        return 1.0
+
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""
         self._budget.paths_per_sample = pixel_count

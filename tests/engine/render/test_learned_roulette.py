@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.guiding.policy import roulette_learning, trial
 from engine.guiding.policy.roulette_learning import RouletteModel
 from engine.scene.description import World
 from engine.settings import RenderSettings
@@ -81,6 +82,29 @@ def test_what_is_learned_decides():
     """Under a dark sky nothing is worth going on for but what the sun lights."""
     by_throughput, learned = (render("OFF", 1, **PIT, roulette=by).report for by in ("THROUGHPUT", "LEARNED"))
     assert learned.rays["closest"] != by_throughput.rays["closest"]
+
+
+def test_one_sample_a_pixel_decides_nothing():
+    """It has no variance, beside which any path would be worth its cost."""
+
+    def pictures(samples):
+        settings = PIT | {"samples": samples}
+        return [render("OFF", 1, **settings, roulette=by).passes["Combined"] for by in ("THROUGHPUT", "LEARNED")]
+
+    assert np.array_equal(*pictures(4))
+    assert not np.array_equal(*pictures(8))
+
+
+@pytest.mark.parametrize("least", [0.0, 1e9], ids=["guided", "given up"])
+def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least, monkeypatch):
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, least))
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", least)
+    monkeypatch.setattr(roulette_learning, "_LEAST_EFFICIENCY", 0.0)
+    settings = PIT | {"samples": 32, "deterministic": True}
+    for by in ("AUTO", "THROUGHPUT"):
+        guidance = render("AUTO", 1, **settings, roulette=by).guidance
+        assert (guidance.field is not None) == (least == 0.0)
+        assert (guidance.reflected is not None) == (by == "AUTO")
 
 
 def test_the_image_does_not_depend_on_threads():

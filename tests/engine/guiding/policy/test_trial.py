@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy import trial
-from engine.guiding.policy.trial import GuidingTrial, SampleMoments, parts
-from engine.state.unit import CURRENT
+from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.trial import ComparedValues, GuidingTrial, SampleMoments, parts, tried_weight
+from engine.render.film import Film
+from engine.ris.orca import pixel_weights
+from engine.settings import RenderSettings
+from engine.state.unit import CURRENT, PLAIN
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene
 
@@ -144,3 +149,48 @@ def test_little_that_is_left_gives_no_benefit_of_the_doubt():
     assert trial.least_efficiency(3, 16, 1000.0) == trial.LEAST_EFFICIENCY[3] < 1.0
     assert trial.least_efficiency(3, 16, 16.0) == trial.LEAST_OF_SHORT > 1.0
     assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
+
+
+@pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}])
+def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(asked):
+    settings = RenderSettings(guiding_method="VMM", samples=64, **asked)
+    learner = Learner(settings, 1, 100)
+    for first in (0, 1, 4, 32):
+        assert learner.weight(first, CURRENT) == iteration_weight(first, settings)
+        assert learner.weight(first, PLAIN) == 0.5 * iteration_weight(first, settings)
+    learner.close()
+
+
+def test_unguided_samples_count_alike():
+    """Where guiding is given up little is lost: all but the first weigh one before, during and after the trial."""
+    learner = Learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
+    assert [learner.weight(first, arm) for first in (1, 4, 32) for arm in (CURRENT, PLAIN)] == [1.0] * 6
+    learner.close()
+    assert [tried_weight(first, is_guided=False) for first in (0, 4, 8)] == [0.5, 1.0, 1.0]
+    assert [tried_weight(first, is_guided=True) for first in (1, 4, 8)] == [1.0, 2.0, 2.0]
+
+
+def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
+    """Of 16 samples 1 is unguided, 3 are guided by what it has taught, 2 + 4 guided and 2 + 2 not, to compare."""
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
+    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 1e9))
+    found = []
+
+    def merged(film, pixels, tile, weight=1.0, merge=Film.merge):
+        merge(film, pixels, tile, weight)
+        found.append(film)
+
+    monkeypatch.setattr(Film, "merge", merged)
+    render("VMM", 1, samples=16)
+    np.testing.assert_array_equal(found[-1].sums.weight, 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0))
+
+
+def test_values_to_compare_by_are_means_of_weighted_samples():
+    rng = np.random.default_rng(8)
+    values, image = rng.random((5, 12, 3)).astype(np.float32), ComparedValues(12)
+    for some, pixels, weight in ((slice(0, 1), slice(0, 12), 0.125), (slice(1, 5), slice(0, 6), 0.5)):
+        image.add(np.arange(12)[pixels], values[some, pixels].sum(0), len(values[some]), weight)
+    expected = values[0].astype(np.float64)
+    expected[:6] = (0.125 * values[0, :6] + 0.5 * values[1:, :6].sum(0)) / (0.125 + 4 * 0.5)
+    np.testing.assert_allclose(image.weights((3, 4)), pixel_weights(expected.reshape(3, 4, 3)), rtol=1e-4)
