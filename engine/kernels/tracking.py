@@ -188,17 +188,27 @@ def _axis(x, v, t, count):
     Returns
     -------
     cell : int
-    ahead : int, cells that follow
     leave : float32 [m], where on the ray the cell ends
     step : float32 [m], how long the ray is in a cell
+    last : float32 [m], behind this no cell ends that another one follows
     """
     # Cut off, not rounded down: what is below 0 is in cell 0 either way.
     cell = min(max(int(x + t * v + math.copysign(_BEYOND, v)), 0), count - 1)
     inverse = 1.0 / v if v != 0.0 else 0.0 * v
     ahead = count - 1 - cell if v > 0.0 else cell
     side = np.float32(cell + 1) if v > 0.0 else np.float32(cell)
+    step = abs(inverse)
     leave = (side - x) * inverse
-    return cell, ahead, leave if v != 0.0 and ahead > 0 else INFINITY, abs(inverse)
+    last = leave + (np.float32(ahead) - 0.5) * step
+    return cell, leave if v != 0.0 and ahead > 0 else INFINITY, step, last
+
+
+@kernel
+def _next_side(leave, step, last, t):
+    """Where a ray at `t` leaves a cell along an axis; see `_axis`."""
+    following = leave + step
+    following = following if following < last else INFINITY
+    return following if leave <= t else leave
 
 
 @kernel
@@ -232,9 +242,9 @@ def _cross_grid(scene, instance, medium, origin, direction, time, t, end, depth,
     start_z = (p[2] - grids.space[row, GRID_LOWER + 2]) * scale_z
     vx, vy, vz = d[0] * scale_x, d[1] * scale_y, d[2] * scale_z
     nx, ny = grids.table[row, GRID_RESOLUTION], grids.table[row, GRID_RESOLUTION + 1]
-    i, ahead_x, leave_x, step_x = _axis(start_x, vx, t, nx)
-    j, ahead_y, leave_y, step_y = _axis(start_y, vy, t, ny)
-    k, ahead_z, leave_z, step_z = _axis(start_z, vz, t, grids.table[row, GRID_RESOLUTION + 2])
+    i, leave_x, step_x, last_x = _axis(start_x, vx, t, nx)
+    j, leave_y, step_y, last_y = _axis(start_y, vy, t, ny)
+    k, leave_z, step_z, last_z = _axis(start_z, vz, t, grids.table[row, GRID_RESOLUTION + 2])
     at = grids.offset[row] + i + nx * (j + ny * np.int64(k))
     stride_x = 1 if vx > 0.0 else -1
     stride_y = nx if vy > 0.0 else -nx
@@ -250,14 +260,12 @@ def _cross_grid(scene, instance, medium, origin, direction, time, t, end, depth,
         if not t < end:
             break
         # Which side comes first is nothing that a processor could foresee: no branches.
-        crosses_x, crosses_y, crosses_z = leave_x <= t, leave_y <= t, leave_z <= t
-        at += (stride_x if crosses_x else 0) + (stride_y if crosses_y else 0) + (stride_z if crosses_z else 0)
-        ahead_x -= 1 if crosses_x else 0
-        ahead_y -= 1 if crosses_y else 0
-        ahead_z -= 1 if crosses_z else 0
-        leave_x = (leave_x + (step_x if crosses_x else 0.0)) if ahead_x > 0 else INFINITY
-        leave_y = (leave_y + (step_y if crosses_y else 0.0)) if ahead_y > 0 else INFINITY
-        leave_z = (leave_z + (step_z if crosses_z else 0.0)) if ahead_z > 0 else INFINITY
+        at += stride_x if leave_x <= t else 0
+        at += stride_y if leave_y <= t else 0
+        at += stride_z if leave_z <= t else 0
+        leave_x = _next_side(leave_x, step_x, last_x, t)
+        leave_y = _next_side(leave_y, step_y, last_y, t)
+        leave_z = _next_side(leave_z, step_z, last_z, t)
     return end, none
 
 

@@ -289,7 +289,7 @@ def find_shadow_collisions(scene, unit, work, queue):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]
         direction, time = load(shadows.direction, row), paths.time[lane]
-        u_choice, u_distance, _, _ = track_4(
+        u_choice, u_distance, u_roulette, _ = track_4(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
         )
         waits = False
@@ -302,6 +302,7 @@ def find_shadow_collisions(scene, unit, work, queue):
             if entry >= 0:
                 tracking.position[own] = t
                 tracking.majorant[own] = majorant
+                tracking.u_roulette[own] = u_roulette
                 waits = tracking.step[own] < MOST_STEPS
                 instance = media.instance[own, entry]
                 place_in_medium(
@@ -329,7 +330,7 @@ def find_shadow_collisions(scene, unit, work, queue):
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
             tracking.step[own] += 1
-            u_choice, u_distance, _, _ = track_4(
+            u_choice, u_distance, u_roulette, _ = track_4(
                 paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
             )
         if waits:
@@ -367,11 +368,11 @@ def dim_shadows(scene, unit, work, queue):
             whole += abs(shadows.radiance[row, c])
         if is_denser:
             work.counts[MAJORANTS_EXCEEDED] += 1
-        _, _, u, _ = track_4(
-            paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
-        )
         tracking.step[own] += 1
-        if left > 0.0 and survives(tracking.weight, own, len(paths.channels), left, whole, u):
+        is_left = left > 0.0 and survives(
+            tracking.weight, own, len(paths.channels), left, whole, tracking.u_roulette[own]
+        )
+        if is_left:
             lanes[kept] = row
             kept += 1
             continue
