@@ -33,7 +33,7 @@ def _from_box(point: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
 
 
 def _from_triangles(point: np.ndarray, corners: np.ndarray) -> float:
-    """No more than the distance of a point from triangles, float64 (T, 3, 3): that of their boxes and of their planes."""
+    """No more than the distance of a point from triangles, float64 (T, 3, 3): that of their boxes and planes."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     height = np.abs(((point - corners[:, 0]) * normal).sum(axis=1))

@@ -59,7 +59,7 @@ def _is_within(grids, grid, i, j, k):
 
 @kernel
 def _between(grids, first, count, lowest, step, ux, uy, uz):
-    """A component between the eight voxels from `first` on, `count` numbers a voxel; the tile's numbers are in range."""
+    """A component between eight voxels of a tile, from `first` on; a voxel has `count` numbers."""
     total = 0.0
     for corner in range(8):
         a, b, c = corner >> 2, (corner >> 1) & 1, corner & 1
