@@ -47,7 +47,7 @@ _SPREAD_OF_GRIDS = 0.1
 _OF_NEIGHBOURS = 0.02
 #: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
 #: at any other.
-_LOOKS_AT_EMISSION, _FEWEST_LOOKS = 32.0, 4.0
+_LOOKS_AT_EMISSION, _FEWEST_LOOKS = 16.0, 4.0
 #: Edge, in voxels, of the blocks of which only the voxels of most and least are looked up; and how many voxels around
 #: it one matters to.
 _BLOCK = 4

@@ -171,17 +171,44 @@ def majorant_at(scene, instance, medium, origin, direction, time, t):
 
 
 @kernel
-def _inverse_speed(v):
-    """1 / v, 0 where nothing moves."""
-    return 1.0 / v if v != 0.0 else 0.0 * v
+def _axis(x, v, t, count):
+    """Where a ray is along an axis of a grid, to be followed from cell to cell.
+
+    Outside of the grid the next cell goes on, to where the grid begins or for ever.
+
+    Parameters
+    ----------
+    x, v : float32
+        Coordinate of the ray's start, in cells, and its speed, in cells a metre.
+    t : float32 [m]
+        How far along the ray.
+    count : int
+        Cells.
+
+    Returns
+    -------
+    cell : int
+    leave : float32 [m], where on the ray the cell ends
+    step : float32 [m], how long the ray is in a cell
+    last : float32 [m], behind this no cell ends that another one follows
+    """
+    # Cut off, not rounded down: what is below 0 is in cell 0 either way.
+    cell = min(max(int(x + t * v + math.copysign(_BEYOND, v)), 0), count - 1)
+    inverse = 1.0 / v if v != 0.0 else 0.0 * v
+    ahead = count - 1 - cell if v > 0.0 else cell
+    side = np.float32(cell + 1) if v > 0.0 else np.float32(cell)
+    step = abs(inverse)
+    leave = (side - x) * inverse
+    last = leave + (np.float32(ahead) - 0.5) * step
+    return cell, leave if v != 0.0 and ahead > 0 else INFINITY, step, last
 
 
 @kernel
-def _leaves_after(x, cell, v, inverse):
-    """How far a coordinate is from the end of its cell; see `_within_cell`."""
-    side = np.float32(cell + 1) if v > 0.0 else np.float32(cell)
-    leave = (side - x) * inverse
-    return leave if leave > 0.0 else INFINITY
+def _next_side(leave, step, last, t):
+    """Where a ray at `t` leaves a cell along an axis; see `_axis`."""
+    following = leave + step
+    following = following if following < last else INFINITY
+    return following if leave <= t else leave
 
 
 @kernel
@@ -215,25 +242,30 @@ def _cross_grid(scene, instance, medium, origin, direction, time, t, end, depth,
     start_z = (p[2] - grids.space[row, GRID_LOWER + 2]) * scale_z
     vx, vy, vz = d[0] * scale_x, d[1] * scale_y, d[2] * scale_z
     nx, ny = grids.table[row, GRID_RESOLUTION], grids.table[row, GRID_RESOLUTION + 1]
-    nz, first = grids.table[row, GRID_RESOLUTION + 2], grids.offset[row]
-    fastest = max(abs(vx), abs(vy), abs(vz))
-    least = _BEYOND / fastest if fastest > 0.0 else INFINITY
-    bx, by, bz = math.copysign(_BEYOND, vx), math.copysign(_BEYOND, vy), math.copysign(_BEYOND, vz)
-    ix, iy, iz = _inverse_speed(vx), _inverse_speed(vy), _inverse_speed(vz)
+    i, leave_x, step_x, last_x = _axis(start_x, vx, t, nx)
+    j, leave_y, step_y, last_y = _axis(start_y, vy, t, ny)
+    k, leave_z, step_z, last_z = _axis(start_z, vz, t, grids.table[row, GRID_RESOLUTION + 2])
+    at = grids.offset[row] + i + nx * (j + ny * np.int64(k))
+    stride_x = 1 if vx > 0.0 else -1
+    stride_y = nx if vy > 0.0 else -nx
+    stride_z = nx * ny if vz > 0.0 else -nx * ny
     for _ in range(_MOST_CELLS):
-        x, y, z = start_x + t * vx, start_y + t * vy, start_z + t * vz
-        i = min(max(int(x + bx), 0), nx - 1)
-        j = min(max(int(y + by), 0), ny - 1)
-        k = min(max(int(z + bz), 0), nz - 1)
-        bound = margin * grids.values[first + i + nx * (j + ny * np.int64(k))]
-        ahead = min(_leaves_after(x, i, vx, ix), _leaves_after(y, j, vy, iy), _leaves_after(z, k, vz, iz))
-        ahead = min(max(ahead, least), end - t)
-        if depth < bound * ahead:
+        bound = margin * grids.values[at]
+        leave = min(max(min(leave_x, leave_y, leave_z), t), end)
+        within = bound * (leave - t)
+        if depth < within:
             return min(t + depth / bound, end), bound
-        depth -= bound * ahead
-        t += ahead
+        depth -= within
+        t = leave
         if not t < end:
             break
+        # Which side comes first is nothing that a processor could foresee: no branches.
+        at += stride_x if leave_x <= t else 0
+        at += stride_y if leave_y <= t else 0
+        at += stride_z if leave_z <= t else 0
+        leave_x = _next_side(leave_x, step_x, last_x, t)
+        leave_y = _next_side(leave_y, step_y, last_y, t)
+        leave_z = _next_side(leave_z, step_z, last_z, t)
     return end, none
 
 

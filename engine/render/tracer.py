@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.clearance import clear_distance
 from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
@@ -26,7 +27,7 @@ from engine.runtime.jit import BoundKernel, in_python
 from engine.runtime.stage_table import StageTable
 from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
-from engine.state.camera import CAMERA_LENS_RADIUS
+from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import RGB
 from engine.state.lights import (
@@ -108,6 +109,16 @@ _OF_NO_FOLLOWER = [
 ]  # fmt: skip
 
 
+def _with_clearance(scene: Scene) -> np.ndarray:
+    """The camera's numbers, and how far around it no medium begins or ends; one that moves has no such place."""
+    camera = scene.camera
+    if not scene.media.has_inside.any() or len(camera.motion) > 1:
+        return camera.real
+    real = camera.real.copy()
+    real[CAMERA_CLEAR] = clear_distance(camera.motion[0, [3, 7, 11]], scene.geometry, scene.media.has_inside)
+    return real
+
+
 class Tracer:
     """Path tracing; shared by all threads, changed by none while they trace.
 
@@ -158,7 +169,7 @@ class Tracer:
         numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
         self.view = SceneView(
-            numbers, scene.camera.real, scene.camera.motion, scene.camera.shutter, scene.camera.filter,
+            numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
             scene.shaders, scene.tables, scene.lights, scene.media.arrays, build_data_view(scene, layout.data.options),
             options,

@@ -26,7 +26,8 @@ CAMERA_ZOOM_OPENING = 25  # film coordinates at the shutter's opening over those
 CAMERA_ZOOM_CLOSING = 26
 CAMERA_ROLLING = 27  # share of a path's time that its row decides, 0 = none
 CAMERA_ROW_COUNT = 28  # of the full image
-CAMERA_WIDTH = 29
+CAMERA_CLEAR = 29  # [m] around it no medium begins or ends; 0 = not known
+CAMERA_WIDTH = 30
 
 KIND_PERSPECTIVE = 0
 KIND_ORTHOGRAPHIC = 1

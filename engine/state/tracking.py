@@ -61,6 +61,7 @@ class TrackedLanes(Bundle):
     chosen : int32, entry of the row's media that may collide at `position`; majorant : float32 [m^-1], of it
     collision : float32 [m], where the path is scattered, -1: nowhere
     step : int32, possible collisions so far
+    u_event, u_roulette : float32, random numbers for what becomes of the ray at `position`
     lamp : int32, lamp on the ray whose light is seen, -1 = none; lamp_count : int32, of how many it was picked;
         lamp_distance : float32 [m]; lamp_weight : float32 (R, C), `weight` there
     origin : float32 (R, 3), rest : float32 [m], of a shadow ray from the boundary on that it has crossed last
@@ -76,6 +77,8 @@ class TrackedLanes(Bundle):
     majorant: Float32Array
     collision: Float32Array
     step: Int32Array
+    u_event: Float32Array
+    u_roulette: Float32Array
     lamp: Int32Array
     lamp_count: Int32Array
     lamp_distance: Float32Array
@@ -93,6 +96,7 @@ def allocate_tracked_lanes(row_count: int, channel_count: int) -> TrackedLanes:
     real, integer = np.float32, np.int32
     scalars = {
         "position": real, "end": real, "chosen": integer, "majorant": real, "collision": real, "step": integer,
+        "u_event": real, "u_roulette": real,
         "lamp": integer, "lamp_count": integer, "lamp_distance": real, "rest": real, "instance": integer,
         "triangle": integer, "u": real, "v": real, "is_tracked": np.uint8,
     }

@@ -128,9 +128,8 @@ def _end_ray(work, row, is_blocked):
 def attenuate_shadows(scene, unit, work, queue):
     """Multiply the light of all shadow rays by the transmittance on their way.
 
-    Lights without shadows are not dimmed, as in Cycles. Most rays meet no boundary: where nothing is transparent, one
-    look for boundaries and for what is opaque does for them. Others are left to `intersect_shadow`, for behind a
-    boundary they go on a little further, which may be behind what is opaque there.
+    Lights without shadows are not dimmed, as in Cycles. Where nothing is transparent a ray looks for boundaries and for
+    what is opaque at once, as paths do, and `intersect_shadow` need not look again.
 
     Parameters
     ----------
@@ -157,46 +156,57 @@ def attenuate_shadows(scene, unit, work, queue):
             attenuate(scene, paths, media, lane, own, rest, radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
-        for crossing in range(MOST_CROSSINGS):
+        for _ in range(MOST_CROSSINGS):
             hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time, mask)
-            if settles and crossing == 0:
-                mask = MASK_MEDIUM
-                if not hit:
-                    _end_ray(work, row, False)
-                elif _stops_light(scene, instance, triangle):
-                    _end_ray(work, row, True)
+            if settles and (not hit or _stops_light(scene, instance, triangle)):
+                _end_ray(work, row, hit)
+                if hit:
                     break
             if not hit:
                 attenuate(scene, paths, media, lane, own, rest, radiance, row)
                 break
             p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
             if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
+                _end_ray(work, row, True)
                 break
             _cross(scene, work, own, direction, instance, triangle, ng)
             origin = offset_origin(p, ng, direction, error)
-            rest = rest - distance if rest < FAR else DISTANT
+            # No further than to the light, from where the ray goes on.
+            rest = max(rest - distance - error, 0.0) if rest < FAR else DISTANT
+
+
+@kernel
+def _look_for_leg(scene, work, row, own, mask):
+    """Find the next boundary on a shadow ray, if there are any, or what else `mask` selects."""
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    rest = tracking.rest[own]
+    tracking.instance[own] = -1
+    tracking.position[own] = rest
+    if scene.header[SCENE_HAS_BOUNDARIES] == 0:
+        return False
+    hit, instance, triangle, distance, u, v = _next_boundary(
+        scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]], mask
+    )
+    if hit:
+        tracking.instance[own] = instance
+        tracking.position[own] = distance
+        tracking.triangle[own] = triangle
+        tracking.u[own] = u
+        tracking.v[own] = v
+    return hit
 
 
 @kernel
 def _start_leg(scene, work, row, own):
-    """Find the next boundary on a shadow ray, and dim its light by the media before it that are the same everywhere."""
+    """Dim a shadow ray's light by the media before what `_look_for_leg` has found that are the same everywhere."""
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
-    lane, rest = shadows.lane[row], tracking.rest[own]
-    instance, distance = -1, rest
-    if scene.header[SCENE_HAS_BOUNDARIES] != 0:
-        hit, met, triangle, at, u, v = _next_boundary(
-            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[lane], MASK_MEDIUM
+    lane, instance, distance = shadows.lane[row], tracking.instance[own], tracking.position[own]
+    if instance >= 0:
+        _p, _ng, _error, gap = _meet(
+            scene, load(shadows.direction, row), instance, tracking.triangle[own], tracking.u[own], tracking.v[own],
+            paths.time[lane],
         )
-        if hit:
-            instance, distance = met, at
-            tracking.triangle[own] = triangle
-            tracking.u[own] = u
-            tracking.v[own] = v
-            _p, _ng, _error, gap = _meet(
-                scene, load(shadows.direction, row), met, triangle, u, v, paths.time[lane]
-            )
-            distance = max(distance - gap, 0.0)
-    tracking.instance[own] = instance
+        distance = max(distance - gap, 0.0)
     tracking.position[own] = 0.0
     tracking.end[own] = distance
     attenuate(scene, paths, work.media, lane, own, distance, shadows.radiance, row)
@@ -219,6 +229,8 @@ def begin_shadows(scene, unit, work, queue):
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
     settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
+    # Then most rays need one look only, for what is opaque and for boundaries.
+    looks_once = settles and not follows and scene.header[SCENE_HAS_BOUNDARIES] != 0
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
@@ -226,16 +238,23 @@ def begin_shadows(scene, unit, work, queue):
             continue
         own = first + row
         direction = load(shadows.direction, row)
+        store(tracking.origin, own, load(shadows.origin, row))
+        tracking.rest[own] = shadows.distance[row]
+        if looks_once:
+            meets = _look_for_leg(scene, work, row, own, opaque | MASK_MEDIUM)
+            if meets and _stops_light(scene, tracking.instance[own], tracking.triangle[own]):
+                _end_ray(work, row, True)
+                continue
         # Following a ray costs far more than finding out that something hides the light.
-        if trace_occluded(
+        if (not looks_once or tracking.instance[own] >= 0) and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, shadows.distance[row], paths.time[lane], opaque,
         ):
             _end_ray(work, row, True)
             continue
+        if not looks_once:
+            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
         _leave_point(scene, work, lane, own, direction)
-        store(tracking.origin, own, load(shadows.origin, row))
-        tracking.rest[own] = shadows.distance[row]
         tracking.step[own] = 0
         work.media.crossings[own] = 0
         for c in range(len(paths.channels)):
@@ -270,7 +289,7 @@ def find_shadow_collisions(scene, unit, work, queue):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]
         direction, time = load(shadows.direction, row), paths.time[lane]
-        u_choice, u_distance, _, _ = track_4(
+        u_choice, u_distance, u_roulette, _ = track_4(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
         )
         waits = False
@@ -283,6 +302,7 @@ def find_shadow_collisions(scene, unit, work, queue):
             if entry >= 0:
                 tracking.position[own] = t
                 tracking.majorant[own] = majorant
+                tracking.u_roulette[own] = u_roulette
                 waits = tracking.step[own] < MOST_STEPS
                 instance = media.instance[own, entry]
                 place_in_medium(
@@ -306,10 +326,11 @@ def find_shadow_collisions(scene, unit, work, queue):
             tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
             _cross(scene, work, own, direction, instance, triangle, ng)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
+            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
             tracking.step[own] += 1
-            u_choice, u_distance, _, _ = track_4(
+            u_choice, u_distance, u_roulette, _ = track_4(
                 paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
             )
         if waits:
@@ -347,11 +368,11 @@ def dim_shadows(scene, unit, work, queue):
             whole += abs(shadows.radiance[row, c])
         if is_denser:
             work.counts[MAJORANTS_EXCEEDED] += 1
-        _, _, u, _ = track_4(
-            paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
-        )
         tracking.step[own] += 1
-        if left > 0.0 and survives(tracking.weight, own, len(paths.channels), left, whole, u):
+        is_left = left > 0.0 and survives(
+            tracking.weight, own, len(paths.channels), left, whole, tracking.u_roulette[own]
+        )
+        if is_left:
             lanes[kept] = row
             kept += 1
             continue

@@ -5,13 +5,14 @@ import numpy as np
 
 from engine.accel import MASK_MEDIUM, read_hit, trace_closest
 from engine.kernels.constants import INFINITY
-from engine.kernels.media import cross_boundary, enter_medium
+from engine.kernels.media import copy_media, cross_boundary, enter_medium
 from engine.kernels.path import real_3
 from engine.kernels.rng import SETS_BEFORE_VERTICES
 from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
-from engine.kernels.vector import dot, load
+from engine.kernels.vector import dot, load, subtract
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA
+from engine.state.camera import CAMERA_CLEAR
 from engine.state.geometry import INSTANCE_VISIBILITY
 from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_INSTANCE, POINT_NG, POINT_PROGRAM
 from engine.state.media import MAX_MEDIA, WORLD
@@ -61,6 +62,8 @@ def _find_media(scene, work, lane):
 def start_media(scene, unit, work, queue):
     """Find what new paths start in: the world's medium, and those of objects around the camera.
 
+    Where no medium begins or ends near the camera, one of its paths is looked at, and the others start in the same.
+
     Parameters
     ----------
     queue : LaneQueue
@@ -68,6 +71,10 @@ def start_media(scene, unit, work, queue):
     """
     paths, media, world = work.paths, work.media, scene.media.world[0]
     has_boundaries, splits_light = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_SPLITS_LIGHT] != 0
+    clear = scene.camera[CAMERA_CLEAR]
+    motion = scene.camera_motion
+    center = (motion[0, 3], motion[0, 7], motion[0, 11])
+    known = -1
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -81,7 +88,14 @@ def start_media(scene, unit, work, queue):
         if world >= 0:
             enter_medium(media, lane, WORLD, world)
         if has_boundaries:
+            away = subtract(load(paths.origin, lane), center)
+            is_near = dot(away, away) < clear * clear
+            if is_near and known >= 0:
+                copy_media(media, known, lane)
+                continue
             _find_media(scene, work, lane)
+            if is_near:
+                known = lane
 
 
 @kernel

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: sort paths by what they hit and set up the point to shade; paths that end here only where it emits."""
 
-import numpy as np
-
+from engine.kernels.hit_prefetch import (
+    HITS_AHEAD,
+    TRIANGLES_AHEAD,
+    VERTICES_AHEAD,
+    ask_for_triangle,
+    ask_for_vertices,
+)
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import (
     ask_for_history,
@@ -10,7 +15,6 @@ from engine.kernels.prefetch import (
     ask_for_ray,
     ask_for_throughput,
     lane_ahead,
-    prefetch,
 )
 from engine.kernels.surface import prepare_point, program_of
 from engine.kernels.vector import load
@@ -18,9 +22,6 @@ from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FLAG_HOLDOUT,
     INSTANCE_FLAGS,
-    INSTANCE_MESH,
-    MESH_FIRST_NORMAL,
-    MESH_FIRST_TRIANGLE,
 )
 from engine.state.lanes import (
     POINT_PROGRAM,
@@ -33,35 +34,6 @@ from engine.state.lanes import (
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 
-#: How many lanes ahead hits are asked for, then their triangles, and then their vertices: memory is that much slower
-#: than the stage.
-_HITS_AHEAD = 12
-_TRIANGLES_AHEAD = 8
-_VERTICES_AHEAD = 4
-
-
-@kernel
-def _ask_for_triangle(geometry, paths, lane):
-    """Prefetch what `prepare_point` will read of a hit, but for the vertices."""
-    instance = paths.hit_instance[lane]
-    if instance >= 0:
-        triangle = np.int64(paths.hit_triangle[lane])
-        prefetch(geometry.triangles, triangle)
-        prefetch(geometry.material_slots, triangle)
-        mesh = geometry.instance_table[instance, INSTANCE_MESH]
-        first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
-        if first_normal >= 0:
-            prefetch(geometry.corner_normals, first_normal + triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE])
-
-
-@kernel
-def _ask_for_vertices(geometry, paths, lane):
-    """Prefetch the vertices of a hit."""
-    if paths.hit_instance[lane] >= 0:
-        triangle = paths.hit_triangle[lane]
-        for corner in range(3):
-            prefetch(geometry.vertices, np.int64(geometry.triangles[triangle, corner]))
-
 
 @kernel
 def prepare_surface(scene, unit, work, queue):
@@ -73,15 +45,15 @@ def prepare_surface(scene, unit, work, queue):
     missed_count = 0
     for k in range(active_count):
         lane = active[k]
-        ask_for_ray(paths, active[min(k + _HITS_AHEAD, active_count - 1)])
+        ask_for_ray(paths, active[min(k + HITS_AHEAD, active_count - 1)])
         ahead = lane_ahead(active, k, active_count)
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
         ask_for_point(points, ahead)
-        if k + _TRIANGLES_AHEAD < active_count:
-            _ask_for_triangle(geometry, paths, active[k + _TRIANGLES_AHEAD])
-        if k + _VERTICES_AHEAD < active_count:
-            _ask_for_vertices(geometry, paths, active[k + _VERTICES_AHEAD])
+        if k + TRIANGLES_AHEAD < active_count:
+            ask_for_triangle(geometry, paths, active[k + TRIANGLES_AHEAD])
+        if k + VERTICES_AHEAD < active_count:
+            ask_for_vertices(geometry, paths, active[k + VERTICES_AHEAD])
         instance = paths.hit_instance[lane]
         if instance < 0:
             missed[missed_count] = lane

@@ -7,6 +7,7 @@ Runs only in scenes that have media, and behind `shade_lights`, which sees lamps
 import math
 
 from engine.kernels.constants import DISTANT, INFINITY
+from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices
 from engine.kernels.media import (
     cross_boundary,
     emitted_length,
@@ -38,6 +39,7 @@ from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, MOST_CROSSI
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MEDIA_DROPPED,
+    SCENE_HAS_BOUNDARIES,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_WORLD_GROUP,
     UNIT_FOLLOWS,
@@ -209,6 +211,7 @@ def sample_medium(scene, unit, work, queue):
     """
     geometry, programs, paths, media = scene.geometry, scene.shaders.programs, work.paths, work.media
     follows, varies = unit.header[UNIT_FOLLOWS] != 0, scene.header[SCENE_HAS_VARYING_MEDIA] != 0
+    has_boundaries = scene.header[SCENE_HAS_BOUNDARIES] != 0
     lanes, lane_count, collided = queue.lanes, queue.count[0], work.collided.lanes
     kept = 0
     collided_count = 0
@@ -219,6 +222,11 @@ def sample_medium(scene, unit, work, queue):
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
         ask_for_media(media, ahead)
+        if has_boundaries:
+            if k + TRIANGLES_AHEAD < lane_count:
+                ask_for_triangle(geometry, paths, lanes[k + TRIANGLES_AHEAD])
+            if k + VERTICES_AHEAD < lane_count:
+                ask_for_vertices(geometry, paths, lanes[k + VERTICES_AHEAD])
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
         distance = length_in_media(paths, media, lane)

@@ -40,17 +40,21 @@ from engine.wavefront.columns import (
 
 
 @kernel
-def _pick_lamp(scene, work, lane, u):
+def _pick_lamp(scene, work, lane):
     """Pick one of the lamps on the ray, whose light is seen through what the ray has passed by then."""
     lights, paths, tracking = scene.lights, work.paths, work.tracking
     origin, direction = load(paths.mis_origin, lane), load(paths.direction, lane)
     before = paths.mis_distance[lane]
     count = 0
+    u = 0.0
     for lamp in range(lights.header[HEADER_HITTABLE]):
         distance = lamp_hit(lights, lamp, origin, direction, before, before + paths.hit_distance[lane])
         if distance < 0.0:
             continue
         count += 1
+        if count == 2:
+            # The first one takes no number.
+            _, _, _, u = track_4(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, 0)
         # The newest of n is taken with a probability of 1 / n.
         u *= np.float32(count)
         if u < 1.0:
@@ -94,8 +98,7 @@ def begin_tracking(scene, unit, work, queue):
             tracking.emitted[lane, c] = 0.0
             tracking.lamp_weight[lane, c] = 0.0
         if has_lamps:
-            _, _, _, u = track_4(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, 0)
-            _pick_lamp(scene, work, lane, u)
+            _pick_lamp(scene, work, lane)
         tracked[count] = lane
         count += 1
     work.tracked.count[0] = count
@@ -158,6 +161,8 @@ def find_collisions(scene, unit, work, queue):
                 break
             program = scene.media.program[media.medium[lane, entry]]
             if program >= 0:
+                tracking.u_event[lane] = u_event
+                tracking.u_roulette[lane] = u_roulette
                 p = add(origin, scale(direction, t))
                 place_in_medium(
                     paths, lane, points, lane, media.instance[lane, entry], program, p, direction, t, paths.flags[lane]
@@ -201,11 +206,10 @@ def meet_media(scene, unit, work, queue):
             is_denser = is_denser or sums[EXTINCTION, c] > majorant
         if is_denser:
             work.counts[MAJORANTS_EXCEEDED] += 1
-        _, _, u_event, u_roulette = track_4(
-            paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM, tracking.step[lane] - 1
-        )
         may_scatter = paths.flags[lane] & RAY_ENDS == 0
-        event = meet_medium(paths, lane, tracking, lane, majorant, sums, may_scatter, u_event, u_roulette)
+        event = meet_medium(
+            paths, lane, tracking, lane, majorant, sums, may_scatter, tracking.u_event[lane], tracking.u_roulette[lane]
+        )
         if event == COLLIDES:
             tracking.collision[lane] = tracking.position[lane]
         if event == GOES_ON:

@@ -19,6 +19,7 @@ from engine.state.lights import (
     DISTANT_EMITTER,
     DISTANT_ENERGY,
     GROUP_SIZE,
+    HEADER_EMITTERS,
     NODE_AXIS,
     NODE_CENTER,
     NODE_COS_EMISSION,
@@ -190,6 +191,9 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
     """
     nodes, children, distant = lights.nodes, lights.child, lights.distant
     pmf = 0.0 * u + 1.0
+    if distant.shape[0] == 0 and lights.header[HEADER_EMITTERS] == 1:
+        # Where it lights nothing, no distance is found.
+        return np.int64(0), pmf
     if distant.shape[0] > 0:
         local = 0.0 * u
         if nodes.shape[0] > 0:

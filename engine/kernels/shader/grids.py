@@ -46,6 +46,51 @@ def _voxel(grids, grid, i, j, k):
 
 
 @kernel
+def _is_within(grids, grid, i, j, k):
+    """Whether a voxel and those that follow it along each axis lie in one tile of the grid."""
+    table = grids.table
+    is_inner = (i & _WITHIN_TILE) != _WITHIN_TILE and (j & _WITHIN_TILE) != _WITHIN_TILE
+    is_inner = is_inner and (k & _WITHIN_TILE) != _WITHIN_TILE and i >= 0 and j >= 0 and k >= 0
+    return (
+        is_inner and (i >> _TILE_BITS) < table[grid, GRID_TILES] and (j >> _TILE_BITS) < table[grid, GRID_TILES + 1]
+        and (k >> _TILE_BITS) < table[grid, GRID_TILES + 2]
+    )
+
+
+@kernel
+def _between(grids, first, count, lowest, step, ux, uy, uz):
+    """A component between eight voxels of a tile, from `first` on; a voxel has `count` numbers."""
+    total = 0.0
+    for corner in range(8):
+        a, b, c = corner >> 2, (corner >> 1) & 1, corner & 1
+        weight = (ux if a else 1.0 - ux) * (uy if b else 1.0 - uy) * (uz if c else 1.0 - uz)
+        at = first + ((a << (2 * _TILE_BITS)) + (b << _TILE_BITS) + c) * count
+        total += weight * (lowest + np.float32(grids.voxels[at]) * step)
+    return total
+
+
+@kernel
+def _sample_tile(grids, grid, i, j, k, ux, uy, uz):
+    """What `sample_grid` returns where all eight voxels are of one tile."""
+    table, ranges = grids.table, grids.ranges
+    ny, nz = table[grid, GRID_TILES + 1], table[grid, GRID_TILES + 2]
+    place = ((i >> _TILE_BITS) * ny + (j >> _TILE_BITS)) * nz + (k >> _TILE_BITS)
+    tile = np.int64(grids.tiles[table[grid, GRID_FIRST_TILE] + place])
+    if tile < 0:
+        return 0.0, 0.0, 0.0
+    count = table[grid, GRID_COMPONENTS]
+    within = ((i & _WITHIN_TILE) << (2 * _TILE_BITS)) + ((j & _WITHIN_TILE) << _TILE_BITS) + (k & _WITHIN_TILE)
+    at = table[grid, GRID_FIRST_VOXEL] + (tile * _TILE_VOXELS + within) * count
+    row = table[grid, GRID_FIRST_RANGE] + tile * count
+    x = _between(grids, at, count, ranges[row, 0], ranges[row, 1], ux, uy, uz)
+    if count < 3:
+        return x, x, x
+    y = _between(grids, at + 1, count, ranges[row + 1, 0], ranges[row + 1, 1], ux, uy, uz)
+    z = _between(grids, at + 2, count, ranges[row + 2, 0], ranges[row + 2, 1], ux, uy, uz)
+    return x, y, z
+
+
+@kernel
 def sample_grid(grids, grid, p):
     """Values of a grid at a point in the space of its object: three components, equal ones if it has one alone."""
     index = transform_point(grids.to_index, grid, p)
@@ -56,6 +101,8 @@ def sample_grid(grids, grid, p):
     i = np.int64(fx) - grids.table[grid, GRID_FIRST]
     j = np.int64(fy) - grids.table[grid, GRID_FIRST + 1]
     k = np.int64(fz) - grids.table[grid, GRID_FIRST + 2]
+    if _is_within(grids, grid, i, j, k):
+        return _sample_tile(grids, grid, i, j, k, ux, uy, uz)
     x, y, z = 0.0, 0.0, 0.0
     for corner in range(8):
         a, b, c = corner >> 2, (corner >> 1) & 1, corner & 1
