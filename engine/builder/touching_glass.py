@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plane faces of glass that lie in another surface, drawn a little into the glass.
+
+A ray that crosses a surface goes on beyond the error of the point where it met it. Of a glass that stands on a table to
+the last bit it would miss the table or the glass, whichever comes second. Between faces that have been drawn apart
+there is air, as there is under a glass that stands a tenth of a millimetre higher.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.builder.boundaries import APART, MOST_VERTICES, TOUCHING, instance_boxes, world_vertices
+from engine.scene.description import Instances, Mesh, SceneDescription
+
+#: Plane faces of a mesh that are looked at, the largest ones.
+_MOST_FACES = 64
+#: By how much normals, and distances relative to the mesh's size, may differ within one plane face.
+_SAME_PLANE = 1e-5
+#: How much of its surface a mesh may lack and count as closed: the sum of its areas' vectors over that of their lengths.
+_LEAST_OPEN = 1e-3
+#: How far a face is drawn at most, relative to the mesh's thickness there.
+_MOST_DRAWN = 0.01
+#: Triangles of others by meshes of glass that are looked at, and pairs of triangles of which it is worked out whether
+#: they overlap; of more their boxes are compared.
+_MOST_LOOKS, _MOST_PAIRS = 300_000_000, 4_000_000
+#: Triangles that are looked at together.
+_CHUNK = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """The largest plane faces of a closed mesh, in object space.
+
+    normals : float64 (P, 3), outward, unit
+    offsets : float64 (P,), of the planes from the origin
+    corners : float64 (P, 8, 3), of the boxes around the faces
+    members : triangles of each face
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    corners: np.ndarray
+    members: list[np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Faces in world space: normals (P, 3), offsets (P,), and boxes (P, 3)."""
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def _plane_faces(mesh: Mesh) -> _Faces | None:
+    """A mesh's largest plane faces, None where it is not closed: what its inside is then is not known."""
+    vertices = mesh.vertices.astype(np.float64)
+    corners = vertices[mesh.triangles]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(vectors, axis=1)
+    total = areas.sum()
+    if not np.isfinite(total) or not total > 0.0 or np.linalg.norm(vectors.sum(axis=0)) > _LEAST_OPEN * total:
+        return None
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    size = float(np.abs(vertices - middle).max())
+    volume = float((vectors * (corners[:, 0] - middle)).sum())
+    if abs(volume) < 1e-9 * size**3:
+        return None
+    usable = np.flatnonzero(areas > 0.0)
+    normals = np.copysign(1.0, volume) * vectors[usable] / areas[usable, None]
+    heights = (normals * (corners[usable, 0] - middle)).sum(axis=1)
+    cells = np.rint(np.concatenate([normals, heights[:, None] / size], axis=1) / _SAME_PLANE).astype(np.int64)
+    _, group = np.unique(cells @ np.array([1, 1 << 21, 1 << 42, 0x9E3779B97F4A7C1], np.int64), return_inverse=True)
+    by_group = np.bincount(group, areas[usable])
+    members = [usable[group == number] for number in np.argsort(-by_group, kind="stable")[:_MOST_FACES]]
+    mean = np.array([np.copysign(1.0, volume) * vectors[rows].sum(axis=0) for rows in members])
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    boxes = [(corners[rows].min(axis=(0, 1)), corners[rows].max(axis=(0, 1))) for rows in members]
+    return _Faces(
+        normals=mean,
+        offsets=np.array([np.average(corners[rows].mean(axis=1) @ normal, weights=areas[rows])
+                          for rows, normal in zip(members, mean, strict=True)]),
+        corners=np.array([[(box[i][0], box[j][1], box[k][2]) for i, j, k in np.ndindex(2, 2, 2)] for box in boxes]),
+        members=members,
+    )  # fmt: skip
+
+
+def _place(faces: _Faces, transform: np.ndarray) -> _Placed | None:
+    """Faces in the world; None under a transform without an inverse."""
+    matrix = transform.astype(np.float64)
+    if not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0.0:
+        return None
+    normals = faces.normals @ np.linalg.inv(matrix[:3, :3])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals /= lengths[:, None]
+    corners = faces.corners @ matrix[:3, :3].T + matrix[:3, 3]
+    return _Placed(
+        normals, faces.offsets / lengths + normals @ matrix[:3, 3], corners.min(axis=1), corners.max(axis=1)
+    )
+
+
+def _overlap(first: np.ndarray, second: np.ndarray, normal: np.ndarray, tolerance: float) -> bool:
+    """Whether some of two sets of triangles, float64 (M, 3, 3) and (K, 3, 3) in a plane, overlap by more than an edge."""
+    if len(first) * len(second) > _MOST_PAIRS:
+        return True
+    for triangle in second:
+        is_near = (first.min(axis=1) <= triangle.max(axis=0)).all(axis=1)
+        near = first[is_near & (first.max(axis=1) >= triangle.min(axis=0)).all(axis=1)]
+        if not len(near):
+            continue
+        axes = np.cross(np.concatenate([np.roll(near, -1, axis=1) - near,
+                                        np.broadcast_to(np.roll(triangle, -1, axis=0) - triangle, near.shape)], axis=1), normal)  # fmt: skip
+        axes /= np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
+        ours, theirs = np.einsum("nad,nkd->nak", axes, near), axes @ triangle.T
+        depth = np.minimum(ours.max(axis=2), theirs.max(axis=2)) - np.maximum(ours.min(axis=2), theirs.min(axis=2))
+        if (depth > tolerance).all(axis=1).any():
+            return True
+    return False
+
+
+def _near_triangles(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Triangles, float64 (K, 3, 3), whose boxes meet a box."""
+    found = [np.zeros((0, 3, 3))]
+    for start in range(0, len(triangles), _CHUNK):
+        corners = vertices[triangles[start : start + _CHUNK]]
+        is_near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+        found.append(corners[is_near])
+    return np.concatenate(found)
+
+
+def _extents(triangles: np.ndarray) -> np.ndarray:
+    """The largest coordinate of each triangle."""
+    return np.abs(triangles).max(axis=(1, 2), initial=0.0)
+
+
+def _touched(
+    faces: _Faces, placed: _Placed, own: np.ndarray, others: np.ndarray, drawn: np.ndarray
+) -> Iterator[tuple[int, float]]:
+    """Faces that lie in some other triangle, and the largest coordinate there.
+
+    Parameters
+    ----------
+    own, others : float64 (M, 3, 3) and (K, 3, 3), triangles
+    drawn : float64 (P,), how far faces are drawn already
+    """
+    reach = TOUCHING * APART * np.maximum(_extents(others), np.abs([placed.low, placed.high]).max())
+    for face, normal in enumerate(placed.normals):
+        if drawn[face] > 0.0:
+            continue
+        is_on = (np.abs(others @ normal - placed.offsets[face]) <= reach[:, None]).all(axis=1)
+        is_on &= (others.min(axis=1) <= placed.high[face] + reach[:, None]).all(axis=1)
+        is_on &= (others.max(axis=1) >= placed.low[face] - reach[:, None]).all(axis=1)
+        if not is_on.any():
+            continue
+        tolerance = float(reach[is_on].max())
+        members = own[faces.members[face]]
+        members = members[(np.abs(members @ normal - placed.offsets[face]) <= tolerance).all(axis=1)]
+        if len(members) and _overlap(members, others[is_on], normal, tolerance):
+            yield face, float(max(_extents(members).max(), _extents(others[is_on]).max()))
+
+
+def _rows_of_glass(instances: Instances, meshes: list[Mesh], refracts: npt.NDArray[np.bool_]) -> list[int]:
+    """Instances that have a refracting material in some slot; `refracts` is by material."""
+    # One more for slots without a material, whose index is -1.
+    of_slot = np.append(refracts, False)[instances.materials]
+    rows: list[int] = []
+    for row in range(len(instances.mesh)) if of_slot.any() else ():
+        slots = meshes[instances.mesh[row]].material_slots
+        first = int(instances.material_offset[row])
+        if len(slots) and of_slot[first : first + int(slots.max()) + 1].any():
+            rows.append(row)
+    return rows
+
+
+def touching_faces(
+    description: SceneDescription, refracts: npt.NDArray[np.bool_], is_boundary: npt.NDArray[np.bool_]
+) -> dict[int, np.ndarray]:
+    """How far the vertices of meshes move into their glass, by mesh, float64 (V, 3) in object space.
+
+    Only plane faces of closed meshes are looked at. What one of a mesh's instances needs all of them get.
+
+    Parameters
+    ----------
+    refracts, is_boundary : bool (M,)
+        By material, whether its surface refracts, and whether it is the boundary of a medium and nothing else. Those
+        are drawn apart by `engine.builder.boundaries`.
+    """
+    instances, meshes = description.instances, description.meshes
+    rows = _rows_of_glass(instances, meshes, refracts) if len(instances.mesh) else []
+    faces = {mesh: _plane_faces(meshes[mesh]) for mesh in {int(instances.mesh[row]) for row in rows}
+             if len(meshes[mesh].vertices) <= MOST_VERTICES}  # fmt: skip
+    rows = [row for row in rows if faces.get(int(instances.mesh[row])) is not None]
+    if not rows:
+        return {}
+    boxes = instance_boxes(instances, meshes)
+    drawn = {mesh: np.zeros(len(found.members)) for mesh, found in faces.items() if found is not None}
+    reach = APART * boxes.extent
+    looks = 0
+    boundary_slots = np.append(is_boundary, False)[instances.materials]
+    for other in range(len(instances.mesh)):
+        first = int(instances.material_offset[other])
+        mesh = meshes[instances.mesh[other]]
+        if not np.isfinite(boxes.extent[other]) or not 0 < len(mesh.triangles) or len(mesh.vertices) > MOST_VERTICES:
+            continue
+        near = [row for row in rows if row != other
+                and (boxes.low[row] <= boxes.high[other] + reach[other]).all()
+                and (boxes.high[row] >= boxes.low[other] - reach[other]).all()]  # fmt: skip
+        if not near or boundary_slots[first : first + int(mesh.material_slots.max()) + 1].all():
+            continue
+        looks += len(near) * len(mesh.triangles)
+        if looks > _MOST_LOOKS:
+            break
+        vertices = world_vertices(instances, meshes, other)
+        low, high = boxes.low[near].min(axis=0) - reach[other], boxes.high[near].max(axis=0) + reach[other]
+        theirs = _near_triangles(vertices, mesh.triangles, low, high)
+        for row in near:
+            _draw(instances, meshes, row, faces, theirs, drawn)
+    return {mesh: _offsets(meshes[mesh], faces[mesh], distances)
+            for mesh, distances in drawn.items() if (distances > 0.0).any()}  # fmt: skip
+
+
+def _draw(
+    instances: Instances, meshes: list[Mesh], row: int, faces: dict[int, _Faces | None], others: np.ndarray,
+    drawn: dict[int, np.ndarray],
+) -> None:
+    """Note in `drawn` how far the faces of an instance are to be drawn away from other triangles [m, object space]."""
+    mesh = int(instances.mesh[row])
+    found = faces[mesh]
+    placed = None if found is None else _place(found, instances.transform[row])
+    if found is None or placed is None:
+        return
+    reach = APART * max(float(_extents(others).max(initial=0.0)), float(np.abs([placed.low, placed.high]).max()))
+    is_near = ((others.min(axis=1) <= placed.high.max(axis=0) + reach)
+               & (others.max(axis=1) >= placed.low.min(axis=0) - reach)).all(axis=1)  # fmt: skip
+    others = others[is_near]
+    if not len(others):
+        return
+    own = world_vertices(instances, meshes, row)
+    linear = instances.transform[row, :3, :3].astype(np.float64)
+    for face, extent in _touched(found, placed, own[meshes[mesh].triangles], others, drawn[mesh]):
+        distance, normal = APART * extent, placed.normals[face]
+        if distance <= _MOST_DRAWN * np.ptp(own @ normal):
+            # Along the normal of the object's space, so far that the plane moves by the distance in the world's.
+            drawn[mesh][face] = distance * np.linalg.norm(found.normals[face] @ np.linalg.inv(linear))
+
+
+def _offsets(mesh: Mesh, faces: _Faces | None, distances: np.ndarray) -> np.ndarray:
+    """Ways of a mesh's vertices: those in faces that are drawn move against their normals."""
+    vertices = mesh.vertices.astype(np.float64)
+    offsets = np.zeros_like(vertices)
+    if faces is None:
+        return offsets
+    taken: list[tuple[np.ndarray, float]] = []
+    for face in np.flatnonzero(distances > 0.0).tolist():
+        normal, height, distance = faces.normals[face], float(faces.offsets[face]), float(distances[face])
+        near = TOUCHING * distance
+        if any(normal @ other > 1.0 - 1e-6 and abs(height - at) <= near for other, at in taken):
+            continue
+        taken.append((normal, height))
+        offsets[np.abs(vertices @ normal - height) <= near] -= distance * normal
+    return offsets
+
+
+def draw_into_glass(description: SceneDescription, offsets: dict[int, np.ndarray]) -> SceneDescription:
+    """The description with meshes changed as `touching_faces` says."""
+    if not offsets:
+        return description
+    meshes = list(description.meshes)
+    for number, offset in offsets.items():
+        mesh = meshes[number]
+        steps = mesh.motion_vertices
+        meshes[number] = replace(
+            mesh,
+            key=("apart", mesh.key),
+            vertices=(mesh.vertices + offset).astype(np.float32),
+            motion_vertices=None if steps is None else (steps + offset).astype(np.float32),
+        )
+    return replace(description, meshes=meshes)
