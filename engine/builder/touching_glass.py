@@ -21,7 +21,7 @@ from engine.scene.description import Instances, Mesh, SceneDescription
 _MOST_FACES = 64
 #: By how much normals, and distances relative to the mesh's size, may differ within one plane face.
 _SAME_PLANE = 1e-5
-#: How much of its surface a mesh may lack and count as closed: the sum of its areas' vectors over that of their lengths.
+#: Up to where a mesh counts as closed: the sum of its faces' vectors over that of their areas.
 _LEAST_OPEN = 1e-3
 #: How far a face is drawn at most, relative to the mesh's thickness there.
 _MOST_DRAWN = 0.01
@@ -34,9 +34,9 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class _Faces:
-    """The largest plane faces of a closed mesh, in object space.
+    """The largest plane faces of a mesh, in object space.
 
-    normals : float64 (P, 3), outward, unit
+    normals : float64 (P, 3), out of the glass, unit
     offsets : float64 (P,), of the planes from the origin
     corners : float64 (P, 8, 3), of the boxes around the faces
     members : triangles of each face
@@ -59,27 +59,33 @@ class _Placed:
 
 
 def _plane_faces(mesh: Mesh) -> _Faces | None:
-    """A mesh's largest plane faces, None where it is not closed: what its inside is then is not known."""
+    """A mesh's largest plane faces, None where it has none.
+
+    Glass is behind the faces' normals, as it is for the material; within what is closed, whichever way these look.
+    """
     vertices = mesh.vertices.astype(np.float64)
     corners = vertices[mesh.triangles]
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(vectors, axis=1)
     total = areas.sum()
-    if not np.isfinite(total) or not total > 0.0 or np.linalg.norm(vectors.sum(axis=0)) > _LEAST_OPEN * total:
+    if not np.isfinite(total) or not total > 0.0:
         return None
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     size = float(np.abs(vertices - middle).max())
-    volume = float((vectors * (corners[:, 0] - middle)).sum())
-    if abs(volume) < 1e-9 * size**3:
-        return None
+    is_closed = np.linalg.norm(vectors.sum(axis=0)) <= _LEAST_OPEN * total
+    if is_closed and (vectors * (corners[:, 0] - middle)).sum() < 0.0:
+        vectors = -vectors
     usable = np.flatnonzero(areas > 0.0)
-    normals = np.copysign(1.0, volume) * vectors[usable] / areas[usable, None]
+    normals = vectors[usable] / areas[usable, None]
     heights = (normals * (corners[usable, 0] - middle)).sum(axis=1)
     cells = np.rint(np.concatenate([normals, heights[:, None] / size], axis=1) / _SAME_PLANE).astype(np.int64)
     _, group = np.unique(cells @ np.array([1, 1 << 21, 1 << 42, 0x9E3779B97F4A7C1], np.int64), return_inverse=True)
     by_group = np.bincount(group, areas[usable])
-    members = [usable[group == number] for number in np.argsort(-by_group, kind="stable")[:_MOST_FACES]]
-    mean = np.array([np.copysign(1.0, volume) * vectors[rows].sum(axis=0) for rows in members])
+    order = np.argsort(group, kind="stable")
+    ends = np.cumsum(np.bincount(group))
+    members = [usable[order[ends[number - 1] if number else 0 : ends[number]]]
+               for number in np.argsort(-by_group, kind="stable")[:_MOST_FACES].tolist()]  # fmt: skip
+    mean = np.array([vectors[rows].sum(axis=0) for rows in members])
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     boxes = [(corners[rows].min(axis=(0, 1)), corners[rows].max(axis=(0, 1))) for rows in members]
     return _Faces(
@@ -150,19 +156,28 @@ def _touched(
     drawn : float64 (P,), how far faces are drawn already
     """
     reach = TOUCHING * APART * np.maximum(_extents(others), np.abs([placed.low, placed.high]).max())
-    for face, normal in enumerate(placed.normals):
+    first_corners = others[:, 0]
+    near: list[np.ndarray] = []
+    for start in range(0, len(others), _CHUNK):
+        heights = first_corners[start : start + _CHUNK] @ placed.normals.T - placed.offsets
+        near.append(np.argwhere(np.abs(heights) <= reach[start : start + _CHUNK, None]) + [start, 0])
+    at, in_face = np.concatenate(near).T
+    for face in np.unique(in_face).tolist():
         if drawn[face] > 0.0:
             continue
-        is_on = (np.abs(others @ normal - placed.offsets[face]) <= reach[:, None]).all(axis=1)
-        is_on &= (others.min(axis=1) <= placed.high[face] + reach[:, None]).all(axis=1)
-        is_on &= (others.max(axis=1) >= placed.low[face] - reach[:, None]).all(axis=1)
+        normal, rows = placed.normals[face], at[in_face == face]
+        triangles, slack = others[rows], reach[rows, None]
+        is_on = (np.abs(triangles @ normal - placed.offsets[face]) <= slack).all(axis=1)
+        is_on &= (triangles.min(axis=1) <= placed.high[face] + slack).all(axis=1)
+        is_on &= (triangles.max(axis=1) >= placed.low[face] - slack).all(axis=1)
         if not is_on.any():
             continue
-        tolerance = float(reach[is_on].max())
+        triangles = triangles[is_on]
+        tolerance = float(slack[is_on].max())
         members = own[faces.members[face]]
         members = members[(np.abs(members @ normal - placed.offsets[face]) <= tolerance).all(axis=1)]
-        if len(members) and _overlap(members, others[is_on], normal, tolerance):
-            yield face, float(max(_extents(members).max(), _extents(others[is_on]).max()))
+        if len(members) and _overlap(members, triangles, normal, tolerance):
+            yield face, float(max(_extents(members).max(), _extents(triangles).max()))
 
 
 def _rows_of_glass(instances: Instances, meshes: list[Mesh], refracts: npt.NDArray[np.bool_]) -> list[int]:
@@ -183,7 +198,7 @@ def touching_faces(
 ) -> dict[int, np.ndarray]:
     """How far the vertices of meshes move into their glass, by mesh, float64 (V, 3) in object space.
 
-    Only plane faces of closed meshes are looked at. What one of a mesh's instances needs all of them get.
+    Only plane faces are looked at, and sheets without a thickness stay. What one of a mesh's instances needs all get.
 
     Parameters
     ----------
@@ -241,9 +256,9 @@ def _draw(
     others = others[is_near]
     if not len(others):
         return
-    own = world_vertices(instances, meshes, row)
+    own = world_vertices(instances, meshes, row)[meshes[mesh].triangles]
     linear = instances.transform[row, :3, :3].astype(np.float64)
-    for face, extent in _touched(found, placed, own[meshes[mesh].triangles], others, drawn[mesh]):
+    for face, extent in _touched(found, placed, own, others, drawn[mesh]):
         distance, normal = APART * extent, placed.normals[face]
         if distance <= _MOST_DRAWN * np.ptp(own @ normal):
             # Along the normal of the object's space, so far that the plane moves by the distance in the world's.

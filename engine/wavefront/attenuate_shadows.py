@@ -25,6 +25,8 @@ from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_SHADOW
 from engine.state.geometry import INSTANCE_VISIBILITY
 from engine.state.lanes import (
+    LIGHT_CASTS_SHADOW,
+    LIGHT_IS_LAMP,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -105,6 +107,19 @@ def _meet(scene, direction, instance, triangle, u, v, time):
 
 
 @kernel
+def _length_beyond(scene, work, lane):
+    """How far media go on behind the end of a shadow ray [m], which ends before its light by a rounding error.
+
+    Before a surface that glows they end where they end for rays that are scattered there (`find_gaps`). Lamps are no
+    surfaces, and in dense media their light is dimmed on that last bit too.
+    """
+    lamp = LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
+    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or work.samples.flags[lane] & lamp != lamp:
+        return 0.0 * work.samples.offset[lane]
+    return work.samples.offset[lane]
+
+
+@kernel
 def _cross(scene, work, row, direction, instance, triangle, ng):
     """Take row `row` of the media through a boundary."""
     geometry = scene.geometry
@@ -148,13 +163,13 @@ def attenuate_shadows(scene, unit, work, queue):
         ahead = shadows.lane[min(row + _ROWS_AHEAD, row_count - 1)]
         ask_for_media(media, ahead)
         ask_for_point(work.points, ahead)
-        rest = shadows.distance[row]
-        if not rest > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        rest, beyond = shadows.distance[row], _length_beyond(scene, work, lane)
+        if not rest + beyond > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
         _leave_point(scene, work, lane, own, direction)
-        if not has_boundaries:
-            attenuate(scene, paths, media, lane, own, rest, radiance, row)
+        if not has_boundaries or not rest > 0.0:
+            attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
         for crossing in range(MOST_CROSSINGS):
@@ -167,7 +182,7 @@ def attenuate_shadows(scene, unit, work, queue):
                     _end_ray(work, row, True)
                     break
             if not hit:
-                attenuate(scene, paths, media, lane, own, rest, radiance, row)
+                attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
                 break
             p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
             if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
@@ -182,8 +197,8 @@ def _start_leg(scene, work, row, own):
     """Find the next boundary on a shadow ray, and dim its light by the media before it that are the same everywhere."""
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     lane, rest = shadows.lane[row], tracking.rest[own]
-    instance, distance = -1, rest
-    if scene.header[SCENE_HAS_BOUNDARIES] != 0:
+    instance, distance = -1, rest + _length_beyond(scene, work, lane)
+    if scene.header[SCENE_HAS_BOUNDARIES] != 0 and rest > 0.0:
         hit, met, triangle, at, u, v = _next_boundary(
             scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[lane], MASK_MEDIUM
         )
@@ -222,20 +237,21 @@ def begin_shadows(scene, unit, work, queue):
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
-        if not shadows.distance[row] > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        rest = shadows.distance[row]
+        if not rest + _length_beyond(scene, work, lane) > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         own = first + row
         direction = load(shadows.direction, row)
         # Following a ray costs far more than finding out that something hides the light.
-        if trace_occluded(
+        if rest > 0.0 and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
-            direction, 0.0, shadows.distance[row], paths.time[lane], opaque,
+            direction, 0.0, rest, paths.time[lane], opaque,
         ):
             _end_ray(work, row, True)
             continue
         _leave_point(scene, work, lane, own, direction)
         store(tracking.origin, own, load(shadows.origin, row))
-        tracking.rest[own] = shadows.distance[row]
+        tracking.rest[own] = rest
         tracking.step[own] = 0
         work.media.crossings[own] = 0
         for c in range(len(paths.channels)):

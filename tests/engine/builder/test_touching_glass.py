@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,14 +69,28 @@ def test_glass_that_lies_in_no_other_surface_stays_as_it_is(scene):
     assert draw_into_glass(scene, {}) is scene
 
 
-def test_open_glass_and_what_is_no_glass_stay_as_they_are():
+def test_what_is_no_glass_and_sheets_without_a_thickness_stay_as_they_are():
     assert touching_faces(on_a_floor(), NOTHING, NOTHING) == {}
     # Boundaries of media are drawn apart by themselves.
     assert touching_faces(on_a_floor(), IS_GLASS, np.array([False, True])) == {}
     scene = on_a_floor()
-    scene.meshes[0].triangles = scene.meshes[0].triangles[:-2]
-    scene.meshes[0].material_slots = scene.meshes[0].material_slots[:-2]
-    assert touching_faces(scene, IS_GLASS, NOTHING) == {}
+    assert touching_faces(with_faces(scene, [0, 1]), IS_GLASS, NOTHING) == {}
+
+
+def with_faces(scene, faces, turn=False):
+    """The scene with a mesh of its own for the glass: these of its triangles, turned to the other side if need be."""
+    whole = scene.meshes[0]
+    triangles = whole.triangles[faces][:, ::-1] if turn else whole.triangles[faces]
+    part = replace(whole, key="part", triangles=triangles, material_slots=whole.material_slots[faces])
+    scene.meshes.append(part)
+    scene.instances.mesh[0] = 1
+    return scene
+
+
+@pytest.mark.parametrize("faces, turn", [([0, 1, 4, 5, 6, 7], False), (list(range(12)), True)], ids=["open", "turned"])
+def test_open_glass_is_behind_its_faces_and_closed_glass_within_them(faces, turn):
+    offsets = touching_faces(with_faces(on_a_floor(), faces, turn), IS_GLASS, NOTHING)
+    assert list(offsets) == [1] and offsets[1][:, 2].max() > 0.0 and offsets[1].min() == 0.0
 
 
 def test_glass_that_changes_its_shape_moves_at_all_times():
