@@ -25,11 +25,11 @@ _SAME_PLANE = 1e-5
 _LEAST_OPEN = 1e-3
 #: How far a face is drawn at most, relative to the mesh's thickness there.
 _MOST_DRAWN = 0.01
-#: Triangles of others by meshes of glass that are looked at, and pairs of triangles of which it is worked out whether
-#: they overlap; of more their boxes are compared.
-_MOST_LOOKS, _MOST_PAIRS = 300_000_000, 4_000_000
-#: Triangles that are looked at together.
-_CHUNK = 1 << 16
+#: Pairs of instances of which boxes are compared, and pairs of triangles of which it is worked out whether they overlap:
+#: of more it is taken for granted.
+_MOST_INSTANCES, _MOST_PAIRS = 100_000_000, 4_000_000
+#: Triangles that are looked at together, and cells along each axis by which they are sorted.
+_CHUNK, _CELLS = 512, 31
 
 
 @dataclass(frozen=True)
@@ -130,14 +130,51 @@ def _overlap(first: np.ndarray, second: np.ndarray, normal: np.ndarray, toleranc
     return False
 
 
-def _near_triangles(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Triangles, float64 (K, 3, 3), whose boxes meet a box."""
-    found = [np.zeros((0, 3, 3))]
-    for start in range(0, len(triangles), _CHUNK):
-        corners = vertices[triangles[start : start + _CHUNK]]
-        is_near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
-        found.append(corners[is_near])
-    return np.concatenate(found)
+@dataclass(frozen=True)
+class _Triangles:
+    """Triangles in the order of where they are, in chunks.
+
+    corners : float64 (K, 3, 3); low, high : float64 (K, 3), of their boxes
+    chunk_low, chunk_high : float64 (C, 3)
+    """
+
+    corners: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    chunk_low: np.ndarray
+    chunk_high: np.ndarray
+
+    @property
+    def extent(self) -> float:
+        """The largest coordinate."""
+        return float(np.abs([self.chunk_low, self.chunk_high]).max(initial=0.0))
+
+    def near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Triangles, float64 (M, 3, 3), whose boxes meet a box."""
+        chunks = np.flatnonzero(((self.chunk_low <= high) & (self.chunk_high >= low)).all(axis=1))
+        rows = (chunks[:, None] * _CHUNK + np.arange(_CHUNK)).ravel()
+        rows = rows[rows < len(self.corners)]
+        return self.corners[rows[((self.low[rows] <= high) & (self.high[rows] >= low)).all(axis=1)]]
+
+
+def _triangles_within(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> _Triangles:
+    """Triangles that may meet a box."""
+    # A bit for each side of the box that a vertex is beyond. What is whole beyond one of them is far.
+    beyond = np.zeros(len(vertices), np.uint8)
+    for axis in range(3):
+        beyond |= (vertices[:, axis] < low[axis]).astype(np.uint8) << (2 * axis)
+        beyond |= (vertices[:, axis] > high[axis]).astype(np.uint8) << (2 * axis + 1)
+    is_far = beyond[triangles[:, 0]] & beyond[triangles[:, 1]] & beyond[triangles[:, 2]]
+    kept = triangles[is_far == 0]
+    cells = np.clip((vertices[kept[:, 0]] - low) / np.maximum(high - low, 1e-300), 0.0, 1.0) * _CELLS
+    corners = vertices[kept[np.argsort(cells.astype(np.int64) @ np.array([1, 1 << 10, 1 << 20]), kind="stable")]]
+    starts = np.arange(0, len(corners), _CHUNK)
+    at_low, at_high = corners.min(axis=1), corners.max(axis=1)
+    if not len(starts):
+        return _Triangles(corners, at_low, at_high, at_low, at_high)
+    return _Triangles(
+        corners, at_low, at_high, np.minimum.reduceat(at_low, starts), np.maximum.reduceat(at_high, starts)
+    )
 
 
 def _extents(triangles: np.ndarray) -> np.ndarray:
@@ -158,15 +195,16 @@ def _touched(
     reach = TOUCHING * APART * np.maximum(_extents(others), np.abs([placed.low, placed.high]).max())
     first_corners = others[:, 0]
     near: list[np.ndarray] = []
-    for start in range(0, len(others), _CHUNK):
-        heights = first_corners[start : start + _CHUNK] @ placed.normals.T - placed.offsets
-        near.append(np.argwhere(np.abs(heights) <= reach[start : start + _CHUNK, None]) + [start, 0])
+    for start in range(0, len(others), 1 << 16):
+        rows = slice(start, start + (1 << 16))
+        heights = first_corners[rows] @ placed.normals.T - placed.offsets
+        near.append(np.argwhere(np.abs(heights) <= reach[rows, None]) + [start, 0])
     at, in_face = np.concatenate(near).T
     for face in np.unique(in_face).tolist():
         if drawn[face] > 0.0:
             continue
-        normal, rows = placed.normals[face], at[in_face == face]
-        triangles, slack = others[rows], reach[rows, None]
+        normal, found = placed.normals[face], at[in_face == face]
+        triangles, slack = others[found], reach[found, None]
         is_on = (np.abs(triangles @ normal - placed.offsets[face]) <= slack).all(axis=1)
         is_on &= (triangles.min(axis=1) <= placed.high[face] + slack).all(axis=1)
         is_on &= (triangles.max(axis=1) >= placed.low[face] - slack).all(axis=1)
@@ -180,17 +218,15 @@ def _touched(
             yield face, float(max(_extents(members).max(), _extents(triangles).max()))
 
 
-def _rows_of_glass(instances: Instances, meshes: list[Mesh], refracts: npt.NDArray[np.bool_]) -> list[int]:
-    """Instances that have a refracting material in some slot; `refracts` is by material."""
+def _slots_with(instances: Instances, meshes: list[Mesh], wanted: npt.NDArray[np.bool_]) -> tuple[np.ndarray, np.ndarray]:
+    """Whether some, and whether all, of an instance's material slots are wanted: two bool (N,); `wanted` is by material."""
     # One more for slots without a material, whose index is -1.
-    of_slot = np.append(refracts, False)[instances.materials]
-    rows: list[int] = []
-    for row in range(len(instances.mesh)) if of_slot.any() else ():
-        slots = meshes[instances.mesh[row]].material_slots
-        first = int(instances.material_offset[row])
-        if len(slots) and of_slot[first : first + int(slots.max()) + 1].any():
-            rows.append(row)
-    return rows
+    sums = np.concatenate([[0], np.cumsum(np.append(wanted, False)[instances.materials])])
+    slots = np.array([int(mesh.material_slots.max(initial=0)) + 1 for mesh in meshes], np.int64)
+    first = np.minimum(instances.material_offset.astype(np.int64), len(sums) - 1)
+    last = np.minimum(first + slots[instances.mesh], len(sums) - 1)
+    found = sums[last] - sums[first]
+    return found > 0, found == last - first
 
 
 def touching_faces(
@@ -207,41 +243,43 @@ def touching_faces(
         are drawn apart by `engine.builder.boundaries`.
     """
     instances, meshes = description.instances, description.meshes
-    rows = _rows_of_glass(instances, meshes, refracts) if len(instances.mesh) else []
-    faces = {mesh: _plane_faces(meshes[mesh]) for mesh in {int(instances.mesh[row]) for row in rows}
-             if len(meshes[mesh].vertices) <= MOST_VERTICES}  # fmt: skip
-    rows = [row for row in rows if faces.get(int(instances.mesh[row])) is not None]
-    if not rows:
+    if not len(instances.mesh):
         return {}
+    is_glass, _ = _slots_with(instances, meshes, refracts)
+    _, is_left_out = _slots_with(instances, meshes, is_boundary)
+    rows = np.flatnonzero(is_glass)
+    if not len(rows) or len(rows) * len(instances.mesh) > _MOST_INSTANCES:
+        return {}
+    faces = {mesh: _plane_faces(meshes[mesh]) for mesh in np.unique(instances.mesh[rows]).tolist()
+             if len(meshes[mesh].vertices) <= MOST_VERTICES}  # fmt: skip
     boxes = instance_boxes(instances, meshes)
     drawn = {mesh: np.zeros(len(found.members)) for mesh, found in faces.items() if found is not None}
     reach = APART * boxes.extent
-    looks = 0
-    boundary_slots = np.append(is_boundary, False)[instances.materials]
-    for other in range(len(instances.mesh)):
-        first = int(instances.material_offset[other])
+    low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
+    is_left_out |= ~np.isfinite(boxes.extent)
+    touching: dict[int, list[int]] = {}
+    for row in rows.tolist():
+        if int(instances.mesh[row]) not in drawn:
+            continue
+        is_near = (low <= high[row]).all(axis=1) & (high >= low[row]).all(axis=1) & ~is_left_out
+        is_near[row] = False
+        for other in np.flatnonzero(is_near).tolist():
+            touching.setdefault(other, []).append(row)
+    for other, near in touching.items():
         mesh = meshes[instances.mesh[other]]
-        if not np.isfinite(boxes.extent[other]) or not 0 < len(mesh.triangles) or len(mesh.vertices) > MOST_VERTICES:
+        if len(mesh.vertices) > MOST_VERTICES:
             continue
-        near = [row for row in rows if row != other
-                and (boxes.low[row] <= boxes.high[other] + reach[other]).all()
-                and (boxes.high[row] >= boxes.low[other] - reach[other]).all()]  # fmt: skip
-        if not near or boundary_slots[first : first + int(mesh.material_slots.max()) + 1].all():
-            continue
-        looks += len(near) * len(mesh.triangles)
-        if looks > _MOST_LOOKS:
-            break
-        vertices = world_vertices(instances, meshes, other)
-        low, high = boxes.low[near].min(axis=0) - reach[other], boxes.high[near].max(axis=0) + reach[other]
-        theirs = _near_triangles(vertices, mesh.triangles, low, high)
-        for row in near:
+        theirs = _triangles_within(
+            world_vertices(instances, meshes, other), mesh.triangles, low[near].min(axis=0), high[near].max(axis=0)
+        )
+        for row in near if len(theirs.corners) else ():
             _draw(instances, meshes, row, faces, theirs, drawn)
     return {mesh: _offsets(meshes[mesh], faces[mesh], distances)
             for mesh, distances in drawn.items() if (distances > 0.0).any()}  # fmt: skip
 
 
 def _draw(
-    instances: Instances, meshes: list[Mesh], row: int, faces: dict[int, _Faces | None], others: np.ndarray,
+    instances: Instances, meshes: list[Mesh], row: int, faces: dict[int, _Faces | None], theirs: _Triangles,
     drawn: dict[int, np.ndarray],
 ) -> None:
     """Note in `drawn` how far the faces of an instance are to be drawn away from other triangles [m, object space]."""
@@ -250,10 +288,8 @@ def _draw(
     placed = None if found is None else _place(found, instances.transform[row])
     if found is None or placed is None:
         return
-    reach = APART * max(float(_extents(others).max(initial=0.0)), float(np.abs([placed.low, placed.high]).max()))
-    is_near = ((others.min(axis=1) <= placed.high.max(axis=0) + reach)
-               & (others.max(axis=1) >= placed.low.min(axis=0) - reach)).all(axis=1)  # fmt: skip
-    others = others[is_near]
+    reach = APART * max(theirs.extent, float(np.abs([placed.low, placed.high]).max()))
+    others = theirs.near(placed.low.min(axis=0) - reach, placed.high.max(axis=0) + reach)
     if not len(others):
         return
     own = world_vertices(instances, meshes, row)[meshes[mesh].triangles]
