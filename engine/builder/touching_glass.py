@@ -25,8 +25,8 @@ _SAME_PLANE = 1e-5
 _LEAST_OPEN = 1e-3
 #: How far a face is drawn at most, relative to the mesh's thickness there.
 _MOST_DRAWN = 0.01
-#: Pairs of instances of which boxes are compared, and pairs of triangles of which it is worked out whether they overlap:
-#: of more it is taken for granted.
+#: Pairs of instances of which boxes are compared, and pairs of triangles of which it is worked out whether they
+#: overlap: of more it is taken for granted.
 _MOST_INSTANCES, _MOST_PAIRS = 100_000_000, 4_000_000
 #: Triangles that are looked at together, and cells along each axis by which they are sorted.
 _CHUNK, _CELLS = 512, 31
@@ -112,16 +112,16 @@ def _place(faces: _Faces, transform: np.ndarray) -> _Placed | None:
 
 
 def _overlap(first: np.ndarray, second: np.ndarray, normal: np.ndarray, tolerance: float) -> bool:
-    """Whether some of two sets of triangles, float64 (M, 3, 3) and (K, 3, 3) in a plane, overlap by more than an edge."""
+    """Whether two sets of triangles in a plane, float64 (M, 3, 3) and (K, 3, 3), overlap by more than an edge."""
     if len(first) * len(second) > _MOST_PAIRS:
         return True
+    low, high = first.min(axis=1), first.max(axis=1)
     for triangle in second:
-        is_near = (first.min(axis=1) <= triangle.max(axis=0)).all(axis=1)
-        near = first[is_near & (first.max(axis=1) >= triangle.min(axis=0)).all(axis=1)]
+        near = first[((low <= triangle.max(axis=0)) & (high >= triangle.min(axis=0))).all(axis=1)]
         if not len(near):
             continue
-        axes = np.cross(np.concatenate([np.roll(near, -1, axis=1) - near,
-                                        np.broadcast_to(np.roll(triangle, -1, axis=0) - triangle, near.shape)], axis=1), normal)  # fmt: skip
+        edges = np.broadcast_to(np.roll(triangle, -1, axis=0) - triangle, near.shape)
+        axes = np.cross(np.concatenate([np.roll(near, -1, axis=1) - near, edges], axis=1), normal)
         axes /= np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
         ours, theirs = np.einsum("nad,nkd->nak", axes, near), axes @ triangle.T
         depth = np.minimum(ours.max(axis=2), theirs.max(axis=2)) - np.maximum(ours.min(axis=2), theirs.min(axis=2))
@@ -218,8 +218,10 @@ def _touched(
             yield face, float(max(_extents(members).max(), _extents(triangles).max()))
 
 
-def _slots_with(instances: Instances, meshes: list[Mesh], wanted: npt.NDArray[np.bool_]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether some, and whether all, of an instance's material slots are wanted: two bool (N,); `wanted` is by material."""
+def _slots_with(
+    instances: Instances, meshes: list[Mesh], wanted: npt.NDArray[np.bool_]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether some, and whether all, of an instance's slots have a wanted material: two bool (N,)."""
     # One more for slots without a material, whose index is -1.
     sums = np.concatenate([[0], np.cumsum(np.append(wanted, False)[instances.materials])])
     slots = np.array([int(mesh.material_slots.max(initial=0)) + 1 for mesh in meshes], np.int64)

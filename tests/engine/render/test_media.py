@@ -309,7 +309,7 @@ def test_the_radiance_cache_is_off_in_media_and_says_so():
 @pytest.mark.parametrize("is_varying", [False, True])
 @pytest.mark.parametrize("kind", ["lamp", "mesh"])
 def test_lights_within_media_too_dense_to_see_into_are_found_alike_by_both_techniques(kind, is_varying):
-    """Twenty mean free paths wide and three deep: light sampling alone ended before a lamp, and was a quarter brighter."""
+    """Twenty mean free paths wide, three deep: light samples ended before a lamp, and made it a quarter brighter."""
     density = 1e5
     milk = medium("Coefficients", **{
         "Absorption Coefficients": (0.1 * density,) * 3, "Scatter Coefficients": (0.9 * density,) * 3,
