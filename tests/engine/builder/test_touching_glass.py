@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from engine.builder.boundaries import APART
+from engine.builder.scene import SceneCache, build_scene
 from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.scene.description import Link, Material, Node, NodeGraph
+from engine.settings import RenderSettings
 from tests.helpers.media_renders import picture
 from tests.helpers.media_scenes import media_scene, medium, placed, put_into_ball
 from tests.helpers.small_scenes import material
@@ -112,3 +114,12 @@ def test_glass_on_a_floor_is_as_bright_as_a_little_above_it(first):
     gaps = [picture(on_a_floor(gap, first=first), **settings).mean(axis=(0, 1)) for gap in (0.0, 1e-4, 1e-3)]
     assert np.allclose(gaps[1], gaps[2], rtol=3e-3)
     assert np.allclose(gaps[0], gaps[1], rtol=3e-3)
+
+
+def test_a_session_draws_apart_once_and_puts_back_what_no_longer_touches():
+    settings, cache = RenderSettings(samples=1, threads=1, spectral="OFF"), SceneCache()
+    touching = build_scene(on_a_floor(), settings, cache).geometry
+    assert build_scene(on_a_floor(), settings, cache).geometry is touching
+    above = build_scene(on_a_floor(1e-4), settings, cache).geometry
+    fresh = build_scene(on_a_floor(1e-4), settings, SceneCache()).geometry
+    assert np.array_equal(above.vertices, fresh.vertices) and not np.array_equal(above.vertices, touching.vertices)
