@@ -18,17 +18,17 @@ from engine.scene.description import Instances, Mesh, SceneDescription
 
 #: How far boundaries are drawn apart, relative to the largest coordinate: more than four times the error of a point
 #: (`engine.kernels.surface.surface_point`), twice of which a ray may skip.
-_APART = 2.0**-17
+APART = 2.0**-17
 #: How far apart two planes may be to count as one, in the same unit.
-_TOUCHING = 0.5
+TOUCHING = 0.5
 #: Plane faces of a boundary that are looked at. What has more is curved, and lies in nothing but a copy of itself.
 _MOST_PLANES = 64
 #: Vertices of a mesh that are looked at, and pairs of boundaries and instances.
-_MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
+MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
 
 
 @dataclass(frozen=True)
-class _Placed:
+class Boxes:
     """World-space boxes of all instances, float64 (N, 3), and the largest coordinate of each, float64 (N,)."""
 
     low: np.ndarray
@@ -36,7 +36,7 @@ class _Placed:
     extent: np.ndarray
 
 
-def _boxes(instances: Instances, meshes: list[Mesh]) -> _Placed:
+def instance_boxes(instances: Instances, meshes: list[Mesh]) -> Boxes:
     """Boxes around instances; of one without vertices, or whose transform is not finite, an empty one."""
     corners = np.full((max(len(meshes), 1), 8, 4), np.nan)
     for index, mesh in enumerate(meshes):
@@ -46,7 +46,7 @@ def _boxes(instances: Instances, meshes: list[Mesh]) -> _Placed:
     matrices = instances.transform[:, :3].astype(np.float64)
     placed = np.einsum("nij,nkj->nki", matrices, corners[instances.mesh])
     low, high = placed.min(axis=1, initial=np.inf), placed.max(axis=1, initial=-np.inf)
-    return _Placed(low, high, np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0))
+    return Boxes(low, high, np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0))
 
 
 def _boundary_rows(instances: Instances, meshes: list[Mesh], is_boundary: npt.NDArray[np.bool_]) -> list[int]:
@@ -62,7 +62,7 @@ def _boundary_rows(instances: Instances, meshes: list[Mesh], is_boundary: npt.ND
     return sorted(rows)
 
 
-def _world_vertices(instances: Instances, meshes: list[Mesh], row: int) -> np.ndarray:
+def world_vertices(instances: Instances, meshes: list[Mesh], row: int) -> np.ndarray:
     """Vertices of an instance, float64 (V, 3)."""
     matrix = instances.transform[row].astype(np.float64)
     return meshes[instances.mesh[row]].vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
@@ -96,13 +96,13 @@ def _share_vertices(first: np.ndarray, second: np.ndarray, tolerance: float) -> 
 
 
 def _touching(
-    instances: Instances, meshes: list[Mesh], rows: list[int], placed: _Placed
+    instances: Instances, meshes: list[Mesh], rows: list[int], placed: Boxes
 ) -> Iterator[tuple[int, list[int]]]:
     """Boundaries with what has a face in one of theirs."""
-    reach = _APART * placed.extent
+    reach = APART * placed.extent
     for row in rows:
         mesh = meshes[instances.mesh[row]]
-        if not np.isfinite(placed.extent[row]) or len(mesh.vertices) > _MOST_VERTICES:
+        if not np.isfinite(placed.extent[row]) or len(mesh.vertices) > MOST_VERTICES:
             continue
         is_near = (placed.low <= placed.high[row] + reach[row]).all(axis=1)
         is_near &= (placed.high >= placed.low[row] - reach[row]).all(axis=1)
@@ -110,14 +110,14 @@ def _touching(
         near = np.flatnonzero(is_near)
         if not len(near):
             continue
-        vertices = _world_vertices(instances, meshes, row)
+        vertices = world_vertices(instances, meshes, row)
         planes = _planes(vertices, mesh.triangles)
         found = []
         for other in near.tolist():
             triangles = meshes[instances.mesh[other]].triangles
-            tolerance = _TOUCHING * max(reach[row], reach[other])
-            others = _world_vertices(instances, meshes, other)
-            if len(others) > _MOST_VERTICES:
+            tolerance = TOUCHING * max(reach[row], reach[other])
+            others = world_vertices(instances, meshes, other)
+            if len(others) > MOST_VERTICES:
                 continue
             if (_lies_in(planes, others, triangles, tolerance) if len(planes) <= _MOST_PLANES
                     else _share_vertices(vertices, others, tolerance)):  # fmt: skip
@@ -152,13 +152,13 @@ def touching_boundaries(description: SceneDescription, is_boundary: npt.NDArray[
     rows = _boundary_rows(instances, meshes, is_boundary) if is_boundary.any() and len(instances.mesh) else []
     if not rows or len(rows) * len(instances.mesh) > _MOST_PAIRS:
         return {}
-    placed = _boxes(instances, meshes)
+    placed = instance_boxes(instances, meshes)
     levels: dict[int, int] = {}
     distances: dict[int, float] = {}
     for row, others in _touching(instances, meshes, rows, placed):
         taken = {levels.get(other, 0) for other in others}
         levels[row] = next(level for level in range(1, len(taken) + 2) if level not in taken)
-        distances[row] = levels[row] * _APART * float(placed.extent[[row, *others]].max())
+        distances[row] = levels[row] * APART * float(placed.extent[[row, *others]].max())
     return distances
 
 

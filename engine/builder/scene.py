@@ -28,8 +28,9 @@ from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
+from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.kernels.bsdf import BsdfTables, load_tables
-from engine.scene.content import Kept
+from engine.scene.content import Kept, Versions
 from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_light_groups, check_memory
@@ -88,7 +89,9 @@ class SceneCache:
     def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
+        self.placed_meshes = Versions()
         self.boundaries: Kept[dict[int, float]] = Kept()
+        self.glass: Kept[dict[int, np.ndarray]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
         self.bounds = KeptBounds()
         self.environment: Kept[EnvironmentMap | None] = Kept()
@@ -177,19 +180,25 @@ def _build_lights(
     return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
 
 
-def _separate(cache: SceneCache, description: SceneDescription) -> SceneDescription:
-    """The description with boundaries of media drawn apart from what they touch."""
+def _draw_apart(cache: SceneCache, description: SceneDescription) -> SceneDescription:
+    """The description with boundaries of media, and faces of glass, drawn apart from what they touch."""
     compiled = cache.programs.compiled[: len(description.materials)]
     is_boundary = np.array([program.is_boundary and program.medium is not None for program in compiled], bool)
+    refracts = np.array([program.refracts for program in compiled], bool)
     instances = description.instances
-    if not is_boundary[instances.materials[instances.materials >= 0]].any():
+    used = instances.materials[instances.materials >= 0]
+    if not is_boundary[used].any() and not refracts[used].any():
         return description
-    columns = (instances.mesh, instances.transform, instances.material_offset, instances.materials, is_boundary)
+    columns = (instances.mesh, instances.transform, instances.material_offset, instances.materials)
+    places = (cache.placed_meshes.of(description.meshes), *(column.tobytes() for column in columns))
     distances = cache.boundaries.get(
-        (cache.geometry.mesh_versions.of(description.meshes), *(column.tobytes() for column in columns)),
-        lambda: touching_boundaries(description, is_boundary),
+        (*places, is_boundary.tobytes()), lambda: touching_boundaries(description, is_boundary)
     )
-    return separate_boundaries(description, distances)
+    offsets = cache.glass.get(
+        (*places, is_boundary.tobytes(), refracts.tobytes()),
+        lambda: touching_faces(description, refracts, is_boundary),
+    )
+    return draw_into_glass(separate_boundaries(description, distances), offsets)
 
 
 def _build_media(
@@ -260,18 +269,20 @@ def build_scene(
     attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
 
     check_cancel()
+    apart = _draw_apart(cache, description)
     geometry = build_geometry(
-        _separate(cache, description), attribute_names, notices, default_program=programs.default_program,
-        cache=cache.geometry,
-    )  # fmt: skip
+        apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
+    )
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
     tables = load_tables()
-    media = _build_media(cache, description, programs, geometry, tables)
+    media = _build_media(cache, apart, programs, geometry, tables)
     if not keeps_meshes:
         # Media that vary have asked for the boxes of theirs.
-        cache.geometry.give_up(description.meshes)
+        cache.placed_meshes.forget()
+        cache.geometry.give_up([*description.meshes, *apart.meshes])
+    del apart
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.

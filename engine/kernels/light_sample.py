@@ -12,6 +12,7 @@ from engine.state.geometry import INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
+    LIGHT_IS_LAMP,
     LIGHT_USES_MIS,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
@@ -94,6 +95,8 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
             group = lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_LIGHT_GROUP]
         work.passes.group[lane] = group
     flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
+    if instance < 0:
+        flags |= LIGHT_IS_LAMP
     samples.distance[lane] = distance
     # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
     if distance < FAR:

@@ -94,6 +94,8 @@ class CompiledProgram:
     #: Inside of what has this program; and whether its surface is nothing but the medium's boundary.
     medium: Medium | None = None
     is_boundary: bool = False
+    #: Whether light goes through its surface by being bent.
+    refracts: bool = False
     #: Of a medium that varies, which sees the point as it is, without displacement.
     medium_instructions: list[Instruction] = field(default_factory=list)
     medium_roots: list[int] = field(default_factory=list)

@@ -12,9 +12,12 @@ from engine.kernels.shader import ops_closure, ops_image, ops_input
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
 from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource, WorldImage
-from engine.shaders.program import Constant, Instruction
+from engine.shaders.program import Constant, Instruction, is_zero
 from engine.state import shaders as layout
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
+
+#: Which operand of PRINCIPLED is the transmission, behind the weight.
+_TRANSMISSION = 13
 
 
 def with_facts(
@@ -51,7 +54,19 @@ def with_facts(
     world_image = _world_image(instructions, emitting) if source.kind == "WORLD" else None
     temperature = emission_temperature(source.graph)
     return CompiledProgram(
-        instructions, roots, flags, emission, transparency, lambertian, ahead, world_image, temperature, asked, notices
+        instructions, roots, flags, emission, transparency, lambertian, ahead, world_image, temperature, asked, notices,
+        refracts=_refracts(instructions, closures),
+    )  # fmt: skip
+
+
+def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:
+    """Whether some lobe bends light that goes through."""
+    bending = {ops_closure.opcode("GLASS"), ops_closure.opcode("REFRACTION")}
+    principled = ops_closure.opcode("PRINCIPLED")
+    return any(
+        instructions[root].opcode in bending
+        or (instructions[root].opcode == principled and not is_zero(instructions[root].inputs[_TRANSMISSION]))
+        for root in roots
     )
 
 

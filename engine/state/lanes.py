@@ -646,6 +646,8 @@ LIGHT_USES_MIS = 1
 LIGHT_CASTS_SHADOW = 2
 #: The program's emission at this sample is in the light closures.
 LIGHT_HAS_PROGRAM = 4
+#: Of a lamp, which is no surface: media go on up to it.
+LIGHT_IS_LAMP = 8
 
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:

@@ -25,6 +25,8 @@ from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_SHADOW
 from engine.state.geometry import INSTANCE_VISIBILITY
 from engine.state.lanes import (
+    LIGHT_CASTS_SHADOW,
+    LIGHT_IS_LAMP,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -105,6 +107,19 @@ def _meet(scene, direction, instance, triangle, u, v, time):
 
 
 @kernel
+def _length_beyond(scene, work, lane):
+    """How far media go on behind the end of a shadow ray [m], which ends before its light by a rounding error.
+
+    Before a surface that glows they end where they end for rays that are scattered there (`find_gaps`). Lamps are no
+    surfaces, and in dense media their light is dimmed on that last bit too.
+    """
+    lamp = LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
+    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or work.samples.flags[lane] & lamp != lamp:
+        return 0.0 * work.samples.offset[lane]
+    return work.samples.offset[lane]
+
+
+@kernel
 def _cross(scene, work, row, direction, instance, triangle, ng):
     """Take row `row` of the media through a boundary."""
     geometry = scene.geometry
@@ -147,13 +162,13 @@ def attenuate_shadows(scene, unit, work, queue):
         ahead = shadows.lane[min(row + _ROWS_AHEAD, row_count - 1)]
         ask_for_media(media, ahead)
         ask_for_point(work.points, ahead)
-        rest = shadows.distance[row]
-        if not rest > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        rest, beyond = shadows.distance[row], _length_beyond(scene, work, lane)
+        if not rest + beyond > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
         _leave_point(scene, work, lane, own, direction)
-        if not has_boundaries:
-            attenuate(scene, paths, media, lane, own, rest, radiance, row)
+        if not has_boundaries or not rest > 0.0:
+            attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
         for _ in range(MOST_CROSSINGS):
@@ -163,7 +178,7 @@ def attenuate_shadows(scene, unit, work, queue):
                 if hit:
                     break
             if not hit:
-                attenuate(scene, paths, media, lane, own, rest, radiance, row)
+                attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
                 break
             p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
             if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
@@ -182,7 +197,7 @@ def _look_for_leg(scene, work, row, own, mask):
     rest = tracking.rest[own]
     tracking.instance[own] = -1
     tracking.position[own] = rest
-    if scene.header[SCENE_HAS_BOUNDARIES] == 0:
+    if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
         return False
     hit, instance, triangle, distance, u, v = _next_boundary(
         scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]], mask
@@ -207,6 +222,8 @@ def _start_leg(scene, work, row, own):
             paths.time[lane],
         )
         distance = max(distance - gap, 0.0)
+    else:
+        distance += _length_beyond(scene, work, lane)
     tracking.position[own] = 0.0
     tracking.end[own] = distance
     attenuate(scene, paths, work.media, lane, own, distance, shadows.radiance, row)
@@ -234,21 +251,22 @@ def begin_shadows(scene, unit, work, queue):
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
-        if not shadows.distance[row] > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        rest = shadows.distance[row]
+        if not rest + _length_beyond(scene, work, lane) > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         own = first + row
         direction = load(shadows.direction, row)
         store(tracking.origin, own, load(shadows.origin, row))
-        tracking.rest[own] = shadows.distance[row]
+        tracking.rest[own] = rest
         if looks_once:
             meets = _look_for_leg(scene, work, row, own, opaque | MASK_MEDIUM)
             if meets and _stops_light(scene, tracking.instance[own], tracking.triangle[own]):
                 _end_ray(work, row, True)
                 continue
         # Following a ray costs far more than finding out that something hides the light.
-        if (not looks_once or tracking.instance[own] >= 0) and trace_occluded(
+        if rest > 0.0 and (not looks_once or tracking.instance[own] >= 0) and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
-            direction, 0.0, shadows.distance[row], paths.time[lane], opaque,
+            direction, 0.0, rest, paths.time[lane], opaque,
         ):
             _end_ray(work, row, True)
             continue

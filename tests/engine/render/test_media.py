@@ -11,7 +11,7 @@ import pytest
 from scipy import integrate
 
 from engine.render.light_passes import LIGHT_PASSES
-from engine.scene.description import Light, Link
+from engine.scene.description import Light, Link, Material, Node, NodeGraph
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
@@ -304,3 +304,33 @@ def test_the_radiance_cache_is_off_in_media_and_says_so():
     report = render(media_scene([fog], [placed()]), radiance_cache="CONVERGING").report
     assert [notice.subject for notice in report.notices] == ["Radiance cache"]
     assert "media" in report.notices[0].problem
+
+
+@pytest.mark.parametrize("is_varying", [False, True])
+@pytest.mark.parametrize("kind", ["lamp", "mesh"])
+def test_lights_within_media_too_dense_to_see_into_are_found_alike_by_both_techniques(kind, is_varying):
+    """Twenty mean free paths wide, three deep: light samples ended before a lamp, and made it a quarter brighter."""
+    density = 1e5
+    milk = medium("Coefficients", **{
+        "Absorption Coefficients": (0.1 * density,) * 3, "Scatter Coefficients": (0.9 * density,) * 3,
+    })  # fmt: skip
+    if is_varying:
+        milk = varying("Principled", "Density", density, Color=(0.9, 0.9, 0.9, 1.0))
+    half, top = 10.0 / density, 1.0 - 3.0 / density
+    materials, around, lamps = [milk], [placed((4.0, 4.0, 1.0))], []
+    if kind == "lamp":
+        facing_up = placed((1.0, -1.0, -1.0), (0.0, 0.0, top))
+        lamps = [Light("lamp", "Lamp", "AREA", facing_up, (1.0, 1.0, 1.0), 400.0 * half**2, size_x=2.0 * half)]
+    else:
+        glow = Node("ShaderNodeEmission", "Glow", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": 2.0})
+        materials.append(
+            Material("Glow", "Glow", NodeGraph([glow], Link(0, "Emission")), emission_sampling="FRONT_BACK")
+        )
+        around.append(placed((half, half, 1.0 / density), (0.0, 0.0, top - 1.0 / density)))
+    scene = media_scene(materials, around, lights=lamps, world=(0.0, 0.0, 0.0))
+    scene.camera.lens *= 0.08 / half
+    settings = {"samples": 256, "volume_bounces": 64, "max_bounces": 64}
+    both, alone = (means_by_seed(scene, use_nee=use_nee, **settings) for use_nee in (True, False))
+    error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
+    assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
+    assert (error < 0.01 * both.mean(axis=0)).all()
