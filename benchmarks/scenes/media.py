@@ -179,6 +179,43 @@ def phases() -> None:
         add_object(name, sphere(name, material(name, None, shader), 0.45), (-1.5 + index, 0.0, 0.6))
 
 
+@scene("media-particles", samples=128)
+def particles() -> None:
+    """Particles in water, which scatter by Fournier and Forand's function: few back, or many, and some that vary.
+
+    The last is dust of which Draine's function makes much of what is scattered straight on or back.
+    """
+    stage()
+    world((0.05, 0.05, 0.05))
+    _bounces()
+    light("AREA", 60.0, (0.0, 3.0, 3.0), size=1.0)
+    light("AREA", 200.0, (-2.0, -3.0, 3.0), size=1.0)
+
+    def water(ior: float, backscatter: float) -> Shader:
+        return lambda nodes: nodes(
+            "VolumeScatter", {"phase": "FOURNIER_FORAND"}, Color=(0.9, 0.9, 0.9), Density=1.5, IOR=ior,
+            Backscatter=backscatter,
+        )
+
+    def varying(nodes: Nodes) -> Any:
+        density = _above(nodes, _noise(nodes, 3.0), 0.4, 20.0)
+        return nodes(
+            "VolumeCoefficients", {"phase": "FOURNIER_FORAND"}, {"Scatter Coefficients": density}, Backscatter=0.2,
+            Absorption_Coefficients=(0.0, 0.0, 0.0),
+        )
+
+    def dust(nodes: Nodes) -> Any:
+        return nodes(
+            "VolumeScatter", {"phase": "DRAINE"}, Color=(0.9, 0.9, 0.9), Density=1.5, Anisotropy=0.2, Alpha=20.0
+        )
+
+    kinds: list[tuple[str, Shader]] = [
+        ("Water", water(1.33, 0.1)), ("Turbid", water(1.1, 0.4)), ("Varying", varying), ("Dust", dust),
+    ]
+    for index, (name, shader) in enumerate(kinds):
+        add_object(name, sphere(name, material(name, None, shader), 0.45), (-1.5 + index, 0.0, 0.6))
+
+
 @scene("media-open-room", samples=128)
 def open_room() -> None:
     """Fog around the camera and the scene at once, with a lamp inside: `media-camera-inside` without a sky."""

@@ -2,7 +2,8 @@
 """Phase functions: how a medium scatters, all around and without a cosine.
 
 Draine's function has those of Henyey and Greenstein (alpha 0) and of Rayleigh (g 0, alpha 1) in it. Directions are
-drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density.
+drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density. Fournier and Forand's function is
+its own density (`engine.kernels.bsdf.fournier_forand`).
 
 References
 ----------
@@ -14,6 +15,7 @@ import math
 
 import numpy as np
 
+from engine.kernels.bsdf.fournier_forand import eval_fournier_forand, half_sine_squared, sample_fournier_forand
 from engine.kernels.bsdf.kinds import BUMP, PHASE
 from engine.kernels.bsdf.lobe import Lobe
 from engine.kernels.constants import INV_FOUR_PI, TWO_PI
@@ -21,15 +23,17 @@ from engine.kernels.vector import add, dot, negate, normalize, orthonormal_basis
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
 
-# Columns of Closures.param.
+# Columns of Closures.param. Of Fournier and Forand's function they are mean cosine, exponent and delta; delta is 0 of
+# Draine's.
 PHASE_G = CLOSURE_KIND_PARAMS + 1
 PHASE_ALPHA = CLOSURE_KIND_PARAMS + 2
+PHASE_DELTA = CLOSURE_KIND_PARAMS + 3
 #: Mean cosines below which the inverse would divide by next to nothing.
 _ISOTROPIC = np.float32(1e-3)
 
 
 @kernel
-def add_phase(closures, lane, weight, g, alpha):
+def add_phase(closures, lane, weight, g, alpha, delta):
     """Append a phase function; `weight`, one number for all channels, is replaced by the caller where channels differ.
 
     Returns its index, -1 if there is no room.
@@ -48,6 +52,7 @@ def add_phase(closures, lane, weight, g, alpha):
     param[lane, i, BUMP] = 0.0
     param[lane, i, PHASE_G] = g
     param[lane, i, PHASE_ALPHA] = alpha
+    param[lane, i, PHASE_DELTA] = delta
     return i
 
 
@@ -61,9 +66,15 @@ def henyey_greenstein(cosine, g):
 @kernel
 def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
     """See `Lobe.evaluate`."""
+    alpha = param[lane, i, PHASE_ALPHA]
+    delta = param[lane, i, PHASE_DELTA]
+    if delta > 0.0:
+        pdf = eval_fournier_forand(half_sine_squared(wo, wi), alpha, delta)
+        for c in range(len(channels)):
+            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * (factor * pdf)
+        return pdf
     cosine = -dot(wo, wi)
     g = param[lane, i, PHASE_G]
-    alpha = param[lane, i, PHASE_ALPHA]
     pdf = henyey_greenstein(cosine, g)
     value = factor * pdf * (1.0 + alpha * cosine * cosine) / (1.0 + alpha * (1.0 + 2.0 * g * g) * (1.0 / 3.0))
     for c in range(len(channels)):
@@ -126,12 +137,18 @@ def sample_phases(closures, lane, wo, u0, u1, u2):
 @kernel
 def sample_phase(param, lane, i, n, wo, u1, u2):
     """See `Lobe.sample`."""
-    g = param[lane, i, PHASE_G]
-    cosine = 1.0 - 2.0 * u1
-    if abs(g) > _ISOTROPIC:
-        part = (1.0 - g * g) / (1.0 + g - 2.0 * g * u1)
-        cosine = min(max((1.0 + g * g - part * part) / (2.0 * g), -1.0), 1.0)
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    delta = param[lane, i, PHASE_DELTA]
+    if delta > 0.0:
+        square = sample_fournier_forand(u1, param[lane, i, PHASE_ALPHA], delta)
+        cosine = 1.0 - 2.0 * square
+        sine = 2.0 * math.sqrt(square * (1.0 - square))
+    else:
+        g = param[lane, i, PHASE_G]
+        cosine = 1.0 - 2.0 * u1
+        if abs(g) > _ISOTROPIC:
+            part = (1.0 - g * g) / (1.0 + g - 2.0 * g * u1)
+            cosine = min(max((1.0 + g * g - part * part) / (2.0 * g), -1.0), 1.0)
+        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     ahead = negate(wo)
     x, y = orthonormal_basis(ahead)
     across = add(scale(x, math.cos(TWO_PI * u2)), scale(y, math.sin(TWO_PI * u2)))
