@@ -202,7 +202,9 @@ def _export_instances(
         if address not in exported:
             context.check_cancel()
             if kind.volume is not None:
-                exported[address] = export_volume(context, kind.volume, kind.owner, requests[address])
+                exported[address] = export_volume(
+                    context, kind.volume, kind.owner, requests[address], is_blurred=kind.motion_step_count > 0
+                )
             elif kind.mesh is not None:
                 exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
         mesh = exported[address]
