@@ -268,6 +268,7 @@ def test_a_velocity_may_be_three_grids_of_numbers_or_have_another_name(
     path = write(openvdb, tmp_path / "b.vdb", density=np.ones((4, 4, 4)), speed=np.full((4, 4, 4, 3), 2.0))
     other = add_volume(scene, path, "Vectors")
     assert export().meshes[0].volume_motion is None
+    other.data.grids.load()
     other.data.velocity_grid = "speed"
     other.data.update_tag()
     assert unpack_values(export().meshes[0].volume_motion.velocity).max() == pytest.approx(2.0)
