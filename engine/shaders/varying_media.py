@@ -75,8 +75,10 @@ class _MediumBuilder(NodeBuilder):
         value = self.constant_input(Socket(identifier, FLOAT, otherwise))
         if value is not None and math.isfinite(value[0]):
             return value[0]
-        problem = "varies, which is not supported" if value is None else "is NaN or infinite"
-        self.notice(f"its {identifier} {problem}", f"{otherwise:g}")
+        if value is None:
+            self.notice(f"its {identifier} varies, which is not supported", f"{otherwise:g}")
+        else:
+            self.notice(f"its {identifier} is NaN or infinite", f"{otherwise:g}")
         return otherwise
 
     def phases(self) -> list[tuple[Value, tuple[Value, Value, Value]]]:

@@ -65,21 +65,32 @@ def henyey_greenstein(cosine, g):
 
 @kernel
 def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
-    """See `Lobe.evaluate`."""
-    alpha = param[lane, i, PHASE_ALPHA]
-    delta = param[lane, i, PHASE_DELTA]
-    if delta > 0.0:
-        pdf = eval_fournier_forand(half_sine_squared(wo, wi), alpha, delta)
-        for c in range(len(channels)):
-            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * (factor * pdf)
-        return pdf
+    """See `Lobe.evaluate`; of Draine's function."""
     cosine = -dot(wo, wi)
     g = param[lane, i, PHASE_G]
+    alpha = param[lane, i, PHASE_ALPHA]
     pdf = henyey_greenstein(cosine, g)
     value = factor * pdf * (1.0 + alpha * cosine * cosine) / (1.0 + alpha * (1.0 + 2.0 * g * g) * (1.0 / 3.0))
     for c in range(len(channels)):
         out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value
     return pdf
+
+
+@kernel
+def _eval_water(param, channels, lane, i, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`; of Fournier and Forand's function."""
+    pdf = eval_fournier_forand(half_sine_squared(wo, wi), param[lane, i, PHASE_ALPHA], param[lane, i, PHASE_DELTA])
+    for c in range(len(channels)):
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * (factor * pdf)
+    return pdf
+
+
+@kernel
+def eval_phase_lobe(param, channels, lane, i, n, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`."""
+    if param[lane, i, PHASE_DELTA] > 0.0:
+        return _eval_water(param, channels, lane, i, wo, wi, factor, out, row)
+    return eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row)
 
 
 @kernel
@@ -92,10 +103,20 @@ def eval_phases(closures, lane, wo, wi, out, row):
         out[row, c] = 0.0
     pdf = 0.0
     total = 0.0
+    waters = 0
     for i in range(closures.count[lane]):
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         total += weight
+        if closures.param[lane, i, PHASE_DELTA] > 0.0:
+            waters += 1
+            continue
         pdf += weight * eval_phase(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
+    # Apart, so that without any the compiler makes of the others what it always does, to the last bit.
+    if waters > 0:
+        for i in range(closures.count[lane]):
+            if closures.param[lane, i, PHASE_DELTA] > 0.0:
+                weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+                pdf += weight * _eval_water(closures.param, closures.channels, lane, i, wo, wi, 1.0, out, row)
     return pdf / total if total > 0.0 else 0.0 * pdf
 
 
@@ -131,28 +152,42 @@ def sample_phases(closures, lane, wo, u0, u1, u2):
         if rest < weight:
             break
         rest -= weight
+    if closures.param[lane, chosen, PHASE_DELTA] > 0.0:
+        return normalize(_sample_water(closures.param, lane, chosen, wo, u1, u2))
     return normalize(sample_phase(closures.param, lane, chosen, wo, wo, u1, u2))
 
 
 @kernel
+def _sample_water(param, lane, i, wo, u1, u2):
+    """See `Lobe.sample`; of Fournier and Forand's function."""
+    square = sample_fournier_forand(u1, param[lane, i, PHASE_ALPHA], param[lane, i, PHASE_DELTA])
+    ahead = negate(wo)
+    x, y = orthonormal_basis(ahead)
+    across = add(scale(x, math.cos(TWO_PI * u2)), scale(y, math.sin(TWO_PI * u2)))
+    return add(scale(across, 2.0 * math.sqrt(square * (1.0 - square))), scale(ahead, 1.0 - 2.0 * square))
+
+
+@kernel
 def sample_phase(param, lane, i, n, wo, u1, u2):
-    """See `Lobe.sample`."""
-    delta = param[lane, i, PHASE_DELTA]
-    if delta > 0.0:
-        square = sample_fournier_forand(u1, param[lane, i, PHASE_ALPHA], delta)
-        cosine = 1.0 - 2.0 * square
-        sine = 2.0 * math.sqrt(square * (1.0 - square))
-    else:
-        g = param[lane, i, PHASE_G]
-        cosine = 1.0 - 2.0 * u1
-        if abs(g) > _ISOTROPIC:
-            part = (1.0 - g * g) / (1.0 + g - 2.0 * g * u1)
-            cosine = min(max((1.0 + g * g - part * part) / (2.0 * g), -1.0), 1.0)
-        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    """See `Lobe.sample`; of Henyey and Greenstein's function."""
+    g = param[lane, i, PHASE_G]
+    cosine = 1.0 - 2.0 * u1
+    if abs(g) > _ISOTROPIC:
+        part = (1.0 - g * g) / (1.0 + g - 2.0 * g * u1)
+        cosine = min(max((1.0 + g * g - part * part) / (2.0 * g), -1.0), 1.0)
+    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     ahead = negate(wo)
     x, y = orthonormal_basis(ahead)
     across = add(scale(x, math.cos(TWO_PI * u2)), scale(y, math.sin(TWO_PI * u2)))
     return add(scale(across, sine), scale(ahead, cosine))
 
 
-LOBE = Lobe(PHASE, eval_phase, sample_phase)
+@kernel
+def sample_phase_lobe(param, lane, i, n, wo, u1, u2):
+    """See `Lobe.sample`."""
+    if param[lane, i, PHASE_DELTA] > 0.0:
+        return _sample_water(param, lane, i, wo, u1, u2)
+    return sample_phase(param, lane, i, n, wo, u1, u2)
+
+
+LOBE = Lobe(PHASE, eval_phase_lobe, sample_phase_lobe)

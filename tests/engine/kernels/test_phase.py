@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.kernels.bsdf.fournier_forand import sample_fournier_forand
-from engine.kernels.bsdf.phase import add_phase, eval_phase, sample_phase
+from engine.kernels.bsdf.phase import add_phase, eval_phase_lobe, sample_phase_lobe
 from engine.runtime.jit import kernel
 from engine.shaders.media import fournier_forand_parameters
 from engine.state.lanes import allocate_closures
@@ -26,13 +26,13 @@ SAMPLES = 200_000
 def _values(param, channels, wo, normal, directions, out, pdfs):
     for row in range(directions.shape[0]):
         wi = (directions[row, 0], directions[row, 1], directions[row, 2])
-        pdfs[row] = eval_phase(param, channels, 0, 0, normal, wo, wi, np.float32(1.0), out, row)
+        pdfs[row] = eval_phase_lobe(param, channels, 0, 0, normal, wo, wi, np.float32(1.0), out, row)
 
 
 @kernel
 def _draw(param, wo, normal, numbers, out):
     for row in range(numbers.shape[0]):
-        wi = sample_phase(param, 0, 0, normal, wo, numbers[row, 0], numbers[row, 1])
+        wi = sample_phase_lobe(param, 0, 0, normal, wo, numbers[row, 0], numbers[row, 1])
         out[row, 0], out[row, 1], out[row, 2] = wi
 
 
