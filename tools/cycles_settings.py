@@ -168,7 +168,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         (
             *_rows("works", "emission_sampling use_bump_map_correction"),
             *_rows("no need", "volume_sampling", _SAMPLING),
-            *_rows("said", "volume_interpolation"),
+            *_rows("works", "volume_interpolation"),
             *_rows("no need", "volume_step_rate", _VOLUMES),
         ),
     ),

@@ -26,6 +26,7 @@ from engine.scene.description import (
 
 from ..versions import read_setting
 from .context import ExportContext
+from .gases import Gas, gas_of
 from .materials import MaterialExporter
 from .object_properties import Value, find_property
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
@@ -60,8 +61,10 @@ class Appearance:
     """What all instances of one object by one instancer have in common."""
 
     name: str
-    #: Mesh to show, None for lights and volumes.
+    #: Mesh to show, None for lights, volumes and gases.
     mesh: bpy.types.Mesh | None
+    #: Simulated smoke and fire to show.
+    gas: Gas | None
     #: Volume to show.
     volume: bpy.types.Volume | None
     #: Light object to show, None for meshes.
@@ -205,19 +208,19 @@ def _classify(
             visibility &= ~VISIBLE_CAMERA
         if visibility == 0:
             return -1
-    if is_mesh and _is_gas_domain(shown):
-        context.notice(shown.name, "smoke and fire of simulations are not supported",
-                       "left out; its OpenVDB cache can be loaded as a volume object")  # fmt: skip
+    gas = gas_of(shown) if is_mesh else None
+    if gas is not None and not context.view_layer.use_volumes:
         return -1
     notice_object(context, shown)
     slots = _slots(context, materials, shown) if has_shape else ()
-    if is_volume:
+    if is_volume or gas is not None:
         slots = tuple(materials.default_volume() if slot < 0 else slot for slot in slots)
     wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
     kinds.append(
         Appearance(
             name=shown.name,
-            mesh=shown.data if is_mesh else None,
+            mesh=shown.data if is_mesh and gas is None else None,
+            gas=None if gas is None else Gas(shown.data, gas),
             volume=shown.data if is_volume else None,
             light=None if has_shape else owner,
             owner=owner,
@@ -244,18 +247,6 @@ def _classify(
     if context.wants_assets:
         kinds[-1].asset = _topmost(shown).name
     return len(kinds) - 1
-
-
-def _is_gas_domain(shown: bpy.types.Object) -> bool:
-    """Whether an object's mesh is but the bounds of a simulated gas."""
-    return any(
-        modifier.type == "FLUID"
-        and modifier.fluid_type == "DOMAIN"
-        and modifier.domain_settings is not None
-        and modifier.domain_settings.domain_type == "GAS"
-        and modifier.show_render
-        for modifier in shown.original.modifiers
-    )
 
 
 def _topmost(shown: bpy.types.Object) -> bpy.types.Object:

@@ -29,7 +29,8 @@ class AttributeRequest:
 
     `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one), `properties` those of the
     object ("object:name") or of its instancer first ("instancer:name"); `generated` whether undeformed coordinates
-    are of use, `instancer` whether those of the instancer are.
+    are of use, `instancer` whether those of the instancer are, `smooth` whether voxels matter further away than to the
+    next.
     """
 
     names: frozenset[str] = frozenset()
@@ -37,6 +38,7 @@ class AttributeRequest:
     properties: frozenset[str] = frozenset()
     generated: bool = False
     instancer: bool = False
+    smooth: bool = False
 
     def __or__(self, other: AttributeRequest) -> AttributeRequest:
         return AttributeRequest(
@@ -45,6 +47,7 @@ class AttributeRequest:
             self.properties | other.properties,
             self.generated or other.generated,
             self.instancer or other.instancer,
+            self.smooth or other.smooth,
         )
 
 
@@ -118,7 +121,7 @@ class MaterialExporter:
         reads = {material.original.as_pointer(), *(self.graphs.reads if has_nodes else ())}
         kept = context.cache.materials[material.name_full] = CachedMaterial(
             exported,
-            attribute_request(exported.graph),
+            attribute_request(exported.graph, has_smooth_voxels=exported.has_smooth_voxels),
             None if has_nodes and self.graphs.reads_more else frozenset(reads),
             tuple(self.images.met[met:]),
             tuple(context.notices[noticed:]),
@@ -140,6 +143,7 @@ class MaterialExporter:
             pass_index=material.pass_index,
             use_bump_map_correction=cycles_property(material, "use_bump_map_correction", True),
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
+            has_smooth_voxels=_has_smooth_voxels(material, graph),
             emission_sampling=_emission_sampling(material),
             dispersion=dispersion_of(material),
             user=user,
@@ -156,7 +160,7 @@ def fingerprint(material: Material) -> str:
     return content_digest(material, ("key", "user"))
 
 
-def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
+def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = False) -> AttributeRequest:
     """The attributes the nodes of a graph read."""
     names: set[str] = set()
     tangents: set[str] = set()
@@ -190,7 +194,9 @@ def attribute_request(graph: NodeGraph | None) -> AttributeRequest:
             generated = generated or _is_anisotropic(node)
         if node.kind in ("ShaderNodeTexCoord", "ShaderNodeUVMap") and node.properties.get("from_instancer"):
             instancer = True
-    return AttributeRequest(frozenset(names), frozenset(tangents), frozenset(properties), generated, instancer)
+    return AttributeRequest(
+        frozenset(names), frozenset(tangents), frozenset(properties), generated, instancer, has_smooth_voxels
+    )
 
 
 def _linked_outputs(graph: NodeGraph) -> set[tuple[int, str]]:
@@ -211,6 +217,12 @@ def _plain_graph(material: bpy.types.Material) -> NodeGraph:
     color = (*material.diffuse_color[:3], 1.0)
     node = Node("ShaderNodeBsdfDiffuse", "Diffuse BSDF", {"Color": color, "Roughness": 0.0})
     return NodeGraph([node], surface=Link(0, "BSDF"))
+
+
+def _has_smooth_voxels(material: bpy.types.Material, graph: NodeGraph | None) -> bool:
+    """Whether what is inside interpolates voxels by cubic splines."""
+    has_volume = graph is not None and graph.volume is not None
+    return has_volume and cycles_property(material, "volume_interpolation", "LINEAR") == "CUBIC"
 
 
 def _emission_sampling(material: bpy.types.Material) -> str:

@@ -14,6 +14,7 @@ from engine.scene.description import Attribute, Camera, Frame, Instances, Light,
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext, Window
+from .gases import export_gas
 from .geometry import export_mesh
 from .images import ImageExporter
 from .instances import Appearance, Appearances, gather_appearances, is_invertible
@@ -185,7 +186,7 @@ def _export_instances(
     kinds = appearances.kinds
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
-    shapes = [kind.mesh or kind.volume for kind in kinds]
+    shapes = [kind.gas.mesh if kind.gas is not None else kind.mesh or kind.volume for kind in kinds]
     addresses = [0 if shape is None else shape.as_pointer() for shape in shapes]
     for address, kind in zip(addresses, kinds, strict=True):
         request = requests.get(address, AttributeRequest())
@@ -202,7 +203,13 @@ def _export_instances(
         if address not in exported:
             context.check_cancel()
             if kind.volume is not None:
-                exported[address] = export_volume(context, kind.volume, kind.owner, requests[address])
+                exported[address] = export_volume(
+                    context, kind.volume, kind.owner, requests[address], is_blurred=kind.motion_step_count > 0
+                )
+            elif kind.gas is not None:
+                exported[address] = export_gas(
+                    context, kind.gas, kind.owner, requests[address], is_blurred=kind.motion_step_count > 0
+                )
             elif kind.mesh is not None:
                 exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
         mesh = exported[address]

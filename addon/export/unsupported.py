@@ -46,9 +46,6 @@ def notice_material(
     context: ExportContext, material: bpy.types.Material, graph: NodeGraph | None, subject: str
 ) -> None:
     """What a material asks for beyond its nodes; `subject` names it and an object that has it."""
-    if graph is not None and graph.volume is not None:
-        if cycles_property(material, "volume_interpolation", "LINEAR") != "LINEAR":
-            context.notice(subject, "cubic interpolation between voxels is not supported", "straight lines")
     if graph is None or graph.displacement is None:
         return
     if read_setting(material, "displacement_method") != "BUMP":

@@ -179,6 +179,43 @@ def phases() -> None:
         add_object(name, sphere(name, material(name, None, shader), 0.45), (-1.5 + index, 0.0, 0.6))
 
 
+@scene("media-particles", samples=128)
+def particles() -> None:
+    """Particles in water, which scatter by Fournier and Forand's function: few back, or many, and some that vary.
+
+    The last is dust of which Draine's function makes much of what is scattered straight on or back.
+    """
+    stage()
+    world((0.05, 0.05, 0.05))
+    _bounces()
+    light("AREA", 60.0, (0.0, 3.0, 3.0), size=1.0)
+    light("AREA", 200.0, (-2.0, -3.0, 3.0), size=1.0)
+
+    def water(ior: float, backscatter: float) -> Shader:
+        return lambda nodes: nodes(
+            "VolumeScatter", {"phase": "FOURNIER_FORAND"}, Color=(0.9, 0.9, 0.9), Density=1.5, IOR=ior,
+            Backscatter=backscatter,
+        )
+
+    def varying(nodes: Nodes) -> Any:
+        density = _above(nodes, _noise(nodes, 3.0), 0.4, 20.0)
+        return nodes(
+            "VolumeCoefficients", {"phase": "FOURNIER_FORAND"}, {"Scatter Coefficients": density}, Backscatter=0.2,
+            Absorption_Coefficients=(0.0, 0.0, 0.0),
+        )
+
+    def dust(nodes: Nodes) -> Any:
+        return nodes(
+            "VolumeScatter", {"phase": "DRAINE"}, Color=(0.9, 0.9, 0.9), Density=1.5, Anisotropy=0.2, Alpha=20.0
+        )
+
+    kinds: list[tuple[str, Shader]] = [
+        ("Water", water(1.33, 0.1)), ("Turbid", water(1.1, 0.4)), ("Varying", varying), ("Dust", dust),
+    ]
+    for index, (name, shader) in enumerate(kinds):
+        add_object(name, sphere(name, material(name, None, shader), 0.45), (-1.5 + index, 0.0, 0.6))
+
+
 @scene("media-open-room", samples=128)
 def open_room() -> None:
     """Fog around the camera and the scene at once, with a lamp inside: `media-camera-inside` without a sky."""
@@ -361,3 +398,61 @@ def vdb_fire() -> None:
     grids = {"density": smoke, "flame": flame, "temperature": np.sqrt(flame), "color": color}
     made = _volume_object("Fire", grids, 2.0 / 48, material("Fire", None, fire), (0.0, 0.0, 1.0))
     made.scale = (0.9, 0.9, 1.1)
+
+
+@scene("media-moving-smoke", samples=128)
+def moving_smoke() -> None:
+    """A ring of smoke that turns fast while the shutter is open, and a puff that is carried off as it is blown away.
+
+    Nothing moves further than a few voxels: to Cycles there is nothing to collide with beyond where the smoke stands.
+    """
+    import bpy
+
+    lit_stage()
+    _bounces()
+    render = bpy.context.scene.render
+    render.use_motion_blur, render.motion_blur_shutter = True, 0.5
+    axis = np.linspace(-1.0, 1.0, 48, dtype=np.float32)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
+    _distance, waves = _ball(48)
+    around = np.arctan2(y, x)
+    ring = np.clip(1.0 - 14.0 * ((np.hypot(x, y) - 0.65) ** 2 + z * z), 0.0, 1.0) * (np.cos(3.0 * around) > 0.2)
+    turning = 12.0 * np.stack([-y, x, 0.3 * x], axis=-1)
+    smoke = material("Smoke", None, lambda nodes: nodes(
+        "VolumePrincipled", Color=(0.8, 0.8, 0.9), Density=12.0, Anisotropy=0.2,
+    ))  # fmt: skip
+    made = _volume_object("Ring", {"density": ring, "velocity": turning}, 2.0 / 48, smoke, (-0.6, 0.0, 1.1))
+    made.data.velocity_unit = "SECOND"
+    made.rotation_euler, made.scale = (0.9, 0.2, 0.0), (1.1, 1.1, 0.8)
+    puff = np.clip(1.5 - 2.2 * np.sqrt(x * x + y * y + z * z) + 0.3 * waves, 0.0, 1.0)
+    blown = {f"velocity_{name}": np.full_like(x, speed) for name, speed in zip("xyz", (0.12, 0.0, 0.08), strict=True)}
+    made = _volume_object("Puff", {"density": puff, **blown}, 1.0 / 48, smoke, (1.1, -0.3, 0.8))
+    for frame, place in ((0, 0.9), (2, 1.3)):
+        made.location.z = place
+        made.keyframe_insert("location", frame=frame)
+
+
+@scene("media-smooth-voxels", samples=128)
+def smooth_voxels() -> None:
+    """A cloud of few voxels: by straight lines between them, by cubic splines, and by splines as something that glows.
+
+    What glows is no black body: Cycles takes the fourth power of the temperature of voxels picked at random.
+    """
+    lit_stage()
+    _bounces()
+    distance, waves = _ball(8)
+    density = np.clip((0.8 - distance + 0.6 * waves) * 3.0, 0.0, 1.0)
+
+    def cloud(nodes: Nodes) -> Any:
+        return nodes("VolumePrincipled", Color=(0.9, 0.9, 0.9), Density=8.0, Anisotropy=0.3)
+
+    def glow(nodes: Nodes) -> Any:
+        strength = nodes("VolumeInfo", output="Density")
+        smoke = nodes("VolumePrincipled", Color=(0.3, 0.2, 0.1), Density=4.0)
+        return nodes("AddShader", inputs={0: smoke, 1: nodes("Emission", Color=(0.9, 0.3, 0.1), Strength=strength)})
+
+    lines, splines = material("Lines", None, cloud), material("Splines", None, cloud)
+    glowing = material("Glow", None, glow)
+    splines.cycles.volume_interpolation = glowing.cycles.volume_interpolation = "CUBIC"
+    for place, made in zip((-1.3, 0.0, 1.3), (lines, splines, glowing), strict=True):
+        _volume_object(made.name, {"density": density}, 1.3 / 8, made, (place, 0.0, 0.8))

@@ -29,16 +29,22 @@ def build_grids(meshes: Sequence[Mesh], names: Collection[str]) -> tuple[GridArr
     numbers: dict[tuple[int, str], int] = {}
     grids: list[Grid] = []
     known: dict[int, int] = {}
+
+    def number_of(grid: Grid) -> int:
+        if id(grid) not in known:
+            known[id(grid)] = len(grids)
+            grids.append(grid)
+        return known[id(grid)]
+
+    velocity = np.full(max(len(meshes), 1), -1, np.int32)
+    motion = np.zeros((max(len(meshes), 1), 2), np.float32)
     for index, mesh in enumerate(meshes):
-        for name, grid in mesh.grids.items():
-            if name not in names:
-                continue
-            if id(grid) not in known:
-                known[id(grid)] = len(grids)
-                grids.append(grid)
-            numbers[index, name] = known[id(grid)]
+        numbers.update({(index, name): number_of(grid) for name, grid in mesh.grids.items() if name in names})
+        if mesh.volume_motion is not None:
+            velocity[index] = number_of(mesh.volume_motion.velocity)
+            motion[index] = mesh.volume_motion.still, mesh.volume_motion.scale
     if not grids:
-        return no_grids(), numbers
+        return no_grids(len(meshes)), numbers
     table = np.zeros((len(grids), GRID_TABLE_WIDTH), np.int64)
     first_tile = first_voxel = first_range = 0
     for row, grid in enumerate(grids):
@@ -55,5 +61,7 @@ def build_grids(meshes: Sequence[Mesh], names: Collection[str]) -> tuple[GridArr
             [np.stack([grid.lower.ravel(), grid.step.ravel()], axis=1) for grid in grids]
             + [np.zeros((1, 2), np.float32)]
         ),
+        velocity=velocity,
+        motion=motion,
     )
     return arrays, numbers

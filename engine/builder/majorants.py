@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -49,9 +49,9 @@ _OF_NEIGHBOURS = 0.02
 #: at any other.
 _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 16.0, 4.0
 #: Edge, in voxels, of the blocks of which only the voxels of most and least are looked up; and how many voxels around
-#: it one matters to.
+#: it one matters to, by straight lines and by cubic splines.
 _BLOCK = 4
-_REACH = 1.0
+_REACH, _SMOOTH_REACH = 1.0, 2.0
 
 #: Instructions that give the same wherever the object stands, and for every ray.
 _LOCAL = frozenset({
@@ -75,6 +75,8 @@ class Filled:
     lower, upper : float64 (3,), corners in the space of the object
     to_world : float64 (S, 3, 4), at times from the shutter's opening to its closing; one where it stands still
     grids : voxels that a program may read
+    displacement : float64 (2, 3), the least and the most that what is in them moves while the shutter is open, along
+        each axis of the object
     """
 
     instance: int
@@ -84,6 +86,7 @@ class Filled:
     upper: np.ndarray
     to_world: np.ndarray
     grids: tuple[Grid, ...] = ()
+    displacement: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
 
 
 class KeptBounds:
@@ -102,14 +105,21 @@ class _Lookup:
 
     def __init__(self, shaders: ShaderArrays, geometry: GeometryArrays, tables: BsdfTables) -> None:
         self._read = (shaders, geometry, tables)
+        self._plain: ShaderArrays | None = None
         self._points, self._closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
         self._lanes = np.arange(LANE_COUNT, dtype=np.int32)
         self._memory = allocate_memory(shaders)
 
     def __call__(
-        self, filled: Filled, points: np.ndarray, times: np.ndarray, flags: int
+        self, filled: Filled, points: np.ndarray, times: np.ndarray, flags: int, *, by_lines: bool = False
     ) -> tuple[Float32Array, Float32Array]:
-        """Largest channels of extinction and emission at points of the world, float32 (N,)."""
+        """Largest channels of extinction and emission at points of the world, float32 (N,).
+
+        `by_lines`: voxels count as they are at their centres, where cubic splines would smooth them.
+        """
+        if by_lines and self._plain is None:
+            self._plain = _without_splines(self._read[0])
+        read = (self._plain if by_lines else self._read[0], *self._read[1:])
         real, integer = self._points.real, self._points.integer
         real[:] = 0.0
         real[:, [lane_layout.POINT_WO + 2, lane_layout.POINT_NG + 2, lane_layout.POINT_NS + 2]] = 1.0
@@ -124,7 +134,7 @@ class _Lookup:
             count = end - start
             real[:count, lane_layout.POINT_P : lane_layout.POINT_P + 3] = points[start:end]
             real[:count, lane_layout.POINT_TIME] = times[start:end]
-            evaluate_shaders(*self._read, self._points, self._closures, self._lanes, count, self._memory, MODE_MEDIUM)
+            evaluate_shaders(*read, self._points, self._closures, self._lanes, count, self._memory, MODE_MEDIUM)
             closures = self._closures
             weights = closures.param[:count, :, CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3]
             in_use = np.arange(weights.shape[1])[None, :, None] < closures.count[:count, None, None]
@@ -137,6 +147,26 @@ class _Lookup:
         for values in (extinction, emission):
             np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         return extinction, emission
+
+
+def _without_splines(shaders: ShaderArrays) -> ShaderArrays:
+    """The same programs, but with voxels that are interpolated by straight lines."""
+    code = shaders.code.copy()
+    for start, end in shaders.programs[:, 2 * MODE_MEDIUM : 2 * MODE_MEDIUM + 2]:
+        pc = int(start)
+        while pc < end:
+            if code[pc] == ops_input.OP_GRID:
+                code[pc + 7] = 0
+            pc += int(code[pc + 1])
+    return shaders._replace(code=code)
+
+
+def _has_splines(program: CompiledProgram) -> bool:
+    """Whether a medium interpolates voxels by cubic splines."""
+    return any(
+        instruction.opcode == ops_input.OP_GRID and instruction.immediates[1] != 0
+        for instruction in program.medium_instructions
+    )
 
 
 def _resolution(filled: Filled) -> np.ndarray:
@@ -196,7 +226,8 @@ def _extremes(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meet_voxels(
-    filled: Filled, lookup: _Lookup, rays: Sequence[int], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray
+    filled: Filled, lookup: _Lookup, rays: Sequence[int], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray,
+    reach: float,
 ) -> None:
     """Raise what was found by cell to what is at voxels: between them there is nothing larger.
 
@@ -207,7 +238,7 @@ def _meet_voxels(
         to_object = np.linalg.inv(grid.to_index.astype(np.float64))
         local = voxels @ to_object[:3, :3].T + to_object[:3, 3]
         world = local @ filled.to_world[0, :, :3].T + filled.to_world[0, :, 3]
-        half = 0.5 * (_BLOCK - 1) + _REACH
+        half = 0.5 * (_BLOCK - 1) + reach
         middle = (corners + 0.5 * (_BLOCK - 1)) @ to_object[:3, :3].T + to_object[:3, 3]
         extent = np.abs(to_object[:3, :3]) @ np.full(3, half)
         scale = cells / np.maximum(filled.upper - filled.lower, 1e-30)
@@ -217,7 +248,7 @@ def _meet_voxels(
         )
         for flags in rays:
             extinction, emission = lookup(
-                filled, world.astype(np.float32), np.zeros(len(world), np.float32), flags
+                filled, world.astype(np.float32), np.zeros(len(world), np.float32), flags, by_lines=reach > _REACH
             )
             for step in np.ndindex(*(high - low).max(axis=0, initial=0) + 1):
                 x, y, z = np.minimum(low + np.array(step), high).T
@@ -239,7 +270,23 @@ def _at_times(
     return extinction.reshape(local.shape[:-1]), emission.reshape(local.shape[:-1])
 
 
-def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array:
+def _moved(filled: Filled, bound: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Bounds by cell of all that may have moved there, of bounds where the grids have it."""
+    # What is at a point has come from there less its displacement.
+    size = cells / np.maximum(filled.upper - filled.lower, 1e-30)
+    first = np.floor(-filled.displacement[1] * size).astype(np.int64)
+    last = np.ceil(-filled.displacement[0] * size).astype(np.int64)
+    for axis in range(3):
+        count, found = int(cells[axis]), bound
+        along = 2 - axis
+        for step in range(max(int(first[axis]), -count), min(int(last[axis]), count) + 1):
+            source = np.clip(np.arange(count) + step, 0, count - 1)
+            found = np.maximum(found, np.take(bound, source, axis=along))
+        bound = found
+    return bound
+
+
+def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int], *, has_splines: bool) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
@@ -261,7 +308,8 @@ def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array
             np.minimum(smallest, extinction[part], out=smallest)
             np.maximum(bright, emission[part], out=bright)
     if filled.grids:
-        _meet_voxels(filled, lookup, rays, cells, largest, bright)
+        reach = _SMOOTH_REACH if has_splines else _REACH
+        _meet_voxels(filled, lookup, rays, cells, largest, bright, reach)
     bound = largest + (_SPREAD_OF_GRIDS if filled.grids else _SPREAD) * (largest - smallest)
     # Rounding makes constants differ a little from place to place.
     bound = np.maximum(bound * (1.0 + 1e-4), _OF_NEIGHBOURS * _largest_around(bound))
@@ -270,6 +318,8 @@ def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int]) -> Float32Array
         way = np.linalg.norm(filled.to_world[0, :, :3] @ (filled.upper - filled.lower))
         looks = np.maximum(_LOOKS_AT_EMISSION * bright / bright.max(), _FEWEST_LOOKS) / max(way, 1e-30)
         bound = np.where(bright > 0.0, np.maximum(bound, looks), bound)
+    if filled.displacement.any():
+        bound = _moved(filled, bound, cells)
     return bound.astype(np.float32)
 
 
@@ -283,7 +333,10 @@ def _is_local(program: CompiledProgram) -> bool:
 
 def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArrays) -> tuple[Hashable, ...]:
     """What a bound depends on besides the program: of a medium that knows no place, no more than scale and shape."""
-    shape = (filled.lower.tobytes(), filled.upper.tobytes(), tuple(grid.key for grid in filled.grids))
+    shape: tuple[Hashable, ...] = (
+        filled.lower.tobytes(), filled.upper.tobytes(), tuple(grid.key for grid in filled.grids),
+        filled.displacement.tobytes(),
+    )  # fmt: skip
     if filled.instance == WORLD:
         return shape
     values = geometry.instance_values[filled.instance]
@@ -346,7 +399,9 @@ def filled_by_media(
         to_world = np.asarray(matrices, np.float64).reshape(-1, 3, 4)
         for program in programs:
             grids = tuple(meshes[mesh].grids.values())
-            yield Filled(instance, int(of_program[program]), program, *bounds[mesh], to_world, grids)
+            motion = meshes[mesh].volume_motion
+            displacement = np.zeros((2, 3)) if motion is None else np.stack(motion.displacement())
+            yield Filled(instance, int(of_program[program]), program, *bounds[mesh], to_world, grids, displacement)
 
 
 def build_majorants(
@@ -379,7 +434,7 @@ def build_majorants(
             sees_ray = any(instruction.opcode == ops_input.OP_LIGHT_PATH for instruction in program.medium_instructions)
             bound = kept.bounds.get(key)
             if bound is None:
-                bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1])
+                bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1], has_splines=_has_splines(program))
             bounds[key] = bound
             known[key] = size, np.array(bound.shape[::-1])
             values.append(bound.ravel())

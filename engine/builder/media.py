@@ -117,7 +117,7 @@ def build_media(
         total = np.zeros(3)
         for lobe in medium.lobes:
             total += lobe.scattering
-            lobes.append((*lobe.scattering, lobe.g, lobe.alpha))
+            lobes.append((*lobe.scattering, lobe.g, lobe.alpha, lobe.delta))
         extinction = float((total + medium.absorption).max())
         rows.append((*medium.absorption, *total.tolist(), *medium.emission, extinction))
         programs.append(number if medium.varies else -1)

@@ -172,6 +172,7 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
             pass_index=material.pass_index,
             dispersion=material.dispersion,
             use_bump_map_correction=material.use_bump_map_correction,
+            has_smooth_voxels=material.has_smooth_voxels,
             use_transparent_shadow=material.use_transparent_shadow,
             aovs=asked_of(material.graph),
         )

@@ -18,7 +18,7 @@ from engine.state.lanes import (
     POINT_WO,
     RGB,
 )
-from engine.state.media import LOBE_ALPHA, LOBE_G, LOBE_SCATTERING
+from engine.state.media import LOBE_ALPHA, LOBE_DELTA, LOBE_G, LOBE_SCATTERING
 
 #: Length of the normal that the light tree is given: so long that no direction is at a slant to it, for a medium
 #: receives light from all around.
@@ -40,7 +40,8 @@ def add_uniform_lobes(arrays, closures, lane, medium):
             mean += arrays.lobes[row, LOBE_SCATTERING + c] * (1.0 / 3.0)
         if not mean > 0.0:
             continue
-        i = add_phase(closures, lane, mean, arrays.lobes[row, LOBE_G], arrays.lobes[row, LOBE_ALPHA])
+        lobes = arrays.lobes
+        i = add_phase(closures, lane, mean, lobes[row, LOBE_G], lobes[row, LOBE_ALPHA], lobes[row, LOBE_DELTA])
         if i >= 0:
             for c in range(RGB):
                 closures.param[lane, i, CLOSURE_WEIGHT + c] = arrays.lobes[row, LOBE_SCATTERING + c]

@@ -54,6 +54,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
+    SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
@@ -99,7 +100,7 @@ _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_c
 #: Entries of the scene's header that say which stages are needed.
 _STAGE_FLAGS = [
     SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
-    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA,
+    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA, SCENE_HAS_MOVING_MEDIA,
 ]  # fmt: skip
 
 #: Entries of the unit's header that are for paths of the picture alone.
@@ -167,6 +168,7 @@ class Tracer:
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA] = scene.media.is_dense
         numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
+        numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
         self.view = SceneView(
             numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
-from engine.scene.grids import Grid
+from engine.scene.grids import Grid, VolumeMotion
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -116,6 +116,8 @@ class Material:
     pass_index: int = 0
     use_bump_map_correction: bool = True
     use_transparent_shadow: bool = True
+    #: Whether voxels are interpolated by cubic splines, not by straight lines.
+    has_smooth_voxels: bool = False
     #: 'AUTO', 'NONE', 'FRONT', 'BACK', 'FRONT_BACK': whether emission is sampled as a light.
     emission_sampling: str = "AUTO"
     #: How its refractive indices change with the wavelength [um^2], 0 not at all; `engine.spectral.dispersion`.
@@ -193,6 +195,8 @@ class Mesh:
         `corner_normals` at these times; None where every face is flat.
     grids : dict
         Of volumes, voxels by the name that Attribute nodes have for them; the triangles are a box around them.
+    volume_motion : VolumeMotion or None
+        How what is in `grids` moves while the shutter is open; the box is around all of it.
     """
 
     key: Hashable
@@ -208,6 +212,7 @@ class Mesh:
     motion_vertices: Float32Array | None = None
     motion_normals: Float32Array | None = None
     grids: dict[str, Grid] = field(default_factory=dict)
+    volume_motion: VolumeMotion | None = None
 
 
 @dataclass
@@ -476,7 +481,9 @@ class SceneDescription:
     @property
     def is_moving(self) -> bool:
         """Whether anything moves while the shutter is open but the camera: light at a place depends on the time."""
-        return bool(self.instances.motion) or any(mesh.motion_vertices is not None for mesh in self.meshes)
+        return bool(self.instances.motion) or any(
+            mesh.motion_vertices is not None or mesh.volume_motion is not None for mesh in self.meshes
+        )
 
     @property
     def has_dispersion(self) -> bool:

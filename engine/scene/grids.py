@@ -56,6 +56,34 @@ class Grid:
         return int(self.tiles.nbytes + self.voxels.nbytes + self.lower.nbytes + self.step.nbytes)
 
 
+@dataclass
+class VolumeMotion:
+    """How what is in a volume moves while the shutter is open: by its velocity, as a semi-Lagrangian step says.
+
+    Attributes
+    ----------
+    velocity : Grid
+        Of three components, in the space of the object.
+    still : float
+        Time of the shutter, which opens at 0 and closes at 1, at which everything is where its grids say.
+    scale : float
+        Factor on the velocity: what is at p at a time t is what the grids have at p - (t - still) scale velocity.
+    """
+
+    velocity: Grid
+    still: float
+    scale: float
+
+    def displacement(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the most that anything moves along each axis, from where its grids have it: float64 (3,)."""
+        values = unpack_values(self.velocity).reshape(-1, self.velocity.width).astype(np.float64)
+        # Outside of the grid, and where it fades, there are all velocities down to 0.
+        slowest, fastest = values.min(axis=0, initial=0.0), values.max(axis=0, initial=0.0)
+        ends = self.scale * np.array([-self.still, 1.0 - self.still])
+        moved = np.concatenate([ends[:, None] * slowest, ends[:, None] * fastest, np.zeros((1, len(slowest)))])
+        return np.broadcast_to(moved.min(axis=0), 3).copy(), np.broadcast_to(moved.max(axis=0), 3).copy()
+
+
 @dataclass(frozen=True)
 class Found:
     """What was wrong with voxels: values that are no numbers, which become 0, and values below 0."""

@@ -68,6 +68,7 @@ class ProgramSource:
     dispersion: float = 0.0
     use_bump_map_correction: bool = True
     use_transparent_shadow: bool = True
+    has_smooth_voxels: bool = False
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     #: Of a graph that gives any.
     aovs: tuple[AovColumns, ...] = ()

@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from engine.kernels.shader import ops_math
 from engine.scene.description import Link, Node
 from engine.shaders import nodes_closure
@@ -25,6 +27,8 @@ _PHASES = ("HENYEY_GREENSTEIN", "FOURNIER_FORAND", "DRAINE", "RAYLEIGH", "MIE")
 _STEFAN_BOLTZMANN = 5.670373e-8 * 1e-6 / math.pi
 #: Mean cosines are kept off -1 and 1 by this much, as in Cycles.
 _LEAST_SPREAD = 1e-3
+#: Shares of light that goes back below which all of it might as well go straight on.
+_LEAST_BACKSCATTER = 1e-6
 
 
 class VaryingError(Exception):
@@ -84,13 +88,8 @@ def _kept_g(g: float) -> float:
 
 
 def phase_of(builder: NodeBuilder) -> str:
-    """The phase function that a node is set to; one that is not supported is reported, and replaced."""
-    phase = _PHASES[choice(builder.node, builder, "phase", _PHASES, "HENYEY_GREENSTEIN")]
-    if phase != "FOURNIER_FORAND":
-        return phase
-    problem = "the phase function of Fournier and Forand is not supported"
-    builder.notice(problem, "that of Henyey and Greenstein with the node's anisotropy")
-    return "HENYEY_GREENSTEIN"
+    """The phase function that a node is set to."""
+    return _PHASES[choice(builder.node, builder, "phase", _PHASES, "HENYEY_GREENSTEIN")]
 
 
 def _lobes(reader: _NodeReader, scattering: Triple) -> tuple[PhaseLobe, ...]:
@@ -102,7 +101,10 @@ def _lobes(reader: _NodeReader, scattering: Triple) -> tuple[PhaseLobe, ...]:
         return (PhaseLobe(scattering, 0.0, 1.0),)
     if phase == "DRAINE":
         g, alpha = reader.number("Anisotropy", 0.0), reader.number("Alpha", 0.5)
-        return (PhaseLobe(scattering, _kept_g(g), min(max(alpha, 0.0), 1.0)),)
+        return (PhaseLobe(scattering, _kept_g(g), min(max(alpha, 0.0), 1e4)),)
+    if phase == "FOURNIER_FORAND":
+        ior, backscatter = reader.number("IOR", 1.33), reader.number("Backscatter", 0.1)
+        return (PhaseLobe(scattering, *fournier_forand_parameters(ior, backscatter)),)
     if phase == "MIE":
         g, draine_g, alpha, share = mie_parameters(reader.number("Diameter", 20.0))
         return (
@@ -110,6 +112,44 @@ def _lobes(reader: _NodeReader, scattering: Triple) -> tuple[PhaseLobe, ...]:
             PhaseLobe(_scaled(scattering, share), _kept_g(draine_g), alpha),
         )
     return (PhaseLobe(scattering, _kept_g(reader.number("Anisotropy", 0.0))),)
+
+
+def fournier_forand_parameters(ior: float, backscatter: float) -> tuple[float, float, float]:
+    """Particles in water, as `engine.kernels.bsdf.fournier_forand` takes them.
+
+    Parameters
+    ----------
+    ior : float
+        Of the particles, over that of water.
+    backscatter : float
+        Share of the light that goes back.
+
+    Returns
+    -------
+    mean_cosine, exponent, delta : float
+
+    References
+    ----------
+    Fournier and Jonasz 1999, "Computer-based underwater imaging analysis", Eqs. (2) and (6).
+    """
+    # Kept off a mirror, where all goes straight on, and off light that is the same all around, as in Cycles.
+    share = min(max(abs(backscatter), _LEAST_BACKSCATTER), 0.5 - _LEAST_SPREAD)
+    delta = 4.0 / (3.0 * max(ior - 1.0, _LEAST_SPREAD) ** 2)
+    sideways = 0.5 * delta
+    if abs(sideways - 1.0) < 1e-6:
+        sideways = 1.0 + 1e-6
+        delta = 2.0 * sideways
+    exponent = math.log1p(2.0 * share * (sideways - 1.0)) / math.log(sideways)
+    # The mean of s is 1 less the integral of F, to which what is added for large angles brings nothing. F is smooth in
+    # the fourth root of s.
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    root = 0.5 * (nodes + 1.0)
+    s = root**4
+    x = delta * s
+    with np.errstate(divide="ignore", invalid="ignore"):
+        less = np.where(x == 1.0, 1.0 - exponent * (1.0 - s), (x**exponent * (1.0 - s) + s - x) / (1.0 - x))
+    mean = 1.0 - float((0.5 * weights * less * 4.0 * root**3).sum())
+    return 1.0 - 2.0 * mean, exponent, delta
 
 
 def mie_parameters(diameter: float) -> tuple[float, float, float, float]:

@@ -14,11 +14,13 @@ class PhaseLobe:
     """A part of what a medium scatters, by Draine's phase function of mean cosine `g` and `alpha`.
 
     scattering : tuple of 3 floats [m^-1]; alpha 0 is Henyey and Greenstein's function, g 0 and alpha 1 Rayleigh's
+    delta : not 0: the function is Fournier and Forand's of this mean cosine, and `alpha` its exponent
     """
 
     scattering: Triple
     g: float = 0.0
     alpha: float = 0.0
+    delta: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,17 @@ class NodeValues:
     ----------
     is_inside : bool
         Whether they are wanted at points within a volume.
+    has_smooth_voxels : bool
+        Whether voxels there are interpolated by cubic splines.
     """
 
-    def __init__(self, name: str, graph: NodeGraph, pools: ScenePools, *, is_inside: bool = False) -> None:
+    def __init__(
+        self, name: str, graph: NodeGraph, pools: ScenePools, *, is_inside: bool = False,
+        has_smooth_voxels: bool = False,
+    ) -> None:
         self.name = name
         self.is_inside = is_inside
+        self.has_smooth_voxels = has_smooth_voxels
         self.graph = graph
         self.pools = pools
         self.arithmetic = Arithmetic(pools)
@@ -219,6 +225,11 @@ class NodeBuilder:
     def is_inside(self) -> bool:
         """Whether the point is within a volume, where attributes are grids."""
         return self._values.is_inside
+
+    @property
+    def has_smooth_voxels(self) -> bool:
+        """Whether grids are interpolated by cubic splines."""
+        return self._values.has_smooth_voxels
 
     def has_grid(self, name: str) -> bool:
         """Whether any volume of the scene has a grid of this name."""

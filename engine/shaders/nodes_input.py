@@ -145,8 +145,8 @@ def _attribute(node: Node, builder: Any) -> Operation:
 
 def grid(builder: Any, name: str, outputs: tuple[Socket, ...], default: float = 0.0) -> Operation:
     """What a volume's grid holds at a point inside, else `default`: outputs are a colour, its mean, alpha."""
-    slot = builder.attribute_slot(name)
-    return Operation(ops.OP_GRID, (Socket("", FLOAT, default),), outputs, (slot,), is_varying=True)
+    immediates = (builder.attribute_slot(name), int(builder.has_smooth_voxels))
+    return Operation(ops.OP_GRID, (Socket("", FLOAT, default),), outputs, immediates, is_varying=True)
 
 
 def _volume_info(name: str, type_: SocketType) -> Callable[[Node, Any], Operation]:

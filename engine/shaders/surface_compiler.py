@@ -71,7 +71,9 @@ class SurfaceCompiler:
                 program.medium = Medium(varies=True)
 
     def _values_inside(self) -> NodeValues:
-        return NodeValues(self.source.name, self._graph, self._pools, is_inside=True)
+        return NodeValues(
+            self.source.name, self._graph, self._pools, is_inside=True, has_smooth_voxels=self.source.has_smooth_voxels
+        )
 
     @property
     def _is_boundary(self) -> bool:

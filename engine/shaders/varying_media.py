@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from engine.kernels.shader import ops_closure, ops_math
@@ -13,7 +14,15 @@ from engine.kernels.shader import ops_volume as ops
 from engine.scene.description import Link
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
-from engine.shaders.media import LEFT_OUT, NODES, attributes_of, black_body, mie_parameters, phase_of
+from engine.shaders.media import (
+    LEFT_OUT,
+    NODES,
+    attributes_of,
+    black_body,
+    fournier_forand_parameters,
+    mie_parameters,
+    phase_of,
+)
 from engine.shaders.node_values import NodeBuilder, NodeValues
 from engine.shaders.nodes_input import grid
 from engine.shaders.nodes_texture_math import COMPONENT_OPERATIONS, MATH_OPERATIONS
@@ -21,8 +30,6 @@ from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Socket
 
 _BLACK = Constant((0.0, 0.0, 0.0))
-#: Of water droplets, which an unlinked socket has.
-_DIAMETER = 20.0
 
 
 class _MediumBuilder(NodeBuilder):
@@ -63,22 +70,35 @@ class _MediumBuilder(NodeBuilder):
         instruction = Instruction(ops_math.OP_VECTOR_COMPONENTS, (value, color, _BLACK), (3, 1), (multiply,))
         return self.append(instruction, is_varying=True)[0]
 
-    def phases(self) -> list[tuple[Value, Value, Value]]:
-        """Phase functions that the node is set to: their shares, mean cosines and alphas."""
+    def _number_everywhere(self, identifier: str, otherwise: float) -> float:
+        """Value of a socket that may not vary; one that does is reported, and replaced."""
+        value = self.constant_input(Socket(identifier, FLOAT, otherwise))
+        if value is not None and math.isfinite(value[0]):
+            return value[0]
+        if value is None:
+            self.notice(f"its {identifier} varies, which is not supported", f"{otherwise:g}")
+        else:
+            self.notice(f"its {identifier} is NaN or infinite", f"{otherwise:g}")
+        return otherwise
+
+    def phases(self) -> list[tuple[Value, tuple[Value, Value, Value]]]:
+        """Phase functions that the node is set to: their shares, and mean cosine, alpha and delta of each."""
         phase = phase_of(self)
         if phase == "RAYLEIGH":
-            return [(ONE, ZERO, ONE)]
+            return [(ONE, (ZERO, ONE, ZERO))]
         if phase == "DRAINE":
-            return [(ONE, self.number("Anisotropy", 0.0), self.number("Alpha", 0.5))]
-        if phase != "MIE":
-            return [(ONE, self.number("Anisotropy", 0.0), ZERO)]
-        diameter = self.constant_input(Socket("Diameter", FLOAT, _DIAMETER))
-        if diameter is None:
-            self.notice("its Diameter varies, which is not supported", f"{_DIAMETER:g} micrometres")
-            diameter = (_DIAMETER,)
-        g, draine_g, alpha, share = mie_parameters(diameter[0])
-        parts = ((1.0 - share, g, 0.0), (share, draine_g, alpha))
-        return [(Constant((a,)), Constant((b,)), Constant((c,))) for a, b, c in parts]
+            return [(ONE, (self.number("Anisotropy", 0.0), self.number("Alpha", 0.5), ZERO))]
+        if phase == "HENYEY_GREENSTEIN":
+            return [(ONE, (self.number("Anisotropy", 0.0), ZERO, ZERO))]
+        if phase == "FOURNIER_FORAND":
+            ior, backscatter = self._number_everywhere("IOR", 1.33), self._number_everywhere("Backscatter", 0.1)
+            mean_cosine, exponent, delta = fournier_forand_parameters(ior, backscatter)
+            return [(ONE, (Constant((mean_cosine,)), Constant((exponent,)), Constant((delta,))))]
+        g, draine_g, alpha, share = mie_parameters(self._number_everywhere("Diameter", 20.0))
+        return [
+            (Constant((1.0 - share,)), (Constant((g,)), ZERO, ZERO)),
+            (Constant((share,)), (Constant((draine_g,)), Constant((alpha,)), ZERO)),
+        ]
 
 
 def _absorption(builder: _MediumBuilder) -> None:
@@ -87,18 +107,18 @@ def _absorption(builder: _MediumBuilder) -> None:
 
 def _scatter(builder: _MediumBuilder) -> None:
     color, density = builder.color("Color", 0.8), builder.number("Density", 1.0)
-    for share, g, alpha in builder.phases():
+    for share, phase in builder.phases():
         weight = builder.values.arithmetic.multiply(builder.weight, share)
-        builder.add(ops.OP_SCATTER, color, density, g, alpha, weight=weight)
+        builder.add(ops.OP_SCATTER, color, density, *phase, weight=weight)
 
 
 def _coefficients(builder: _MediumBuilder) -> None:
     scattering = builder.vector("Scatter Coefficients", 1.0)
     absorption = builder.vector("Absorption Coefficients", 1.0)
-    builder.add(ops.OP_COEFFICIENTS, absorption, _BLACK, builder.vector("Emission Coefficients", 0.0), ZERO, ZERO)
-    for share, g, alpha in builder.phases():
+    builder.add(ops.OP_COEFFICIENTS, absorption, _BLACK, builder.vector("Emission Coefficients", 0.0), ZERO, ZERO, ZERO)
+    for share, phase in builder.phases():
         weight = builder.values.arithmetic.multiply(builder.weight, share)
-        builder.add(ops.OP_COEFFICIENTS, _BLACK, scattering, _BLACK, g, alpha, weight=weight)
+        builder.add(ops.OP_COEFFICIENTS, _BLACK, scattering, _BLACK, *phase, weight=weight)
 
 
 def _principled(builder: _MediumBuilder) -> None:

@@ -26,6 +26,10 @@ class GridArrays(Bundle):
     tiles : int32, of each grid a number for each place of a tile, z runs fastest; -1 = nothing is there
     voxels : uint16, of each tile 512 voxels, z runs fastest, a voxel's components side by side
     ranges : float32 (R, 2), of each tile's components the lowest value, and the step of its voxels
+    velocity : int32 (M,), by mesh the grid of how fast what is in it moves while the shutter is open, -1 = it stands
+        still
+    motion : float32 (M, 2), by mesh the time of the shutter at which everything is where its grids say, and a factor on
+        velocities
     """
 
     table: Int64Array
@@ -33,11 +37,14 @@ class GridArrays(Bundle):
     tiles: Int32Array
     voxels: np.ndarray
     ranges: Float32Array
+    velocity: Int32Array
+    motion: Float32Array
 
 
-def no_grids() -> GridArrays:
-    """`GridArrays` where there are none."""
+def no_grids(mesh_count: int = 1) -> GridArrays:
+    """`GridArrays` of so many meshes, none of which has any."""
     return GridArrays(
         table=np.zeros((1, GRID_TABLE_WIDTH), np.int64), to_index=np.zeros((1, 12), np.float32),
         tiles=np.full(1, -1, np.int32), voxels=np.zeros(1, np.uint16), ranges=np.zeros((1, 2), np.float32),
+        velocity=np.full(max(mesh_count, 1), -1, np.int32), motion=np.zeros((max(mesh_count, 1), 2), np.float32),
     )

@@ -20,7 +20,8 @@ MEDIUM_WIDTH = 10
 LOBE_SCATTERING = 0  # RGB [m^-1]
 LOBE_G = 3
 LOBE_ALPHA = 4
-LOBE_WIDTH = 5
+LOBE_DELTA = 5
+LOBE_WIDTH = 6
 
 # Rows of MediaLanes.coefficients.
 EXTINCTION = 0

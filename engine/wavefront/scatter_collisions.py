@@ -7,7 +7,15 @@ Between the two, collisions lie behind the surfaces in `work.surface`, so that o
 import math
 
 from engine.guiding.records.vertices import Scattering, log_collision
-from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G, add_phase, eval_phases, phase_roughness, sample_phases
+from engine.kernels.bsdf.phase import (
+    PHASE_ALPHA,
+    PHASE_DELTA,
+    PHASE_G,
+    add_phase,
+    eval_phases,
+    phase_roughness,
+    sample_phases,
+)
 from engine.kernels.collision import add_uniform_lobes, place_collision, scatter_throughput, set_lobes, share_out
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
@@ -31,7 +39,7 @@ def _set_chosen_lobes(scene, work, lane):
             param = found.param
             i = add_phase(
                 closures, lane, param[lane, source, CLOSURE_SAMPLE_WEIGHT], param[lane, source, PHASE_G],
-                param[lane, source, PHASE_ALPHA],
+                param[lane, source, PHASE_ALPHA], param[lane, source, PHASE_DELTA],
             )
             if i >= 0:
                 for c in range(RGB):

@@ -22,6 +22,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
+    SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
@@ -43,6 +44,7 @@ from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.light_segments import leave_segments, light_segments
 from engine.wavefront.media_stacks import cross_boundaries, find_gaps, start_media
+from engine.wavefront.move_media import move_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
 from engine.wavefront.play_roulette import play_roulette
@@ -90,6 +92,7 @@ _MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collis
 _DENSE_MEDIA = _by_name(find_gaps)
 _MEDIA_LIGHTS, _MEDIA_SHADOWS = _by_name(light_segments, leave_segments), _by_name(attenuate_shadows)
 _TRACKING = _by_name(begin_tracking, find_collisions, meet_media)
+_MOVING_MEDIA = _by_name(move_media)
 _TRACKED_SHADOWS = _by_name(begin_shadows, find_shadow_collisions, dim_shadows)
 _OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
 _EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
@@ -116,6 +119,7 @@ STAGES: _Stages = {
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
     **_MEDIA, **_DENSE_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
+    **_MOVING_MEDIA,
 }
 
 
@@ -156,6 +160,7 @@ def stage_arguments(
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     varies = header[SCENE_HAS_VARYING_MEDIA]
     add(_TRACKING, plain, varies)
+    add(_MOVING_MEDIA, plain, header[SCENE_HAS_MOVING_MEDIA])
     add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
     add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows and not varies)
     add(_TRACKED_SHADOWS, plain, varies and has_shadows)

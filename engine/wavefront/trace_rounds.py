@@ -15,6 +15,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
+    SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -79,13 +80,21 @@ def _shade_background(stages, scene, unit, work):
 
 
 @kernel
+def _look_up_media(stages, scene, unit, work):
+    """Say what media are at the places where rays may collide with them."""
+    if scene.header[SCENE_HAS_MOVING_MEDIA] != 0:
+        stages.move_media(scene, unit, work, work.tracked)
+    _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+
+
+@kernel
 def _track_media(stages, scene, unit, work):
     """Follow rays through media that vary in space, one possible collision a turn."""
     stages.begin_tracking(scene, unit, work, work.traced)
     while work.tracked.count[0] > 0:
         stages.find_collisions(scene, unit, work, work.tracked)
         if work.tracked.count[0] > 0:
-            _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+            _look_up_media(stages, scene, unit, work)
             stages.meet_media(scene, unit, work, work.tracked)
     mark(work.clock, CLOCK.track_media)
 
@@ -100,7 +109,7 @@ def _attenuate_shadows(stages, scene, unit, work):
         while work.tracked.count[0] > 0:
             stages.find_shadow_collisions(scene, unit, work, work.tracked)
             if work.tracked.count[0] > 0:
-                _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+                _look_up_media(stages, scene, unit, work)
                 stages.dim_shadows(scene, unit, work, work.tracked)
     mark(work.clock, CLOCK.attenuate_shadows)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.builder.geometry import plain_instances
 from engine.scene.description import Frame, Link, Material, Mesh, Node, NodeGraph, SceneDescription, World
-from engine.scene.grids import pack_grid
+from engine.scene.grids import VolumeMotion, pack_grid
 from tests.helpers.small_scenes import looking_down
 
 _CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
@@ -92,20 +92,38 @@ def varying(kind, socket, factor=1.0, space="Object", name="Varying", **inputs):
     return Material(name, name, NodeGraph(nodes, None, Link(0, "Volume")))
 
 
+def grid_of(values, to_index, key="grid"):
+    """Voxels, float (X, Y, Z, C), the first at index (0, 0, 0)."""
+
+    def read(start, shape):
+        padded = np.zeros((*shape, values.shape[-1]), np.float32)
+        x = slice(start[0], min(start[0] + shape[0], values.shape[0]))
+        padded[: x.stop - x.start, : values.shape[1], : values.shape[2]] = values[x]
+        return padded
+
+    return pack_grid(key, to_index, (0, 0, 0), tuple(size - 1 for size in values.shape[:3]), read)[0]
+
+
 def box_of_voxels(values, factor=1.0, name="density", **inputs):
     """A box of 2 m that is filled by a grid of voxels, float32 (X, Y, Z, C), its centres from face to face."""
     count = values.shape[0]
     to_index = np.diag([(count - 1) / 2.0] * 3 + [1.0])
     to_index[:3, 3] = (count - 1) / 2.0
-
-    def read(start, shape):
-        padded = np.zeros((*shape, values.shape[-1]), np.float32)
-        x = slice(start[0], min(start[0] + shape[0], count))
-        padded[: x.stop - x.start, :count, :count] = values[x]
-        return padded
-
-    grid, _ = pack_grid("grid", to_index, (0, 0, 0), (count - 1,) * 3, read)
     node = Node("ShaderNodeVolumePrincipled", "Principled", {"Density": factor, **inputs})
     scene = media_scene([Material("Cloud", "Cloud", NodeGraph([node], None, Link(0, "Volume")))], [placed()])
-    scene.meshes[0].grids[name] = grid
+    scene.meshes[0].grids[name] = grid_of(values, to_index)
+    return scene
+
+
+def let_voxels_move(scene, velocity, still=0.5):
+    """Let what is in the grid of `box_of_voxels` move by its velocity, and its box grow.
+
+    `velocity`: float (X, Y, Z, 3) [m a shutter], as many voxels, in the same places.
+    """
+    mesh = scene.meshes[0]
+    (grid,) = mesh.grids.values()
+    mesh.volume_motion = VolumeMotion(grid_of(velocity, grid.to_index, "velocity"), still, 1.0)
+    least, most = mesh.volume_motion.displacement()
+    mesh.vertices = np.where(mesh.vertices > 0.0, mesh.vertices + most, mesh.vertices + least).astype(np.float32)
+    scene.shutter = (-0.25, 0.25)
     return scene

@@ -2,7 +2,8 @@
 """Phase functions: how a medium scatters, all around and without a cosine.
 
 Draine's function has those of Henyey and Greenstein (alpha 0) and of Rayleigh (g 0, alpha 1) in it. Directions are
-drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density.
+drawn by Henyey and Greenstein's of the same g, and `evaluate` returns that density. Fournier and Forand's function is
+its own density (`engine.kernels.bsdf.fournier_forand`).
 
 References
 ----------
@@ -14,6 +15,7 @@ import math
 
 import numpy as np
 
+from engine.kernels.bsdf.fournier_forand import eval_fournier_forand, half_sine_squared, sample_fournier_forand
 from engine.kernels.bsdf.kinds import BUMP, PHASE
 from engine.kernels.bsdf.lobe import Lobe
 from engine.kernels.constants import INV_FOUR_PI, TWO_PI
@@ -21,15 +23,17 @@ from engine.kernels.vector import add, dot, negate, normalize, orthonormal_basis
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, CLOSURE_WEIGHT, MAX_CLOSURES
 
-# Columns of Closures.param.
+# Columns of Closures.param. Of Fournier and Forand's function they are mean cosine, exponent and delta; delta is 0 of
+# Draine's.
 PHASE_G = CLOSURE_KIND_PARAMS + 1
 PHASE_ALPHA = CLOSURE_KIND_PARAMS + 2
+PHASE_DELTA = CLOSURE_KIND_PARAMS + 3
 #: Mean cosines below which the inverse would divide by next to nothing.
 _ISOTROPIC = np.float32(1e-3)
 
 
 @kernel
-def add_phase(closures, lane, weight, g, alpha):
+def add_phase(closures, lane, weight, g, alpha, delta):
     """Append a phase function; `weight`, one number for all channels, is replaced by the caller where channels differ.
 
     Returns its index, -1 if there is no room.
@@ -48,6 +52,7 @@ def add_phase(closures, lane, weight, g, alpha):
     param[lane, i, BUMP] = 0.0
     param[lane, i, PHASE_G] = g
     param[lane, i, PHASE_ALPHA] = alpha
+    param[lane, i, PHASE_DELTA] = delta
     return i
 
 
@@ -60,7 +65,7 @@ def henyey_greenstein(cosine, g):
 
 @kernel
 def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
-    """See `Lobe.evaluate`."""
+    """See `Lobe.evaluate`; of Draine's function."""
     cosine = -dot(wo, wi)
     g = param[lane, i, PHASE_G]
     alpha = param[lane, i, PHASE_ALPHA]
@@ -69,6 +74,23 @@ def eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row):
     for c in range(len(channels)):
         out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value
     return pdf
+
+
+@kernel
+def _eval_water(param, channels, lane, i, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`; of Fournier and Forand's function."""
+    pdf = eval_fournier_forand(half_sine_squared(wo, wi), param[lane, i, PHASE_ALPHA], param[lane, i, PHASE_DELTA])
+    for c in range(len(channels)):
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * (factor * pdf)
+    return pdf
+
+
+@kernel
+def eval_phase_lobe(param, channels, lane, i, n, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`."""
+    if param[lane, i, PHASE_DELTA] > 0.0:
+        return _eval_water(param, channels, lane, i, wo, wi, factor, out, row)
+    return eval_phase(param, channels, lane, i, n, wo, wi, factor, out, row)
 
 
 @kernel
@@ -81,10 +103,20 @@ def eval_phases(closures, lane, wo, wi, out, row):
         out[row, c] = 0.0
     pdf = 0.0
     total = 0.0
+    waters = 0
     for i in range(closures.count[lane]):
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         total += weight
+        if closures.param[lane, i, PHASE_DELTA] > 0.0:
+            waters += 1
+            continue
         pdf += weight * eval_phase(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
+    # Apart, so that without any the compiler makes of the others what it always does, to the last bit.
+    if waters > 0:
+        for i in range(closures.count[lane]):
+            if closures.param[lane, i, PHASE_DELTA] > 0.0:
+                weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+                pdf += weight * _eval_water(closures.param, closures.channels, lane, i, wo, wi, 1.0, out, row)
     return pdf / total if total > 0.0 else 0.0 * pdf
 
 
@@ -120,12 +152,24 @@ def sample_phases(closures, lane, wo, u0, u1, u2):
         if rest < weight:
             break
         rest -= weight
+    if closures.param[lane, chosen, PHASE_DELTA] > 0.0:
+        return normalize(_sample_water(closures.param, lane, chosen, wo, u1, u2))
     return normalize(sample_phase(closures.param, lane, chosen, wo, wo, u1, u2))
 
 
 @kernel
+def _sample_water(param, lane, i, wo, u1, u2):
+    """See `Lobe.sample`; of Fournier and Forand's function."""
+    square = sample_fournier_forand(u1, param[lane, i, PHASE_ALPHA], param[lane, i, PHASE_DELTA])
+    ahead = negate(wo)
+    x, y = orthonormal_basis(ahead)
+    across = add(scale(x, math.cos(TWO_PI * u2)), scale(y, math.sin(TWO_PI * u2)))
+    return add(scale(across, 2.0 * math.sqrt(square * (1.0 - square))), scale(ahead, 1.0 - 2.0 * square))
+
+
+@kernel
 def sample_phase(param, lane, i, n, wo, u1, u2):
-    """See `Lobe.sample`."""
+    """See `Lobe.sample`; of Henyey and Greenstein's function."""
     g = param[lane, i, PHASE_G]
     cosine = 1.0 - 2.0 * u1
     if abs(g) > _ISOTROPIC:
@@ -138,4 +182,12 @@ def sample_phase(param, lane, i, n, wo, u1, u2):
     return add(scale(across, sine), scale(ahead, cosine))
 
 
-LOBE = Lobe(PHASE, eval_phase, sample_phase)
+@kernel
+def sample_phase_lobe(param, lane, i, n, wo, u1, u2):
+    """See `Lobe.sample`."""
+    if param[lane, i, PHASE_DELTA] > 0.0:
+        return _sample_water(param, lane, i, wo, u1, u2)
+    return sample_phase(param, lane, i, n, wo, u1, u2)
+
+
+LOBE = Lobe(PHASE, eval_phase_lobe, sample_phase_lobe)

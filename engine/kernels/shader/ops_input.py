@@ -11,7 +11,7 @@ from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from engine.kernels.memory import read3, write3
 from engine.kernels.motion import direction_to_world, point_to_world
-from engine.kernels.shader.grids import sample_grid
+from engine.kernels.shader.grids import sample_alpha, sample_grid
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
 from engine.kernels.shader.opcodes import INPUT_FIRST
@@ -32,6 +32,7 @@ from engine.kernels.shader.surface import (
 from engine.kernels.vector import dot, normalize, scale, subtract, transform_point
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
+    ATTRIBUTE_COMPONENTS,
     ATTRIBUTE_DOMAIN,
     ATTRIBUTE_OFFSET,
     DOMAIN_GRID,
@@ -95,7 +96,7 @@ OP_LIGHT_FALLOFF = INPUT_FIRST + 36  # quadratic, linear, constant <- strength, 
 OP_SET_NORMAL = INPUT_FIRST + 37  # <- normal (displacement as bump: the point's shading normal from here on)
 OP_DISPLACEMENT = INPUT_FIRST + 38  # vector <- height, midlevel, scale, normal | in object space
 OP_DOT = INPUT_FIRST + 39  # float <- a, b
-OP_GRID = INPUT_FIRST + 40  # vector, fac, alpha <- default | slot, within a volume
+OP_GRID = INPUT_FIRST + 40  # vector, fac, alpha <- default | slot, by splines; within a volume
 
 #: Of OP_NORMAL_MAP: its green channel grows downwards; the normal of the tangents' frame is a unit vector.
 NORMAL_MAP_GREEN_DOWN = 1
@@ -199,19 +200,26 @@ def run_grid(code, pc, memory, geometry, points, lane):
     instance, slot = points.integer[lane, POINT_INSTANCE], code[pc + 6]
     otherwise = memory[code[pc + 5]]
     x, y, z = otherwise, otherwise, otherwise
+    alpha = 1.0 + 0.0 * otherwise
     if instance >= 0:
         row = geometry.instance_table[instance, INSTANCE_MESH] * geometry.attribute_count[0] + slot
         domain = geometry.attribute_table[row, ATTRIBUTE_DOMAIN]
         if domain == DOMAIN_GRID:
             p = to_object(geometry, instance, points.real[lane, POINT_TIME], read_point(points, lane, POINT_P))
-            x, y, z = sample_grid(geometry.grids, geometry.attribute_table[row, ATTRIBUTE_OFFSET], p)
+            grid, is_smooth = geometry.attribute_table[row, ATTRIBUTE_OFFSET], code[pc + 7] != 0
+            x, y, z = sample_grid(geometry.grids, grid, p, is_smooth)
+            if geometry.attribute_table[row, ATTRIBUTE_COMPONENTS] == 4:
+                # Colours are kept times their alpha.
+                alpha = sample_alpha(geometry.grids, grid, p, is_smooth)
+                if alpha > 1e-6 and alpha != 1.0:
+                    x, y, z = x / alpha, y / alpha, z / alpha
         elif domain == DOMAIN_MESH:
             x, y, z, _w, components = fetch_attribute(geometry, instance, -1, slot, 0.0, 0.0)
             if components == 1:
                 y, z = x, x
     write3(memory, code[pc + 2], (x, y, z))
     memory[code[pc + 3]] = (x + y + z) * (1.0 / 3.0)
-    memory[code[pc + 4]] = 1.0
+    memory[code[pc + 4]] = alpha
 
 
 @kernel

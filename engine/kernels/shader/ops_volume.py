@@ -18,8 +18,8 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_WEIGHT
 
 OP_ABSORPTION = VOLUME_FIRST + 0  # weight, color, density
-OP_SCATTER = VOLUME_FIRST + 1  # weight, color, density, g, alpha
-OP_COEFFICIENTS = VOLUME_FIRST + 2  # weight, absorption, scattering, emission, g, alpha
+OP_SCATTER = VOLUME_FIRST + 1  # weight, color, density, g, alpha, delta
+OP_COEFFICIENTS = VOLUME_FIRST + 2  # weight, absorption, scattering, emission, g, alpha, delta
 #: weight, color, density, absorption color, g, emission strength, emission color, share of black body, tint,
 #: temperature [K], colour of a black body of this temperature
 OP_PRINCIPLED = VOLUME_FIRST + 3
@@ -31,14 +31,14 @@ LEAST_SPREAD = np.float32(1e-3)
 
 
 @kernel
-def _scatter(closures, lane, scattering, g, alpha):
+def _scatter(closures, lane, scattering, g, alpha, delta):
     """Append a phase function that has this much scattering."""
     scattering = (max(scattering[0], 0.0), max(scattering[1], 0.0), max(scattering[2], 0.0))
     mean = average(scattering)
     if not mean > 0.0:
         return
     g = min(max(g, LEAST_SPREAD - 1.0), 1.0 - LEAST_SPREAD)
-    i = add_phase(closures, lane, mean, g, min(max(alpha, 0.0), 1e4))
+    i = add_phase(closures, lane, mean, g, min(max(alpha, 0.0), 1e4), delta)
     if i >= 0:
         for c in range(3):
             closures.param[lane, i, CLOSURE_WEIGHT + c] = scattering[c]
@@ -71,7 +71,7 @@ def _principled(closures, lane, weight, memory, code, pc):
         rest = _left(color)
         root = _left((math.sqrt(max(clear[0], 0.0)), math.sqrt(max(clear[1], 0.0)), math.sqrt(max(clear[2], 0.0))))
         _absorb(closures, lane, scale((rest[0] * root[0], rest[1] * root[1], rest[2] * root[2]), density))
-        _scatter(closures, lane, scale(color, density), memory[code[pc + 6]], 0.0 * density)
+        _scatter(closures, lane, scale(color, density), memory[code[pc + 6]], 0.0 * density, 0.0 * density)
     strength = memory[code[pc + 7]]
     if strength > 0.0:
         _emit(closures, lane, scale(read3(memory, code[pc + 8]), weight * strength))
@@ -94,11 +94,12 @@ def run_volume_op(opcode, closures, lane, weight, memory, code, pc):
         _absorb(closures, lane, scale(read3(memory, code[pc + 3]), weight))
         scattering = scale(read3(memory, code[pc + 4]), weight)
         _emit(closures, lane, scale(read3(memory, code[pc + 5]), weight))
-        _scatter(closures, lane, scattering, memory[code[pc + 6]], memory[code[pc + 7]])
+        _scatter(closures, lane, scattering, memory[code[pc + 6]], memory[code[pc + 7]], memory[code[pc + 8]])
         return
     density = weight * max(memory[code[pc + 4]], 0.0)
     color = read3(memory, code[pc + 3])
     if opcode == OP_ABSORPTION:
         _absorb(closures, lane, scale((1.0 - color[0], 1.0 - color[1], 1.0 - color[2]), density))
     else:
-        _scatter(closures, lane, scale(color, density), memory[code[pc + 5]], memory[code[pc + 6]])
+        scattering = scale(color, density)
+        _scatter(closures, lane, scattering, memory[code[pc + 5]], memory[code[pc + 6]], memory[code[pc + 7]])

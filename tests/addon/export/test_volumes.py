@@ -225,3 +225,73 @@ def test_voxels_too_far_apart_are_named(scene: Any, openvdb: Any, tmp_path: Path
     assert len(description.meshes) == 0
     problem = description.notices[0].problem
     assert "200001 x 200001 x 200001" in problem and "too far apart" in problem
+
+
+def test_a_volume_moves_by_its_velocity_as_cycles_has_it(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    density, speed = np.ones((6, 6, 6)), np.zeros((6, 6, 6, 3))
+    speed[..., 0], speed[2:, ..., 1] = 3.0, -1.0
+    made = add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=density, velocity=speed))
+    still = export().meshes[0]
+    assert still.volume_motion is None
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter, scene.render.fps = True, 0.5, 24
+    description = export()
+    (mesh,) = description.meshes
+    assert description.notices == [] and description.is_moving
+    # By the frame, however long the shutter is open: in the middle everything is where its grids say.
+    assert (mesh.volume_motion.still, mesh.volume_motion.scale) == (0.5, 1.0)
+    assert np.allclose(mesh.vertices.min(axis=0), still.vertices.min(axis=0) - (1.5, 0.5, 0.0), atol=1e-4)
+    assert np.allclose(mesh.vertices.max(axis=0), still.vertices.max(axis=0) + (1.5, 0.5, 0.0), atol=1e-4)
+    assert np.allclose(mesh.texture_space, still.texture_space)
+    made.data.velocity_unit, made.data.velocity_scale = "SECOND", 4.0
+    made.data.update_tag()
+    assert export().meshes[0].volume_motion.scale == pytest.approx(4.0 * 0.5 / 24.0)
+    scene.render.motion_blur_position = "START"
+    assert export().meshes[0].volume_motion.still == 0.0
+    scene.render.motion_blur_position = "END"
+    assert export().meshes[0].volume_motion.still == -0.5
+    made.cycles.use_motion_blur = False
+    made.update_tag()
+    assert export().meshes[0].volume_motion is None
+
+
+def test_a_velocity_may_be_three_grids_of_numbers_or_have_another_name(
+    scene: Any, openvdb: Any, tmp_path: Path
+) -> None:
+    import bpy
+
+    axes = {f"velocity_{axis}": np.full((4, 4, 4), value) for axis, value in zip("xyz", (1.0, 2.0, 3.0), strict=True)}
+    first = add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=np.ones((4, 4, 4)), **axes), "Axes")
+    scene.render.use_motion_blur = True
+    motion = export().meshes[0].volume_motion
+    assert np.allclose(unpack_values(motion.velocity).max(axis=(0, 1)), (1.0, 2.0, 3.0))
+    bpy.data.objects.remove(first)
+    path = write(openvdb, tmp_path / "b.vdb", density=np.ones((4, 4, 4)), speed=np.full((4, 4, 4, 3), 2.0))
+    other = add_volume(scene, path, "Vectors")
+    assert export().meshes[0].volume_motion is None
+    other.data.grids.load()
+    other.data.velocity_grid = "speed"
+    other.data.update_tag()
+    assert unpack_values(export().meshes[0].volume_motion.velocity).max() == pytest.approx(2.0)
+    # A density is no velocity, and nothing is left out for that.
+    other.data.velocity_grid = "density"
+    other.data.update_tag()
+    (notice,) = export().notices
+    assert notice.subject == "Vectors / density" and notice.fallback == "it stands still"
+
+
+def test_voxels_by_splines_reach_a_voxel_further(scene: Any, openvdb: Any, tmp_path: Path) -> None:
+    import bpy
+
+    made = add_volume(scene, write(openvdb, tmp_path / "a.vdb", density=np.ones((4, 4, 4))))
+    material = bpy.data.materials.new("Smoke")
+    material.use_nodes = True
+    tree = material.node_tree
+    volume = tree.nodes.new("ShaderNodeVolumePrincipled")
+    tree.links.new(volume.outputs[0], tree.nodes["Material Output"].inputs["Volume"])
+    made.data.materials.append(material)
+    lines = export()
+    material.cycles.volume_interpolation = "CUBIC"
+    material.update_tag()
+    splines = export()
+    assert [item.has_smooth_voxels for item in (*lines.materials, *splines.materials)] == [False, True]
+    assert np.allclose(splines.meshes[0].vertices.max(axis=0), lines.meshes[0].vertices.max(axis=0) + 0.5)

@@ -8,7 +8,7 @@ import numpy as np
 from engine.builder.scene import SceneCache, build_scene
 from engine.settings import RenderSettings
 from engine.state.tracking import GRID_RESOLUTION
-from tests.helpers.media_scenes import box_of_voxels, media_scene, placed, varying
+from tests.helpers.media_scenes import box_of_voxels, let_voxels_move, media_scene, placed, varying
 
 
 def bounds_of(description, cache=None):
@@ -53,3 +53,39 @@ def test_bounds_are_kept_while_what_they_were_looked_up_of_stays():
     here = bounds_of(scene, cache)
     scene.instances.transform = placed(offset=(1.0, 2.0, 4.0))[None]
     assert bounds_of(scene, cache).max() > here.max() + 4.0
+
+
+def _puff():
+    values = np.zeros((40, 40, 40, 1), np.float32)
+    values[18:22, 18:22, 18:22] = 1.0
+    return box_of_voxels(values, 2.0)
+
+
+def test_what_moves_is_bounded_everywhere_that_it_comes_to():
+    random = np.random.default_rng(2)
+    velocity = np.zeros((40, 40, 40, 3), np.float32)
+    velocity[..., 0], velocity[..., 2] = 0.8, -0.4
+    scene = let_voxels_move(_puff(), velocity + random.normal(size=velocity.shape).astype(np.float32) * 0.01)
+    bounds = bounds_of(scene)
+    cells = np.array(bounds.shape[::-1])
+    lower, upper = scene.meshes[0].vertices.min(axis=0), scene.meshes[0].vertices.max(axis=0)
+    # Its middle goes from -0.4 to 0.4 along x, and from 0.2 to -0.2 along z.
+    for time in np.linspace(0.0, 1.0, 21):
+        place = (time - 0.5) * np.array([0.8, 0.0, -0.4])
+        x, y, z = ((place - lower) / (upper - lower) * cells).astype(int)
+        assert bounds[z, y, x] >= 2.0
+    # Nothing comes to where it would have to go across.
+    x, y, z = ((np.array([0.0, 0.5, 0.0]) - lower) / (upper - lower) * cells).astype(int)
+    assert bounds[z, y, x] < 0.5
+
+
+def test_bounds_by_splines_are_those_of_the_voxels_two_away():
+    values = np.zeros((24, 24, 24, 1), np.float32)
+    values[10:12] = 1.0
+    scene = box_of_voxels(values, 2.0)
+    scene.materials[0].has_smooth_voxels = True
+    bounds = bounds_of(scene)
+    # Between the two layers a spline has 23/24 of what they hold, and two voxels away nothing.
+    at = (10.5 - np.array([0.0, 1.9])) / 23.0 * bounds.shape[2]
+    middle, beside = (bounds[:, :, int(x)].min() for x in at)
+    assert middle >= 2.0 * 23.0 / 24.0 and beside > 0.0

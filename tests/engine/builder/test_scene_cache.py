@@ -36,7 +36,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
-from engine.scene.grids import Grid, pack_grid
+from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
@@ -341,6 +341,7 @@ CHANGES: dict[str, list[Change]] = {
     "Material.graph": [_set("materials.0.graph", None), _set("materials.1.graph", _PLAIN)],
     "Material.pass_index": [_set("materials.2.pass_index", 3)],
     "Material.use_bump_map_correction": [_set("materials.2.use_bump_map_correction", False)],
+    "Material.has_smooth_voxels": [_set("materials.0.has_smooth_voxels", True)],
     "Material.use_transparent_shadow": [_set("materials.3.use_transparent_shadow", False)],
     "Material.emission_sampling": [_set("materials.1.emission_sampling", "BACK"),
                                    _set("materials.1.emission_sampling", "NONE")],
@@ -394,6 +395,7 @@ CHANGES: dict[str, list[Change]] = {
                              lambda d: (_set("meshes.3.motion_vertices", None)(d),
                                         _set("meshes.3.motion_normals", None)(d))],
     "Mesh.grids": [_set("meshes.0.grids", {"Tint": _grid()})],
+    "Mesh.volume_motion": [_set("meshes.0.volume_motion", VolumeMotion(_grid(), 0.5, 2.0))],
     "Mesh.motion_normals": [_edit("meshes.3.motion_normals", lambda n: n[..., ::-1].copy())],
     "Instances.mesh": [_edit("instances.mesh", _with_entry(1, 3)), _edit("instances.mesh", _with_entry(1, 1))],
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]

@@ -188,7 +188,7 @@ def test_distances_and_their_weights_estimate_any_integral_along_the_segment(nam
     node = int(lights.emitters[0, EMITTER_NODE])
     closures = allocate_closures(1)
     closures.count[0] = 0
-    add_phase(closures, 0, np.float32(1.0), np.float32(0.95), np.float32(0.0))
+    add_phase(closures, 0, np.float32(1.0), np.float32(0.95), np.float32(0.0), np.float32(0.0))
     coefficients = np.zeros((COEFFICIENT_ROWS, 3), np.float32)
     coefficients[EXTINCTION] = (0.1, 0.5, 1.5)
     coefficients[SCATTERING] = (0.1, 0.3, 0.5)

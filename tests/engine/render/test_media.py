@@ -79,6 +79,16 @@ def test_a_ball_that_scatters_all_light_is_not_seen_in_a_white_furnace(varies, g
     assert picture(put_into_ball(media_scene([fog], [placed()])), volume_bounces=0, samples=16).mean() < 0.95
 
 
+@pytest.mark.parametrize(("ior", "backscatter"), [(1.33, 0.1), (1.33, 0.0), (1.0, 0.5)])
+@pytest.mark.parametrize("varies", [False, True])
+def test_particles_in_water_are_not_seen_in_a_white_furnace(ior, backscatter, varies):
+    """Nor are those that send next to nothing back: what goes straight on within rounding is not lost."""
+    white = {"phase": "FOURNIER_FORAND", "Color": (1.0, 1.0, 1.0, 1.0), "IOR": ior, "Backscatter": backscatter}
+    fog = varying("Scatter", "Density", 2.0, **white) if varies else medium("Scatter", Density=1.0, **white)
+    image = picture(media_scene([fog], [placed()]), volume_bounces=1024, max_bounces=1024, samples=16)
+    assert np.allclose(image, 1.0, atol=1e-4)
+
+
 def _light_sent_back(albedo):
     """What a medium without an end sends straight back under a white sky, by Chandrasekhar 1960, Radiative Transfer.
 
@@ -170,6 +180,18 @@ def test_light_sampling_and_scattering_alone_agree():
     error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
     assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
     assert (error < 0.01 * both.mean(axis=0)).all()
+
+
+def test_light_sampling_and_scattering_alone_agree_in_water():
+    water = medium(
+        "Scatter", phase="FOURNIER_FORAND", Color=(0.9, 0.9, 0.9, 1.0), Density=0.7, IOR=1.2, Backscatter=0.2
+    )
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(0.0, 0.0, 3.0)), (1.0, 1.0, 1.0), 100.0, size_x=4.0)
+    scene = media_scene([water], [placed()], lights=[lamp], world=(0.0, 0.0, 0.0), height=2.5)
+    both, alone = (means_by_seed(scene, samples=1024, volume_bounces=4, use_nee=use_nee) for use_nee in (True, False))
+    error = np.sqrt((both.var(axis=0, ddof=1) + alone.var(axis=0, ddof=1)) / len(both))
+    assert (np.abs(both.mean(axis=0) - alone.mean(axis=0)) <= SIGMAS * error).all()
+    assert (error < 0.02 * both.mean(axis=0)).all()
 
 
 def test_surfaces_in_fog_weigh_their_light_by_their_own_densities():

@@ -13,7 +13,7 @@ from scipy import integrate
 from engine.builder import media as media_builder
 from engine.scene.description import Light, Link, Material, Node, NodeGraph
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
-from tests.helpers.media_scenes import box_of_voxels, media_scene, medium, placed, varying
+from tests.helpers.media_scenes import box_of_voxels, let_voxels_move, media_scene, medium, placed, varying
 
 COLOR = np.array([0.5, 0.2, 0.8])
 
@@ -194,3 +194,44 @@ def test_a_grid_gives_the_density_of_a_principled_volume():
     # A grid of another name: the node's own number, everywhere.
     image = picture(box_of_voxels(values, 1.5, name="smoke", **black))
     assert np.allclose(image, np.exp(-3.0), rtol=5e-4)
+
+
+def _edge_of_voxels(smooth=False):
+    """A box that is filled with black fog behind the middle one of its 21 voxels along x."""
+    values = np.zeros((21, 21, 21, 1), np.float32)
+    values[11:] = 1.0
+    scene = box_of_voxels(values, 1.5, Color=(0.0, 0.0, 0.0, 1.0))
+    scene.materials[0].has_smooth_voxels = smooth
+    scene.camera.lens = 2e5
+    return scene
+
+
+@pytest.mark.parametrize("still", [0.0, 0.5])
+def test_what_moves_by_its_velocity_is_blurred(still):
+    """An edge that goes over the middle of the picture while the shutter is open, next to where nothing moves."""
+    velocity = np.zeros((21, 21, 21, 3), np.float32)
+    velocity[..., 0] = -0.9
+    scene = let_voxels_move(_edge_of_voxels(), velocity, still)
+    # What is seen at x = 0 at a time t has come from 0.9 (t - still).
+    time = (np.arange(100_000) + 0.5) / 100_000
+    there = np.clip(10.0 * 0.9 * (time - still), 0.0, 1.0)
+    expected = np.exp(-1.5 * 2.0 * there).mean()
+    means = means_by_seed(scene, samples=128)
+    assert is_mean(means, np.full(3, expected))
+    result = render(scene, samples=16)
+    assert not [notice for notice in result.report.notices if "denser" in notice.problem]
+    # Shadow rays look the same way.
+    passes = render(scene, passes=("Combined", "Ambient Occlusion"), samples=2)
+    assert np.isfinite(passes.passes["Combined"]).all()
+
+
+def test_voxels_are_interpolated_by_cubic_splines_where_the_material_says_so():
+    """The middle of the picture is at the voxel before the edge: a sixth of the next one's density."""
+    means = means_by_seed(_edge_of_voxels(smooth=True), samples=64)
+    # Along the ray it fades towards both faces, behind which there is nothing.
+    z = np.linspace(-1.0, 1.0, 20_001)
+    distance = np.abs(10.0 * (z[:, None] + 1.0) - np.arange(21))
+    near, far = 2.0 / 3.0 + distance**2 * (0.5 * distance - 1.0), np.maximum(2.0 - distance, 0.0) ** 3 / 6.0
+    depth = integrate.trapezoid(np.where(distance < 1.0, near, far).sum(axis=1), z)
+    assert is_mean(means, np.full(3, np.exp(-1.5 * depth / 6.0)))
+    assert np.allclose(picture(_edge_of_voxels(), samples=16).mean(), 1.0, atol=0.02)

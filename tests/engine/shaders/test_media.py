@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.kernels.bsdf import load_tables
-from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_G
+from engine.kernels.bsdf.phase import PHASE_ALPHA, PHASE_DELTA, PHASE_G
 from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders.assembly import shader_arrays
 from engine.shaders.compiled_program import ProgramSource
@@ -105,7 +105,10 @@ def looked_up(graph):
     geometry, memory = stand_in_geometry(1), allocate_memory(shaders)
     evaluate_shaders(shaders, geometry, load_tables(), points, closures, lanes, 1, memory, MODE_MEDIUM)
     lobes = [
-        PhaseLobe(tuple(param[CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3].tolist()), param[PHASE_G], param[PHASE_ALPHA])
+        PhaseLobe(
+            tuple(param[CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3].tolist()), param[PHASE_G], param[PHASE_ALPHA],
+            param[PHASE_DELTA],
+        )
         for param in closures.param[0, : closures.count[0]]
     ]
     return Medium(tuple(closures.transparency[0, :3].tolist()), tuple(closures.emission[0, :3].tolist()), tuple(lobes))
@@ -117,6 +120,8 @@ def looked_up(graph):
         ("Absorption", {"Color": (0.9, 0.5, 1.0, 1.0), "Density": 3.0}),
         ("Scatter", {"Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Anisotropy": 0.3}),
         ("Scatter", {"phase": "DRAINE", "Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Alpha": 0.7}),
+        ("Scatter", {"phase": "DRAINE", "Color": (0.9, 0.5, 0.1, 1.0), "Anisotropy": 0.2, "Alpha": 9.0}),
+        ("Scatter", {"phase": "FOURNIER_FORAND", "Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "IOR": 1.2}),
         ("Scatter", {"phase": "MIE", "Color": (0.9, 0.5, 0.1, 1.0), "Density": 2.0, "Diameter": 8.0}),
         (
             "Coefficients",
@@ -150,7 +155,7 @@ def test_a_program_says_at_a_point_what_folding_says_of_everywhere(kind, inputs)
     assert len(found.lobes) == len(expected.lobes)
     for mine, theirs in zip(found.lobes, expected.lobes, strict=True):
         assert np.allclose(2.0 * np.array(mine.scattering), theirs.scattering, rtol=1e-5)
-        assert np.allclose((mine.g, mine.alpha), (theirs.g, theirs.alpha), rtol=1e-5)
+        assert np.allclose((mine.g, mine.alpha, mine.delta), (theirs.g, theirs.alpha, theirs.delta), rtol=1e-5)
 
 
 def test_a_surface_shader_in_a_volume_and_numbers_that_are_none_are_named():

@@ -55,8 +55,8 @@ def collision(probability: float, g: float) -> tuple[Proposals, GuideLobes]:
     """A collision with a medium of two phase functions, and the mixture to guide it by."""
     work = Proposals(allocate_points(1), allocate_closures(1), allocate_guided_lanes(1))
     work.points.real[0, POINT_WO : POINT_WO + 3] = -FORWARD
-    add_phase(work.closures, 0, np.float32(0.7), np.float32(g), np.float32(0.0))
-    add_phase(work.closures, 0, np.float32(0.3), np.float32(-0.3), np.float32(0.0))
+    add_phase(work.closures, 0, np.float32(0.7), np.float32(g), np.float32(0.0), np.float32(0.0))
+    add_phase(work.closures, 0, np.float32(0.3), np.float32(-0.3), np.float32(0.0), np.float32(0.0))
     work.guided.probability[0] = probability
     guide = allocate_guide(1)
     forward = tuple(np.float32(value) for value in FORWARD)
