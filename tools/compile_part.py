@@ -64,7 +64,8 @@ def compile_part(package: str, part: str, objects: Path) -> None:
 def say_what_for(package: str) -> None:
     """Print what a library of this package is made for."""
     library = importlib.import_module(f"{package}.runtime.kernel_library")
-    print(json.dumps({"made_for": library.made_for(), "slots_name": library.SLOTS}))
+    files = library.source_files()
+    print(json.dumps({"made_for": library.made_for(files), "files": files, "slots_name": library.SLOTS}))
 
 
 if __name__ == "__main__":

@@ -178,22 +178,21 @@ def build(
             for row in parts:
                 print(*pool.map(compile_part, row), sep="", end="", file=sys.stderr)
         names = [part for row in parts for part in row]
-        return pack(objects, facts["made_for"], names, facts["slots_name"], level, output)
+        return pack(objects, facts, names, level, output)
 
 
-def pack(
-    objects: Path, made_for: dict[str, Any], parts: Sequence[str], table: str, level: str, output: Path
-) -> Path:
-    """Link a folder of objects and write library and index; returns the index."""
+def pack(objects: Path, facts: dict[str, Any], parts: Sequence[str], level: str, output: Path) -> Path:
+    """Link a folder of objects and write library and index, with the facts of `compile_part.py`; returns the index."""
+    made_for = facts["made_for"]
     entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
     exported = {name for *names, _returned in entries.values() for name in names}
     output.mkdir(parents=True, exist_ok=True)
     index = output / f"py{made_for['Python'].replace('.', '')}-{level}.index"
     library = index.with_suffix(".so")
-    slots = link([objects / f"{key}.o" for key in entries], exported, table, level, library)
+    slots = link([objects / f"{key}.o" for key in entries], exported, facts["slots_name"], level, library)
     body = json.dumps(entries).encode()
     header = {
-        "made_for": made_for, "level": level, "slots": slots, "parts": list(parts),
+        "made_for": made_for, "level": level, "slots": slots, "parts": list(parts), "files": facts["files"],
         "index": hashlib.sha256(body).hexdigest(),
         "library": hashlib.sha256(library.read_bytes()).hexdigest(),
     }  # fmt: skip

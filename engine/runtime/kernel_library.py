@@ -20,6 +20,7 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -33,10 +34,10 @@ from numba.core.compiler import CompileResult
 from numba.core.environment import Environment
 from numba.core.typing import signature
 
-from engine.runtime.sources import PACKAGE, ROOT, source_hash
+from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source_hash
 
 #: Version of the two files' form.
-FORMAT = 1
+FORMAT = 2
 #: What the library calls the table of addresses.
 SLOTS = "neuralguide_slots"
 #: Where libraries lie; the environment may name another folder, or '' for none.
@@ -61,20 +62,36 @@ class _Descriptor:
     qualname: str
 
 
+_WORKER = f"{PACKAGE}.render.precompile_worker", ROOT / "render" / "precompile_worker.py"
+
+
 def engine_sources() -> str:
     """Hash of all sources that kernels are made of: those that the process that compiles them reaches."""
-    return source_hash(f"{PACKAGE}.render.precompile_worker", ROOT / "render" / "precompile_worker.py")
+    return source_hash(*_WORKER)
 
 
-def made_for() -> dict[str, object]:
-    """What a library must have been made for to be used here, but for the processor."""
+def source_files() -> list[str]:
+    """These sources, below the engine's folder.
+
+    An index lists them, so that whoever opens its library need not find out: one more would be imported by one of them,
+    which would be another then.
+    """
+    return [path.relative_to(ROOT).as_posix() for path in reached_files(*_WORKER)]
+
+
+def made_for(files: Iterable[str]) -> dict[str, object]:
+    """What a library of these sources must have been made for to be used here, but for the processor."""
+    try:
+        sources = hash_of(ROOT / name for name in files)
+    except OSError:
+        sources = "without some of them"
     return {
         "form": FORMAT,
         "system": f"{sys.platform} on {platform.machine()}",
         "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
-        "sources": engine_sources(),
+        "sources": sources,
     }
 
 
@@ -98,13 +115,13 @@ class KernelLibrary:
         header, _, body = index.read_bytes().partition(b"\n")
         try:
             facts = json.loads(header)
-            made, level, parts = facts["made_for"], facts["level"], facts["parts"]
+            made, level, parts, files = facts["made_for"], facts["level"], facts["parts"], facts["files"]
             slots, library_digest, is_whole = facts["slots"], facts["library"], _digest(body) == facts["index"]
         except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError):
             is_whole = False
         if not is_whole:
             raise ValueError("its index is damaged")
-        for what, ours in made_for().items():
+        for what, ours in made_for(files).items():
             if made.get(what) != ours:
                 raise ValueError(f"made for {what} {made.get(what)}, and here is {ours}")
         if numba.config.CPU_NAME not in (None, level):
@@ -173,21 +190,14 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def kernel_key(function: Any, sources: str, argument_types: tuple[Any, ...]) -> str:
-    """What a kernel for certain arguments is called in an index.
-
-    Parameters
-    ----------
-    function : callable
-        The kernel, as Python.
-    sources : str
-        Hash of its sources.
+def kernel_key(function: Any, argument_types: tuple[Any, ...]) -> str:
+    """What a kernel (as Python) for certain arguments is called in an index, whose kernels are all of the same sources.
     """
     code = function.__code__
     # Functions made by other functions of the same sources differ in what they enclose.
     closure = repr([cell.cell_contents for cell in function.__closure__ or ()])
     module = function.__module__.removeprefix(PACKAGE)
-    parts = (module, function.__qualname__, str(code.co_firstlineno), sources, repr(argument_types), closure)
+    parts = (module, function.__qualname__, str(code.co_firstlineno), repr(argument_types), closure)
     return hashlib.sha256("\0".join(parts).encode() + code.co_code).hexdigest()[:32]
 
 
