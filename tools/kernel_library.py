@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parent.parent
 #: what those above have compiled.
 PARTS = (
     ("tracing", "shaders"), ("guiding", "spectral"), ("spectral_guiding", "passes"), ("media", "motion"),
-    ("cache", "learning"),
+    ("cache", "learning"), ("fields",),
 )  # fmt: skip
 LEVEL = "x86-64-v3"
 #: Blender's name of the platform that libraries can be made on and for.

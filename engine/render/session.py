@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 
-import numpy as np
-
 from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
@@ -296,7 +294,7 @@ class Session:
         shows_cancelled : bool
             Whether the result of a cancelled render has passes, which take a moment.
         one_by_one : bool
-            Whether passes are made one at a time, when they are looked up (`PassImages`), for whoever copies each: those
+            Whether passes are made one at a time, when they are looked up (`PassImages`), for whoever copies each. Those
             of `on_image` are then good until it returns, and each is of the samples that there are by then.
 
         Raises
