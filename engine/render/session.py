@@ -294,8 +294,8 @@ class Session:
         shows_cancelled : bool
             Whether the result of a cancelled render has passes, which take a moment.
         one_by_one : bool
-            Whether passes are made one at a time, when they are looked up (`PassImages`), for whoever copies each. Those
-            of `on_image` are then good until it returns, and each is of the samples that there are by then.
+            Whether passes are made one at a time, when they are looked up (`PassImages`), for whoever copies each.
+            Those of `on_image` are then good until it returns, and each is of the samples that there are by then.
 
         Raises
         ------
