@@ -38,8 +38,11 @@ from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source
 
 #: Version of the two files' form.
 FORMAT = 2
-#: What the library calls the table of addresses.
+#: What the library calls the table of addresses, and, where it cannot ask for Python's data by name, pointers to them.
 SLOTS = "neuralguide_slots"
+_POINTER = "__imp_"
+#: What libraries are called, by system.
+_SUFFIXES = {"win32": ".dll", "darwin": ".dylib"}
 #: Where libraries lie; the environment may name another folder, or '' for none.
 FOLDER = ROOT / "compiled"
 FOLDER_VARIABLE = "NEURALGUIDE_KERNEL_LIBRARIES"
@@ -49,6 +52,8 @@ _V3 = "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sahf sse sse2 sse3 sse
 LEVELS = {
     "x86-64-v4": frozenset(f"{_V3} avx512bw avx512cd avx512dq avx512f avx512vl".split()),
     "x86-64-v3": frozenset(_V3.split()),
+    # All processors of macOS on ARM have it.
+    "apple-m1": frozenset(),
 }
 
 
@@ -116,7 +121,8 @@ class KernelLibrary:
         try:
             facts = json.loads(header)
             made, level, parts, files = facts["made_for"], facts["level"], facts["parts"], facts["files"]
-            slots, library_digest, is_whole = facts["slots"], facts["library"], _digest(body) == facts["index"]
+            slots, pointers, library_digest = facts["slots"], facts["pointers"], facts["library"]
+            is_whole = _digest(body) == facts["index"]
         except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError):
             is_whole = False
         if not is_whole:
@@ -132,16 +138,15 @@ class KernelLibrary:
         #: What of the names in `engine.render.precompile` it holds whole.
         self.parts: frozenset[str] = frozenset(parts)
         self._entries: dict[str, list[Any]] = json.loads(body)
-        file = index.with_suffix(".so")
+        file = index.with_suffix(_SUFFIXES.get(sys.platform, ".so"))
         if _digest(file.read_bytes()) != library_digest:
             raise ValueError("the library is damaged")
         self._library = ctypes.CDLL(str(file))
         table = (ctypes.c_void_p * len(slots)).in_dll(self._library, SLOTS)
         for position, name in enumerate(slots):
-            address = llvm.address_of_symbol(name)  # type: ignore[no-untyped-call]
-            if not address:
-                raise ValueError(f"there is no {name} in this process")
-            table[position] = address
+            table[position] = _address_of(name)
+        for name in pointers:
+            ctypes.c_void_p.in_dll(self._library, _POINTER + name).value = _address_of(name)
         self._environments: list[Environment] = []
 
     def __len__(self) -> int:
@@ -184,6 +189,14 @@ class KernelLibrary:
             call_helper=None, environment=environment, lifted=(), fndesc=described, objectmode=False, metadata=None,
             reload_init=(), referenced_envs=(),
         )
+
+
+def _address_of(name: str) -> int:
+    """What a name means to numba's compiler in this process."""
+    address: int | None = llvm.address_of_symbol(name)  # type: ignore[no-untyped-call]
+    if not address:
+        raise ValueError(f"there is no {name} in this process")
+    return address
 
 
 def _digest(data: bytes) -> str:
