@@ -4,8 +4,8 @@
     python tools/compile_part.py TREE PACKAGE PART OBJECTS
     python tools/compile_part.py TREE PACKAGE facts
 
-TREE holds the sources, PACKAGE is what the engine is called there. Each kernel becomes three files named by its key: its
-object, LLVM's code of it for other systems, and what the index is to say of it. Which processors they are for says
+TREE holds the sources, PACKAGE is what the engine is called there. Each kernel becomes three files named by its key:
+its object, LLVM's code of it for other systems, and what the index is to say of it. Which processors they are for says
 numba's NUMBA_CPU_NAME. `facts` prints what the library is made for.
 """
 

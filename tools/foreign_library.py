@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Libraries of kernels for Windows and macOS, made of the code that numba compiles on Linux; not run on either.
 
-LLVM's code of a kernel names no system but in two lines, and all that kernels call takes numbers and addresses. So it is
-compiled once more for another system, and `ziglang` links it. What was found in the way is in
+LLVM's code of a kernel names its system in two lines only, and all that kernels call takes numbers and addresses. So it
+is compiled once more for another system, and `ziglang` links it. What was found in the way is in
 docs/decisions/kernels-ahead-of-time.md. `check` looks at the file, since it cannot be run here.
 """
 

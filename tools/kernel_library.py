@@ -5,9 +5,9 @@ It takes minutes. Every kernel that a first render needs is compiled for a level
 (`engine/runtime/kernel_library.py`: LEVELS) and linked into one shared library, with an index beside it.
 `tools/build_extension.py` has the same done for the sources of an extension.
 
-It runs on Linux on x86-64, and makes libraries for that. `--for` makes libraries for other systems too, each in a folder of
-its own; these cannot be run here, and no zip has them (foreign_library.py). The linker is the system's compiler `cc`, or
-`ziglang` from the package index, which others need.
+It runs on Linux on x86-64, and makes libraries for that. `--for` makes libraries for other systems too, each in a
+folder of its own; these cannot be run here, and no zip has them (foreign_library.py). The linker is the system's
+compiler `cc`, or `ziglang` from the package index, which others need.
 """
 
 from __future__ import annotations
