@@ -246,34 +246,40 @@ def _heartbeat_ages() -> Any:
     return ages
 
 
-def encryption_problem(address: str, role: str) -> str:
-    """What Dask's configuration lacks to connect there, '' if nothing: Dask itself tries till its time is over.
+def check_encryption(address: str, role: str) -> None:
+    """See whether Dask's configuration has what connecting there takes: Dask itself tries till its time is over.
 
     Parameters
     ----------
     address : str
         Of the scheduler.
     role : {'client', 'worker'}
+
+    Raises
+    ------
+    ClusterError
+        If something is missing.
     """
     security = Security()
     if not address.startswith("tls:"):
-        is_plain = bool(security.require_encryption) and address.startswith("tcp:")
-        return f"Dask's configuration requires encryption: write tls:// instead of {address}" if is_plain else ""
+        if security.require_encryption and address.startswith("tcp:"):
+            raise ClusterError(f"Cluster: Dask's configuration requires encryption: write tls:// instead of {address}")
+        return
     tls = security.get_tls_config_for_role(role)
     for name, key, is_needed in (
         ("ca_file", "CA_FILE", True), ("cert", f"{role.upper()}__CERT", True), ("key", f"{role.upper()}__KEY", False),
     ):
         path, variable = tls.get(name), f"DASK_DISTRIBUTED__COMM__TLS__{key}"
         if not path and is_needed:
-            return f"{address} asks for certificates, and {variable} names no file"
+            raise ClusterError(f"Cluster: {address} asks for certificates, and {variable} names no file")
         # Dask takes certificates themselves, too.
         if path and "\n" not in path and not os.path.isfile(path):
-            return f"{address} asks for certificates, and {variable} names {path}, which is not there"
+            problem = f"{variable} names {path}: there is no such file"
+            raise ClusterError(f"Cluster: {address} asks for certificates, and {problem}")
     try:
         security.get_connection_args(role)
     except (OSError, ValueError) as error:
-        return f"the certificates for {address} cannot be used: {error}"
-    return ""
+        raise ClusterError(f"Cluster: the certificates for {address} cannot be used: {error}") from None
 
 
 def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
@@ -291,13 +297,12 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
     Raises
     ------
     ClusterError
-        If the scheduler cannot be reached, or workers of this machine do not start.
+        If the scheduler cannot be reached, certificates are missing, or workers of this machine do not start.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
     if address.startswith("local:"):
         return _open_local(int(address.removeprefix("local:")), threads, silence)
-    if problem := encryption_problem(address, "client"):
-        raise ClusterError(f"Cluster: {problem}")
+    check_encryption(address, "client")
     try:
         client = Client(address, timeout=_ANSWER_TIMEOUT, **_CLIENT_OPTIONS)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
@@ -331,11 +336,10 @@ def run_worker(address: str, name: str | None = None) -> None:
     Raises
     ------
     ClusterError
-        If there is no scheduler.
+        If there is no scheduler, or certificates are missing.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
-    if problem := encryption_problem(address, "worker"):
-        raise ClusterError(problem)
+    check_encryption(address, "worker")
     try:
         asyncio.run(_work(address, name))
     except (OSError, TimeoutError, ValueError, TypeError) as error:
