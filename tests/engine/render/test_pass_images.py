@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import threading
+import weakref
 
+import numba
 import numpy as np
 import pytest
 
@@ -42,8 +44,9 @@ def test_each_is_that_of_all(cache: str, has_catchers: bool) -> None:
     assert set(together) == set(images) == NAMES
     for name in sorted(NAMES):
         np.testing.assert_array_equal(images[name], together[name], err_msg=name)
-        # Of a kind of mattes all at most.
-        assert len(images._kept) <= len(matte_passes("CryptoObject", 6))
+    depth = weakref.ref(images["Depth"])
+    assert depth() is images["Depth"]
+    assert images["Normal"] is not None and depth() is None, "a pass is kept after another was looked up"
 
 
 def test_what_is_put_there_stays_and_what_is_taken_away_is_gone() -> None:
@@ -69,5 +72,5 @@ def test_a_render_hands_out_the_same_either_way() -> None:
 
 def test_lanes_of_renders_with_aovs_are_of_the_type_of_those_without() -> None:
     """Else every stage would be compiled again for them."""
-    plain, *others = (allocate_closures(8, 3, width)._numba_type_ for width in (0, 1, 4, 9))
+    plain, *others = (numba.typeof(allocate_closures(8, 3, width)) for width in (0, 1, 4, 9))
     assert others == [plain] * 3
