@@ -295,16 +295,20 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     source=source,
                     start=start,
                     keep=self._fields.keeps,
+                    one_by_one=True,
                 )
             self._show(self._fields.take(result.learned))
             passes.write_layer(target.layers[0], view, wanted, result.passes)
+            report = result.report
+            # With it the film goes, before Blender makes a copy of its own.
+            del result
             keep = True
             self._note_image()
-            cancelled = result.report.cancelled
+            cancelled = report.cancelled
         finally:
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
-        self._report_result(depsgraph, result.report, cancelled)
+        self._report_result(depsgraph, report, cancelled)
         self._stamp_mattes(depsgraph.view_layer_eval, description)
 
     def _is_only_picture(self, depsgraph: bpy.types.Depsgraph) -> bool:

@@ -4,9 +4,9 @@
     python tools/compile_part.py TREE PACKAGE PART OBJECTS
     python tools/compile_part.py TREE PACKAGE facts
 
-TREE holds the sources, PACKAGE is what the engine is called there. Each kernel becomes two files named by its key: its
-object, and what the index is to say of it. Which processors they are for says numba's NUMBA_CPU_NAME. `facts` prints
-what the library is made for.
+TREE holds the sources, PACKAGE is what the engine is called there. Each kernel becomes three files named by its key:
+its object, LLVM's code of it for other systems, and what the index is to say of it. Which processors they are for says
+numba's NUMBA_CPU_NAME. `facts` prints what the library is made for.
 """
 
 from __future__ import annotations
@@ -55,6 +55,7 @@ def compile_part(package: str, part: str, objects: Path) -> None:
             return
         entry = [described.llvm_func_name, described.llvm_cpython_wrapper_name, described.env_name, returned]
         (objects / f"{key}.o").write_bytes(compiled.library._get_compiled_object())
+        (objects / f"{key}.bc").write_bytes(compiled.library._final_module.as_bitcode())
         (objects / f"{key}.json").write_text(json.dumps(entry), encoding="utf-8")
 
     kernel_cache.on_compiled = keep
@@ -64,7 +65,8 @@ def compile_part(package: str, part: str, objects: Path) -> None:
 def say_what_for(package: str) -> None:
     """Print what a library of this package is made for."""
     library = importlib.import_module(f"{package}.runtime.kernel_library")
-    print(json.dumps({"made_for": library.made_for(), "slots_name": library.SLOTS}))
+    files = library.source_files()
+    print(json.dumps({"made_for": library.made_for(files), "files": files, "slots_name": library.SLOTS}))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ It takes minutes. Every kernel that a first render needs is compiled for a level
 (`engine/runtime/kernel_library.py`: LEVELS) and linked into one shared library, with an index beside it.
 `tools/build_extension.py` has the same done for the sources of an extension.
 
-It runs on Linux on x86-64, and for that alone. The linker is the system's compiler `cc`, or `ziglang` from the package
-index.
+It runs on Linux on x86-64, and makes libraries for that. `--for` makes libraries for other systems too, each in a
+folder of its own; these cannot be run here, and no zip has them (foreign_library.py). The linker is the system's
+compiler `cc`, or `ziglang` from the package index, which others need.
 """
 
 from __future__ import annotations
@@ -30,15 +31,19 @@ import llvmlite.binding as llvm
 
 if __package__:
     from .elf_symbols import read_symbols, with_own_functions
+    from .foreign_library import TARGETS, can_link
+    from .foreign_library import link as link_foreign
 else:
     from elf_symbols import read_symbols, with_own_functions
+    from foreign_library import TARGETS, can_link
+    from foreign_library import link as link_foreign
 
 ROOT = Path(__file__).resolve().parent.parent
 #: What is compiled (`engine/render/precompile.py`): parts of a row at the same time, and each row finds in the cache
 #: what those above have compiled.
 PARTS = (
     ("tracing", "shaders"), ("guiding", "spectral"), ("spectral_guiding", "passes"), ("media", "motion"),
-    ("cache", "learning"),
+    ("cache", "learning"), ("fields",),
 )  # fmt: skip
 LEVEL = "x86-64-v3"
 #: Blender's name of the platform that libraries can be made on and for.
@@ -140,7 +145,7 @@ def _run(python: str, arguments: Sequence[str], environment: dict[str, str]) -> 
 
 def build(
     tree: Path, output: Path, *, package: str = "engine", level: str = LEVEL, parts: Sequence[Sequence[str]] = PARTS,
-    python: str = sys.executable, processes: int = 0,
+    python: str = sys.executable, processes: int = 0, foreign: Sequence[str] = (),
 ) -> Path:
     """Compile and link a library; returns its index, which lies beside it.
 
@@ -160,6 +165,8 @@ def build(
         The Python that it is for, with numba.
     processes : int
         That compile at the same time; 0: as many as there are processors.
+    foreign : sequence of str
+        Other platforms (`foreign_library.TARGETS`) that libraries are made for, in folders of `output`.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -178,28 +185,54 @@ def build(
             for row in parts:
                 print(*pool.map(compile_part, row), sep="", end="", file=sys.stderr)
         names = [part for row in parts for part in row]
-        return pack(objects, facts["made_for"], names, facts["slots_name"], level, output)
+        for platform_name in foreign:
+            pack_foreign(objects, facts, names, platform_name, output / platform_name)
+        return pack(objects, facts, names, level, output)
 
 
-def pack(
-    objects: Path, made_for: dict[str, Any], parts: Sequence[str], table: str, level: str, output: Path
-) -> Path:
-    """Link a folder of objects and write library and index; returns the index."""
+def _read_entries(objects: Path) -> tuple[dict[str, Any], set[str]]:
+    """What an index says of kernels, by key, and the names in it."""
     entries = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(objects.glob("*.json"))}
-    exported = {name for *names, _returned in entries.values() for name in names}
+    return entries, {name for *names, _returned in entries.values() for name in names}
+
+
+def _index_path(output: Path, made_for: dict[str, Any], level: str) -> Path:
     output.mkdir(parents=True, exist_ok=True)
-    index = output / f"py{made_for['Python'].replace('.', '')}-{level}.index"
-    library = index.with_suffix(".so")
-    slots = link([objects / f"{key}.o" for key in entries], exported, table, level, library)
+    return output / f"py{made_for['Python'].replace('.', '')}-{level}.index"
+
+
+def _write_index(index: Path, library: Path, entries: dict[str, Any], header: dict[str, Any]) -> Path:
     body = json.dumps(entries).encode()
-    header = {
-        "made_for": made_for, "level": level, "slots": slots, "parts": list(parts),
-        "index": hashlib.sha256(body).hexdigest(),
-        "library": hashlib.sha256(library.read_bytes()).hexdigest(),
+    whole = header | {
+        "index": hashlib.sha256(body).hexdigest(), "library": hashlib.sha256(library.read_bytes()).hexdigest(),
     }  # fmt: skip
-    index.write_bytes(json.dumps(header).encode() + b"\n" + body)
+    index.write_bytes(json.dumps(whole).encode() + b"\n" + body)
     print(f"{len(entries)} kernels, {library.stat().st_size / 2**20:.1f} MiB", file=sys.stderr)
     return index
+
+
+def pack(objects: Path, facts: dict[str, Any], parts: Sequence[str], level: str, output: Path) -> Path:
+    """Link a folder of objects and write library and index, with the facts of `compile_part.py`; returns the index."""
+    entries, exported = _read_entries(objects)
+    index = _index_path(output, facts["made_for"], level)
+    library = index.with_suffix(".so")
+    slots = link([objects / f"{key}.o" for key in entries], exported, facts["slots_name"], level, library)
+    header = {"made_for": facts["made_for"], "level": level, "slots": slots, "pointers": []}
+    return _write_index(index, library, entries, header | {"parts": list(parts), "files": facts["files"]})
+
+
+def pack_foreign(objects: Path, facts: dict[str, Any], parts: Sequence[str], platform_name: str, output: Path) -> Path:
+    """As `pack`, for another platform: from LLVM's code that lies beside the objects."""
+    target = TARGETS[platform_name]
+    entries, exported = _read_entries(objects)
+    index = _index_path(output, facts["made_for"], target.processor)
+    library = index.with_suffix(target.suffix)
+    codes = {key: (objects / f"{key}.bc").read_bytes() for key in entries}
+    slots, pointers = link_foreign(codes, exported, facts["slots_name"], target, library)
+    header = {"made_for": facts["made_for"] | {"system": target.system}, "level": target.processor, "slots": slots}
+    return _write_index(
+        index, library, entries, header | {"pointers": pointers, "parts": list(parts), "files": facts["files"]}
+    )
 
 
 def main() -> int:
@@ -207,10 +240,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--level", default=LEVEL, help="processors that the library is for, by LLVM's name")
     parser.add_argument("--output", type=Path, default=OUTPUT)
+    parser.add_argument(
+        "--for", dest="foreign", action="append", choices=TARGETS, default=[], metavar="PLATFORM",
+        help=f"another platform, one of {', '.join(TARGETS)}: takes ziglang, and cannot be tried here",
+    )
     arguments = parser.parse_args()
     if not can_build():
         parser.error("libraries are made on Linux on x86-64")
-    print(build(ROOT, arguments.output, level=arguments.level))
+    if arguments.foreign and not can_link():
+        parser.error("libraries for other platforms are linked by ziglang: `pip install ziglang`")
+    print(build(ROOT, arguments.output, level=arguments.level, foreign=arguments.foreign))
     return 0
 
 

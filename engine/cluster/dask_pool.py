@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import queue
 import time
 import uuid
@@ -18,15 +19,17 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import dask
-from distributed import Client, Future, LocalCluster, Worker
+from distributed import Client, Future, LocalCluster, Security, Worker
 
 from engine.cluster.local import LocalWorkers
 from engine.cluster.pool import ClusterError
 from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, LOST, REFUSED, Answer, keep, trace
 
-#: Time for a scheduler to answer [s].
+#: Time for sums to come [s].
 _TIMEOUT = 30.0
+#: Time for a scheduler to answer whoever renders [s]; workers, which may be started before it, have Dask's time.
+_ANSWER_TIMEOUT = 10.0
 #: Sums come from the workers themselves, and by way of the scheduler only where these cannot be reached.
 _CLIENT_OPTIONS: dict[str, Any] = {"set_as_default": False, "direct_to_workers": True}
 #: How long to wait for the workers of this machine [s].
@@ -229,8 +232,6 @@ def _answer(future: Future) -> Answer:
 
 
 def _process_id() -> int:
-    import os
-
     return os.getpid()
 
 
@@ -243,6 +244,42 @@ def _heartbeat_ages() -> Any:
         return {name: time.time() - worker.last_seen for name, worker in dask_scheduler.workers.items()}
 
     return ages
+
+
+def check_encryption(address: str, role: str) -> None:
+    """See whether Dask's configuration has what connecting there takes: Dask itself tries till its time is over.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    role : {'client', 'worker'}
+
+    Raises
+    ------
+    ClusterError
+        If something is missing.
+    """
+    security = Security()
+    if not address.startswith("tls:"):
+        if security.require_encryption and address.startswith("tcp:"):
+            raise ClusterError(f"Cluster: Dask's configuration requires encryption: write tls:// instead of {address}")
+        return
+    tls = security.get_tls_config_for_role(role)
+    for name, key, is_needed in (
+        ("ca_file", "CA_FILE", True), ("cert", f"{role.upper()}__CERT", True), ("key", f"{role.upper()}__KEY", False),
+    ):
+        path, variable = tls.get(name), f"DASK_DISTRIBUTED__COMM__TLS__{key}"
+        if not path and is_needed:
+            raise ClusterError(f"Cluster: {address} asks for certificates, and {variable} names no file")
+        # Dask takes certificates themselves, too.
+        if path and "\n" not in path and not os.path.isfile(path):
+            problem = f"{variable} names {path}: there is no such file"
+            raise ClusterError(f"Cluster: {address} asks for certificates, and {problem}")
+    try:
+        security.get_connection_args(role)
+    except (OSError, ValueError) as error:
+        raise ClusterError(f"Cluster: the certificates for {address} cannot be used: {error}") from None
 
 
 def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
@@ -260,13 +297,14 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
     Raises
     ------
     ClusterError
-        If the scheduler cannot be reached, or workers of this machine do not start.
+        If the scheduler cannot be reached, certificates are missing, or workers of this machine do not start.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
     if address.startswith("local:"):
         return _open_local(int(address.removeprefix("local:")), threads, silence)
+    check_encryption(address, "client")
     try:
-        client = Client(address, timeout=_TIMEOUT, **_CLIENT_OPTIONS)
+        client = Client(address, timeout=_ANSWER_TIMEOUT, **_CLIENT_OPTIONS)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise ClusterError(f"Cluster: no scheduler answers at {address} ({error})") from None
     return DaskPool(client, silence=silence)
@@ -298,9 +336,10 @@ def run_worker(address: str, name: str | None = None) -> None:
     Raises
     ------
     ClusterError
-        If there is no scheduler.
+        If there is no scheduler, or certificates are missing.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
+    check_encryption(address, "worker")
     try:
         asyncio.run(_work(address, name))
     except (OSError, TimeoutError, ValueError, TypeError) as error:

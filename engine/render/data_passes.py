@@ -17,8 +17,15 @@ DATA_PASSES = ("Mist", "UV", "Vector")
 _MATTE_NAME = re.compile(f"({'|'.join(MATTE_KINDS)})([0-9]{{2}})")
 
 
+def matte_kind(name: str) -> str:
+    """Kind of Cryptomatte that a pass belongs to, '' for others."""
+    match = _MATTE_NAME.fullmatch(name)
+    return match[1] if match else ""
+
+
 def data_images(
-    layout: DataLayout, data: np.ndarray, mattes: np.ndarray, scale: np.ndarray, shape: tuple[int, int]
+    layout: DataLayout, data: np.ndarray, mattes: np.ndarray, scale: np.ndarray, shape: tuple[int, int],
+    names: Collection[str],
 ) -> dict[str, np.ndarray]:
     """Images by pass name.
 
@@ -30,6 +37,8 @@ def data_images(
         One over their weights, 0 where there is none.
     shape : (int, int)
         Height and width of the image.
+    names : collection of str
+        What is asked for; other names are left to others.
 
     Returns
     -------
@@ -40,23 +49,28 @@ def data_images(
     images: dict[str, np.ndarray] = {}
     options = layout.options
     has_samples = scale > 0.0
-    if options.mist >= 0:
+    if options.mist >= 0 and "Mist" in names:
         clear = data[:, options.mist : options.mist + MIST_WIDTH] * scale
         images["Mist"] = np.where(has_samples, 1.0 - clear, np.float32(0.0))
-    if options.uv >= 0:
+    if options.uv >= 0 and "UV" in names:
         images["UV"] = data[:, options.uv : options.uv + UV_WIDTH] * scale
-    if options.vector >= 0:
+    if options.vector >= 0 and "Vector" in names:
         sums = data[:, options.vector : options.vector + VECTOR_WIDTH]
         images["Vector"] = sums[:, :-1] / np.maximum(sums[:, -1:], np.float32(1e-30))
     for name, first, width in layout.aovs:
-        images[name] = data[:, first : first + width] * scale
+        if name in names:
+            images[name] = data[:, first : first + width] * scale
     for kind, first in layout.mattes:
+        asked = [name in names for name in matte_passes(kind, options.matte_slots)]
+        if not any(asked):
+            continue
         slots = mattes[:, first : first + options.matte_slots]
         order = np.argsort(-slots[..., 1], axis=1, kind="stable")
         slots = np.take_along_axis(slots, order[..., None], axis=1)
         slots[..., 1] *= scale
         for index, name in enumerate(matte_passes(kind, options.matte_slots)):
-            images[name] = slots[:, PAIRS * index : PAIRS * (index + 1)].reshape(-1, 2 * PAIRS)
+            if asked[index]:
+                images[name] = slots[:, PAIRS * index : PAIRS * (index + 1)].reshape(-1, 2 * PAIRS)
     return {
         name: np.ascontiguousarray(image, np.float32).reshape(*shape, image.shape[1])
         for name, image in images.items()

@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.denoise import library
 from engine.denoise.filter import denoise
-from engine.render.film import Film
+from engine.render.film import Film, Images
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
@@ -61,7 +61,7 @@ class Denoising:
         self.passes = frozenset(self._inputs.values())
 
     def run(
-        self, images: dict[str, np.ndarray], should_cancel: Callable[[], bool] | None, film: Film | None = None,
+        self, images: Images, should_cancel: Callable[[], bool] | None, film: Film | None = None,
         exposure: float = 1.0,
     ) -> bool:
         """Replace Combined by the denoised picture; alpha stays.
@@ -71,7 +71,7 @@ class Denoising:
 
         Parameters
         ----------
-        images : dict
+        images : mapping
             As `Film.passes` returns them, of `passes` and more.
         should_cancel : callable, optional
             Called in this thread only, often.

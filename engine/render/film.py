@@ -8,14 +8,16 @@ still in flight of a cancelled unit would favour short paths.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, MutableMapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from engine.guiding.models.residual import with_relative_residual, with_residual
 from engine.kernels.film_sums import add_sums
 from engine.kernels.mattes import merge_mattes
-from engine.render.data_passes import DATA_PASSES, data_images, data_layout
+from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
 from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
 from engine.scene.description import PassSettings
@@ -103,6 +105,11 @@ def film_layout(
     )
 
 
+#: Passes by name.
+Images: TypeAlias = MutableMapping[str, np.ndarray]
+#: Made of each other, and so together; and what else is made of means of radiance.
+_OF_PICTURE = frozenset({"Combined", "Noisy Image", CATCHER_PASS})
+_OF_RADIANCE = _OF_PICTURE | {"Variance"}
 #: Of which passes are made together: what lies between sums and passes takes more room than either.
 _PIXELS_AT_ONCE = 1 << 18
 
@@ -185,6 +192,14 @@ class Film:
             was not guided. Both count all samples, those of iterations that knew nothing too. Passes for denoisers are
             as Cycles has them (`engine.wavefront.write_denoising`).
         """
+        return self.images({*names, "Combined"}, exposure=exposure)
+
+    def images(self, names: set[str] | frozenset[str], *, exposure: float) -> dict[str, np.ndarray]:
+        """As `passes`, of these names alone. Whether Combined has the shadows depends on the pass of shadow catchers:
+        ask for both together.
+        """
+        if "Noisy Image" in names:
+            names = {*names, "Combined"}
         rows = self.height if self.has_residual else max(_PIXELS_AT_ONCE // max(self.width, 1), 1)
         images: dict[str, np.ndarray] = {}
         for first in range(0, self.height, rows):
@@ -199,25 +214,14 @@ class Film:
             images["Noisy Image"] = images["Combined"]
         return images
 
-    def _images(
-        self, sums: FilmTile, shape: tuple[int, int], names: set[str] | frozenset[str], exposure: float
+    def _picture(
+        self, sums: FilmTile, whole: np.ndarray, weight: np.ndarray, scale: np.ndarray, shape: tuple[int, int],
+        names: set[str] | frozenset[str], exposure: float,
     ) -> dict[str, np.ndarray]:
-        """`passes` of some rows, but for the noisy image."""
-        count = sums.count.astype(np.float32)
-        # At least one sample's weight, where there is a sample: dividing sums of ones keeps a one exact.
-        weight = np.where(count > 0, sums.weight, 1.0).astype(np.float32)
-        scale = np.where(count > 0, 1.0 / weight, 0.0).astype(np.float32)[:, None]
-        mean = sums.radiance[:, :3] * scale
+        """Combined and the pass of shadow catchers, of means of radiance."""
         images: dict[str, np.ndarray] = {}
-
-        # Variances below are of the cached samples, about their own mean.
-        whole = mean
-        if len(sums.residual):
-            whole = with_residual(
-                mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, shape
-            )
         # Without a transparent film only holdouts have an alpha below one.
-        alpha = np.where(count > 0, sums.alpha / weight, 0.0)
+        alpha = np.where(sums.count > 0, sums.alpha / weight, 0.0)
         color = whole
         if CATCHER_PASS in names:
             images[CATCHER_PASS] = np.ones((*shape, 3), np.float32)
@@ -228,10 +232,32 @@ class Film:
             color, alpha = with_shadows(
                 whole, alpha, caught, is_transparent=self.layout.is_transparent, has_pass=CATCHER_PASS in names
             )
-        combined = np.empty((*shape, 4), np.float32)
-        combined[..., :3] = (color * exposure).reshape(*shape, 3)
-        combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
-        images["Combined"] = combined
+        if "Combined" in names:
+            combined = np.empty((*shape, 4), np.float32)
+            combined[..., :3] = (color * exposure).reshape(*shape, 3)
+            combined[..., 3] = np.clip(alpha, 0.0, 1.0).reshape(shape)
+            images["Combined"] = combined
+        return images
+
+    def _images(
+        self, sums: FilmTile, shape: tuple[int, int], names: set[str] | frozenset[str], exposure: float
+    ) -> dict[str, np.ndarray]:
+        """`passes` of some rows, but for the noisy image."""
+        count = sums.count.astype(np.float32)
+        # At least one sample's weight, where there is a sample: dividing sums of ones keeps a one exact.
+        weight = np.where(count > 0, sums.weight, 1.0).astype(np.float32)
+        scale = np.where(count > 0, 1.0 / weight, 0.0).astype(np.float32)[:, None]
+        images: dict[str, np.ndarray] = {}
+        mean = whole = np.zeros((0, 3), np.float32)
+        if not names.isdisjoint(_OF_RADIANCE) or len(sums.residual):
+            mean = whole = sums.radiance[:, :3] * scale
+        # Variances below are of the cached samples, about their own mean.
+        if len(sums.residual):
+            whole = with_residual(
+                mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, shape
+            )
+        if not names.isdisjoint(_OF_PICTURE):
+            images |= self._picture(sums, whole, weight, scale, shape, names, exposure)
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:
@@ -250,11 +276,10 @@ class Film:
             images |= {
                 name: image.reshape(*shape, 3)
                 for name, image in light_images(
-                    names, self.layout.light_groups, sums.light * scale, residual, exposure
+                    names, self.layout.light_groups, sums.light, scale, residual, exposure
                 ).items()
             }
         if self.layout.use_features:
-            features = sums.features * scale
             for name, column, factor in (
                 ("Normal", FEATURE_NORMAL, 1.0),
                 ("Albedo", FEATURE_ALBEDO, 1.0),
@@ -262,11 +287,13 @@ class Film:
                 ("Environment", FEATURE_ENVIRONMENT, exposure),
             ):
                 if name in names:
-                    images[name] = np.ascontiguousarray(features[:, column : column + 3] * factor).reshape(*shape, 3)
+                    means = sums.features[:, column : column + 3] * scale
+                    images[name] = np.ascontiguousarray(means * factor).reshape(*shape, 3)
             if "Candidate Count" in names:
-                images["Candidate Count"] = features[:, FEATURE_CANDIDATES].reshape(*shape, 1)
+                images["Candidate Count"] = (sums.features[:, FEATURE_CANDIDATES] * scale[:, 0]).reshape(*shape, 1)
             if "Guiding Benefit" in names:
-                images["Guiding Benefit"] = (1.0 + features[:, FEATURE_GUIDING_BENEFIT]).reshape(*shape, 1)
+                benefit = 1.0 + sums.features[:, FEATURE_GUIDING_BENEFIT] * scale[:, 0]
+                images["Guiding Benefit"] = benefit.reshape(*shape, 1)
             points = sums.points
             for name, column, width in (
                 ("Depth", FIRST_DEPTH, 1),
@@ -279,5 +306,61 @@ class Film:
                     images[name] = image.astype(np.float32)
             if "Depth" in names:
                 images["Depth"][images["Depth"] == 0.0] = NO_DEPTH
-        images |= data_images(self.layout.data, sums.data, sums.mattes, scale, shape)
+        images |= data_images(self.layout.data, sums.data, sums.mattes, scale, shape, names)
         return images
+
+
+class PassImages(MutableMapping[str, np.ndarray]):
+    """Passes of a film by name, each made anew when it is looked up, and kept until another is: all of them together
+    take as much room as the film.
+
+    Parameters
+    ----------
+    film : Film
+    names : set of str
+        Of passes that the film has.
+    exposure : float
+        Factor on radiance.
+    lock : lock
+        Held while the film is read.
+    """
+
+    def __init__(self, film: Film, names: frozenset[str], exposure: float, lock: threading.Lock) -> None:
+        self._film, self._names, self._exposure, self._lock = film, names, exposure, lock
+        #: What has been put in place of the film's own.
+        self._given: dict[str, np.ndarray] = {}
+        self._kept: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name in self._given:
+            return self._given[name]
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._kept:
+            self._kept = {}
+            with self._lock:
+                self._kept = self._film.images(self._together(name), exposure=self._exposure)
+        return self._kept[name]
+
+    def _together(self, name: str) -> frozenset[str]:
+        """Names of what is made with it."""
+        if name in _OF_PICTURE:
+            return self._names & _OF_PICTURE
+        kind = matte_kind(name)
+        return frozenset(other for other in self._names if other == name or (kind and matte_kind(other) == kind))
+
+    def __setitem__(self, name: str, image: np.ndarray) -> None:
+        self._given[name] = image
+        self._names |= {name}
+
+    def __delitem__(self, name: str) -> None:
+        if name not in self._names:
+            raise KeyError(name)
+        self._names -= {name}
+        self._given.pop(name, None)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)

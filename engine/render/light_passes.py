@@ -26,6 +26,7 @@ LIGHT_PASSES = (
     *_VOLUME_PASSES,
     OCCLUSION_PASS,
 )
+_INDIRECT_PASSES = frozenset(f"{lobes} Indirect" for lobes in _LOBES)
 _GROUP_PREFIX = "Combined_"
 
 
@@ -62,8 +63,8 @@ def divide_by_color(light: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def light_images(
-    names: frozenset[str] | set[str], groups: Sequence[str], light: np.ndarray, residual: np.ndarray | None,
-    exposure: float,
+    names: frozenset[str] | set[str], groups: Sequence[str], light: np.ndarray, scale: np.ndarray,
+    residual: np.ndarray | None, exposure: float,
 ) -> dict[str, np.ndarray]:
     """Passes by name.
 
@@ -73,7 +74,9 @@ def light_images(
         What is asked for, of LIGHT_PASSES and passes of groups; other names are left to others.
     groups : sequence of str
     light : float32 (P, LIGHT_PARTS + 3 * parts)
-        Means over samples.
+        Sums over samples.
+    scale : float32 (P, 1)
+        What makes means of them.
     residual : float32 (P, 3), optional
         What the radiance cache is known to lack. It is indirect light, and is shared out as the other indirect light
         of its pixel.
@@ -84,32 +87,48 @@ def light_images(
     dict of float32 (P, 3)
     """
 
-    def part(index: int) -> np.ndarray:
-        column = LIGHT_PARTS + RGB * index
-        return light[:, column : column + RGB]
+    def column(first: int) -> np.ndarray:
+        means: np.ndarray = light[:, first : first + RGB] * scale
+        return means
 
-    indirect = {lobes: part(first + 1) for lobes, first in _LOBES.items()}
-    if residual is not None:
-        total = sum(indirect.values())
+    def part(index: int) -> np.ndarray:
+        return column(LIGHT_PARTS + RGB * index)
+
+    shares: tuple[np.ndarray, np.ndarray] | None = None
+    if residual is not None and not names.isdisjoint(_INDIRECT_PASSES):
+        total = sum(part(first + 1) for first in _LOBES.values())
         has_light = total != 0.0
         # Where nothing tells whose it is, diffuse lobes have it: they send paths into the cache.
         rest = np.where(has_light, np.float32(0.0), residual)
         factor = np.where(has_light, residual / np.where(has_light, total, np.float32(1.0)), np.float32(0.0))
-        indirect = {lobes: values + values * factor for lobes, values in indirect.items()}
-        indirect["Diffuse"] = indirect["Diffuse"] + rest
-    images: dict[str, np.ndarray] = {OCCLUSION_PASS: light[:, LIGHT_OCCLUSION : LIGHT_OCCLUSION + RGB]}
+        shares = factor, rest
+
+    def indirect(lobes: str) -> np.ndarray:
+        values = part(_LOBES[lobes] + 1)
+        if shares is None:
+            return values
+        factor, rest = shares
+        values = values + values * factor
+        return values + rest if lobes == "Diffuse" else values
+
+    images: dict[str, np.ndarray] = {}
+    if OCCLUSION_PASS in names:
+        images[OCCLUSION_PASS] = column(LIGHT_OCCLUSION)
     for index, (lobes, first) in enumerate(_LOBES.items()):
-        column = LIGHT_DIFFUSE_COLOR + RGB * index
-        color = light[:, column : column + RGB]
+        if names.isdisjoint((f"{lobes} Color", f"{lobes} Direct", f"{lobes} Indirect")):
+            continue
+        color = column(LIGHT_DIFFUSE_COLOR + RGB * index)
         images[f"{lobes} Color"] = color
-        for kind, values in (("Direct", part(first)), ("Indirect", indirect[lobes])):
-            if f"{lobes} {kind}" in names:
-                images[f"{lobes} {kind}"] = divide_by_color(values * np.float32(exposure), color)
+        if f"{lobes} Direct" in names:
+            images[f"{lobes} Direct"] = divide_by_color(part(first) * np.float32(exposure), color)
+        if f"{lobes} Indirect" in names:
+            images[f"{lobes} Indirect"] = divide_by_color(indirect(lobes) * np.float32(exposure), color)
     first = PART_GROUPS + len(groups)
     has_media = light.shape[1] > LIGHT_PARTS + RGB * first
     for index, name in enumerate(_VOLUME_PASSES):
-        images[name] = part(first + index) * np.float32(exposure) if has_media else np.zeros_like(part(0))
-    images |= {
-        group_pass(group): part(PART_GROUPS + index) * np.float32(exposure) for index, group in enumerate(groups)
-    }
+        if name in names:
+            images[name] = part(first + index) * np.float32(exposure) if has_media else np.zeros_like(part(0))
+    for index, group in enumerate(groups):
+        if group_pass(group) in names:
+            images[group_pass(group)] = part(PART_GROUPS + index) * np.float32(exposure)
     return {name: image for name, image in images.items() if name in names}

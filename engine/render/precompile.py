@@ -40,8 +40,8 @@ GUIDED_PARTS = ("guiding",)
 SPECTRAL_PARTS = ("spectral",)
 SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
 #: What libraries made ahead hold too, and what is compiled by its first call where there is none: for all passes,
-#: media, things that move, the radiance cache, and what learns.
-AHEAD_PARTS = ("passes", "media", "motion", "cache", "learning")
+#: media, things that move, the radiance cache, what learns, and trees.
+AHEAD_PARTS = ("passes", "media", "motion", "cache", "learning", "fields")
 
 _POLL_SECONDS = 0.05
 

@@ -13,6 +13,7 @@ from engine.builder.geometry import plain_instances
 from engine.render import precompile
 from engine.runtime import kernel_cache
 from engine.scene.description import (
+    Aov,
     Camera,
     Frame,
     Light,
@@ -21,6 +22,7 @@ from engine.scene.description import (
     Mesh,
     Node,
     NodeGraph,
+    PassSettings,
     SceneDescription,
     World,
 )
@@ -57,6 +59,7 @@ def compile_part(part: str) -> None:
                 "motion": _compile_motion,
                 "cache": _compile_cache,
                 "learning": _compile_learning,
+                "fields": _compile_fields,
             }[part]()
             stamp.touch()
 
@@ -102,7 +105,7 @@ def _compile_spectral_guiding() -> None:
 def _compile_passes() -> None:
     from engine.render.film import PASS_NAMES
     from engine.render.light_passes import group_pass
-    from engine.scene.pass_names import MATTE_KINDS, matte_passes
+    from engine.scene.pass_names import MATTE_KINDS, aov_pass, matte_passes
 
     scene = small_scene()
     scene.light_groups = ("Group",)
@@ -110,8 +113,8 @@ def _compile_passes() -> None:
     for light in scene.lights:
         light.light_group = 0
     mattes = [name for kind in MATTE_KINDS for name in matte_passes(kind, 2)]
-    # AOVs are not among them: lanes are wider by each, which makes every kernel another.
-    passes = (*PASS_NAMES, group_pass("Group"), *mattes)
+    scene.passes = PassSettings(aovs=(Aov("AOV", is_color=False),))
+    passes = (*PASS_NAMES, group_pass("Group"), *mattes, aov_pass("AOV"))
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, passes=passes, spectral=spectral)
     scene.world = World("grey", "Grey", None)
@@ -155,6 +158,11 @@ def _compile_learning() -> None:
     _render("AUTO", samples=4 * LEAST_GUIDED_SAMPLES, spectral="ON")
     _render("NEURAL_RIS", samples=4 * LEAST_GUIDED_SAMPLES)
     _render("OFF", use_adaptive_sampling=True, use_denoising=True)
+
+
+def _compile_fields() -> None:
+    # Networks of mixtures are only trained where torch is, which Blender does not bring.
+    _render("SDTREE")
 
 
 def _render(

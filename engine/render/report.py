@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import MutableMapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,7 +81,7 @@ class RenderReport:
 
 @dataclass
 class RenderResult:
-    """passes : dict of float32 (height, width, channels), row 0 at the bottom.
+    """passes : mapping of name to float32 (height, width, channels), row 0 at the bottom.
 
     guidance : Guidance or None
         What the last iteration went by; None of an unguided render.
@@ -88,7 +89,7 @@ class RenderResult:
         What others can start from; None where that was not asked for, or nothing was learned.
     """
 
-    passes: dict[str, np.ndarray]
+    passes: MutableMapping[str, np.ndarray]
     report: RenderReport
     guidance: Guidance | None = None
     learned: LearnedField | None = None

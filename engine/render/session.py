@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 
-import numpy as np
-
 from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
@@ -23,7 +21,7 @@ from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.batch import Statistics
 from engine.render.denoising import Denoising
-from engine.render.film import Film, film_layout
+from engine.render.film import Film, Images, PassImages, film_layout
 from engine.render.job import AnyJob, Job
 from engine.render.light_passes import group_pass
 from engine.render.pace import FINAL, Pace
@@ -253,7 +251,7 @@ class Session:
         self,
         *,
         on_progress: Callable[[Progress], None] | None = None,
-        on_image: Callable[[dict[str, np.ndarray]], None] | None = None,
+        on_image: Callable[[Images], None] | None = None,
         should_cancel: Callable[[], bool] | None = None,
         passes: Iterable[str] = ("Combined",),
         ray_observer: Callable[..., None] | None = None,
@@ -264,6 +262,7 @@ class Session:
         pace: Pace = FINAL,
         samples: int | None = None,
         shows_cancelled: bool = True,
+        one_by_one: bool = False,
     ) -> RenderResult:
         """Render the loaded scene.
 
@@ -294,6 +293,9 @@ class Session:
             Where to stop, before the settings' number: the first part of a render by the same settings.
         shows_cancelled : bool
             Whether the result of a cancelled render has passes, which take a moment.
+        one_by_one : bool
+            Whether passes are made one at a time, when they are looked up (`PassImages`), for whoever copies each.
+            Those of `on_image` are then good until it returns, and each is of the samples that there are by then.
 
         Raises
         ------
@@ -331,7 +333,9 @@ class Session:
         settings = replace(settings, strata=strata)
         job = self._job(scene, settings, film, ray_observer, source, sink, start, keep, samples)
 
-        def images() -> dict[str, np.ndarray]:
+        def images(names: frozenset[str]) -> Images:
+            if one_by_one:
+                return PassImages(film, names | {"Combined"}, frame.exposure, job.film_lock)
             with job.film_lock:
                 return film.passes(names, exposure=frame.exposure)
 
@@ -343,7 +347,7 @@ class Session:
             return should_cancel is not None and should_cancel()
 
         try:
-            _watch(job, images, on_progress, on_image, is_to_stop, pace)
+            _watch(job, lambda: images(names), on_progress, on_image, is_to_stop, pace)
         except BaseException:
             job.stop()
             raise
@@ -354,9 +358,9 @@ class Session:
                 self._tracer = None
             if job.learner is not None:
                 job.learner.close()
-        result_passes: dict[str, np.ndarray] = {}
+        result_passes: Images = {}
         if shows_cancelled or job.ended_by != "CANCEL":
-            result_passes = film.passes(names | denoising.passes, exposure=frame.exposure)
+            result_passes = images(names | denoising.passes)
         if denoising.is_on and job.ended_by != "CANCEL":
             if on_progress is not None:
                 on_progress(replace(job.progress(), remaining=None, message=_DENOISING))
@@ -370,8 +374,9 @@ class Session:
         learned = None
         if keep and isinstance(job.learner, Learner):
             learned = job.learner.learned(self.light_digest)
-        wanted = {name: image for name, image in result_passes.items() if name in names or name == "Combined"}
-        return RenderResult(wanted, report, job.guidance, learned)
+        for name in denoising.passes - names:
+            result_passes.pop(name, None)
+        return RenderResult(result_passes, report, job.guidance, learned)
 
     def _job(
         self, scene: Scene, settings: RenderSettings, film: Film, ray_observer: Callable[..., None] | None,
@@ -508,8 +513,8 @@ def _make_film(
 
 
 def _watch(
-    job: AnyJob, images: Callable[[], dict[str, np.ndarray]], on_progress: Callable[[Progress], None] | None,
-    on_image: Callable[[dict[str, np.ndarray]], None] | None, should_cancel: Callable[[], bool] | None, pace: Pace,
+    job: AnyJob, images: Callable[[], Images], on_progress: Callable[[Progress], None] | None,
+    on_image: Callable[[Images], None] | None, should_cancel: Callable[[], bool] | None, pace: Pace,
 ) -> None:
     """Start a job and tell how it goes until it is over: images at the pace asked for."""
     started = time.perf_counter()

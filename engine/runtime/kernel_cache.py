@@ -164,7 +164,7 @@ class KernelCache(caching.NullCache):
         library = kernel_library()
         if library is not None:
             arguments, _returned = sigutils.normalize_signature(sig)
-            key = kernel_key(self._function, self._sources, arguments)
+            key = kernel_key(self._function, arguments)
             compiled = library.load(key, self._function, arguments, target_context)
             if compiled is not None:
                 origins["library"] += 1
@@ -176,7 +176,7 @@ class KernelCache(caching.NullCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save what was compiled."""
         if on_compiled is not None:
-            on_compiled(kernel_key(self._function, self._sources, tuple(data.signature.args)), data)
+            on_compiled(kernel_key(self._function, tuple(data.signature.args)), data)
         self._saved.save_overload(sig, data)
 
 

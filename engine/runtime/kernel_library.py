@@ -20,6 +20,7 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -33,12 +34,15 @@ from numba.core.compiler import CompileResult
 from numba.core.environment import Environment
 from numba.core.typing import signature
 
-from engine.runtime.sources import PACKAGE, ROOT, source_hash
+from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source_hash
 
 #: Version of the two files' form.
-FORMAT = 1
-#: What the library calls the table of addresses.
+FORMAT = 2
+#: What the library calls the table of addresses, and, where it cannot ask for Python's data by name, pointers to them.
 SLOTS = "neuralguide_slots"
+_POINTER = "__imp_"
+#: What libraries are called, by system.
+_SUFFIXES = {"win32": ".dll", "darwin": ".dylib"}
 #: Where libraries lie; the environment may name another folder, or '' for none.
 FOLDER = ROOT / "compiled"
 FOLDER_VARIABLE = "NEURALGUIDE_KERNEL_LIBRARIES"
@@ -48,6 +52,8 @@ _V3 = "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sahf sse sse2 sse3 sse
 LEVELS = {
     "x86-64-v4": frozenset(f"{_V3} avx512bw avx512cd avx512dq avx512f avx512vl".split()),
     "x86-64-v3": frozenset(_V3.split()),
+    # All processors of macOS on ARM have it.
+    "apple-m1": frozenset(),
 }
 
 
@@ -61,20 +67,36 @@ class _Descriptor:
     qualname: str
 
 
+_WORKER = f"{PACKAGE}.render.precompile_worker", ROOT / "render" / "precompile_worker.py"
+
+
 def engine_sources() -> str:
     """Hash of all sources that kernels are made of: those that the process that compiles them reaches."""
-    return source_hash(f"{PACKAGE}.render.precompile_worker", ROOT / "render" / "precompile_worker.py")
+    return source_hash(*_WORKER)
 
 
-def made_for() -> dict[str, object]:
-    """What a library must have been made for to be used here, but for the processor."""
+def source_files() -> list[str]:
+    """These sources, below the engine's folder.
+
+    An index lists them, so that whoever opens its library need not find out: one more would be imported by one of them,
+    which would be another then.
+    """
+    return [path.relative_to(ROOT).as_posix() for path in reached_files(*_WORKER)]
+
+
+def made_for(files: Iterable[str]) -> dict[str, object]:
+    """What a library of these sources must have been made for to be used here, but for the processor."""
+    try:
+        sources = hash_of(ROOT / name for name in files)
+    except OSError:
+        sources = "without some of them"
     return {
         "form": FORMAT,
         "system": f"{sys.platform} on {platform.machine()}",
         "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
-        "sources": engine_sources(),
+        "sources": sources,
     }
 
 
@@ -98,13 +120,14 @@ class KernelLibrary:
         header, _, body = index.read_bytes().partition(b"\n")
         try:
             facts = json.loads(header)
-            made, level, parts = facts["made_for"], facts["level"], facts["parts"]
-            slots, library_digest, is_whole = facts["slots"], facts["library"], _digest(body) == facts["index"]
+            made, level, parts, files = facts["made_for"], facts["level"], facts["parts"], facts["files"]
+            slots, pointers, library_digest = facts["slots"], facts["pointers"], facts["library"]
+            is_whole = _digest(body) == facts["index"]
         except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError):
             is_whole = False
         if not is_whole:
             raise ValueError("its index is damaged")
-        for what, ours in made_for().items():
+        for what, ours in made_for(files).items():
             if made.get(what) != ours:
                 raise ValueError(f"made for {what} {made.get(what)}, and here is {ours}")
         if numba.config.CPU_NAME not in (None, level):
@@ -115,16 +138,15 @@ class KernelLibrary:
         #: What of the names in `engine.render.precompile` it holds whole.
         self.parts: frozenset[str] = frozenset(parts)
         self._entries: dict[str, list[Any]] = json.loads(body)
-        file = index.with_suffix(".so")
+        file = index.with_suffix(_SUFFIXES.get(sys.platform, ".so"))
         if _digest(file.read_bytes()) != library_digest:
             raise ValueError("the library is damaged")
         self._library = ctypes.CDLL(str(file))
         table = (ctypes.c_void_p * len(slots)).in_dll(self._library, SLOTS)
         for position, name in enumerate(slots):
-            address = llvm.address_of_symbol(name)  # type: ignore[no-untyped-call]
-            if not address:
-                raise ValueError(f"there is no {name} in this process")
-            table[position] = address
+            table[position] = _address_of(name)
+        for name in pointers:
+            ctypes.c_void_p.in_dll(self._library, _POINTER + name).value = _address_of(name)
         self._environments: list[Environment] = []
 
     def __len__(self) -> int:
@@ -169,25 +191,26 @@ class KernelLibrary:
         )
 
 
+def _address_of(name: str) -> int:
+    """What a name means to numba's compiler in this process."""
+    address: int | None = llvm.address_of_symbol(name)  # type: ignore[no-untyped-call]
+    if not address:
+        raise ValueError(f"there is no {name} in this process")
+    return address
+
+
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def kernel_key(function: Any, sources: str, argument_types: tuple[Any, ...]) -> str:
-    """What a kernel for certain arguments is called in an index.
-
-    Parameters
-    ----------
-    function : callable
-        The kernel, as Python.
-    sources : str
-        Hash of its sources.
+def kernel_key(function: Any, argument_types: tuple[Any, ...]) -> str:
+    """What a kernel (as Python) for certain arguments is called in an index, whose kernels are all of the same sources.
     """
     code = function.__code__
     # Functions made by other functions of the same sources differ in what they enclose.
     closure = repr([cell.cell_contents for cell in function.__closure__ or ()])
     module = function.__module__.removeprefix(PACKAGE)
-    parts = (module, function.__qualname__, str(code.co_firstlineno), sources, repr(argument_types), closure)
+    parts = (module, function.__qualname__, str(code.co_firstlineno), repr(argument_types), closure)
     return hashlib.sha256("\0".join(parts).encode() + code.co_code).hexdigest()[:32]
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -59,12 +60,10 @@ def _text(file: Path) -> bytes:
     return file.read_bytes()
 
 
-@cache
-def source_hash(name: str, file: Path) -> str:
-    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed.
+def reached_files(name: str, file: Path) -> list[Path]:
+    """Sources of module `name` and of every engine module it reaches, in an order that the package's name leaves.
 
-    The module itself may lie outside the engine (tests and benchmarks have kernels too). What the engine's package is
-    called makes no difference.
+    The module itself may lie outside the engine (tests and benchmarks have kernels too).
     """
     seen: dict[str, Path] = {}
     pending = [(name, file)]
@@ -76,7 +75,18 @@ def source_hash(name: str, file: Path) -> str:
                 imported_file = _module_file(imported)
                 if imported_file is not None:
                     pending.append((imported, imported_file))
+    return [seen[module] for module in sorted(seen)]
+
+
+@cache
+def source_hash(name: str, file: Path) -> str:
+    """Hash of module `name` and of every engine module it reaches, so that an edited callee is never missed."""
+    return hash_of(reached_files(name, file))
+
+
+def hash_of(files: Iterable[Path]) -> str:
+    """Hash of sources, in this order."""
     digest = hashlib.sha256()
-    for module in sorted(seen):
-        digest.update(_text(seen[module]))
+    for file in files:
+        digest.update(_text(file))
     return digest.hexdigest()[:16]

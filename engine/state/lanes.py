@@ -248,7 +248,8 @@ def allocate_closures(lane_count: int, channel_count: int = 3, aov_width: int = 
         )
     return Closures(
         kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields,
-        aovs=np.zeros(lane_count * aov_width, np.float32), channels=tuple(range(channel_count)),
+        # One element at least: that of an empty array has another stride, and so all kernels would be others.
+        aovs=np.zeros(max(lane_count * aov_width, 1), np.float32), channels=tuple(range(channel_count)),
     )
 
 

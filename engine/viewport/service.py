@@ -27,6 +27,7 @@ from engine.guiding.saved.learned import LearnedField
 from engine.processes.memory import SharedMemory
 from engine.processes.parent import leave_with_parent, step_back
 from engine.render.denoising import Denoising
+from engine.render.film import Images
 from engine.render.report import Progress
 from engine.render.session import Session
 from engine.scene.description import Notice
@@ -224,7 +225,7 @@ class Service:
             return
         has_image = False
 
-        def on_image(images: dict[str, Float32Array]) -> None:
+        def on_image(images: Images) -> None:
             nonlocal has_image
             self._show(images, view, 1)
             has_image = True
@@ -247,7 +248,7 @@ class Service:
             self._show(result.passes, view, 1)
             self._tell(DONE, "Done", sample=round(result.report.sample_count), samples=self._status.samples)
 
-    def _show(self, images: dict[str, Float32Array], view: View, divider: int) -> None:
+    def _show(self, images: Images, view: View, divider: int) -> None:
         pixels = images["Combined"]
         x0, y0, x1, y1 = view.region
         if divider > 1:
@@ -263,7 +264,7 @@ class Service:
                 fill_unsampled(pixels, count, *self._coarse, (x0, y0))
         self.block.write_image(pixels, (x0, y0, x1, y1), divider, self._number)
 
-    def _denoise(self, images: dict[str, Float32Array]) -> bool:
+    def _denoise(self, images: Images) -> bool:
         """Denoise, but not all the time; whether there is something to show.
 
         A picture that was denoised is not followed by a noisy one.

@@ -131,7 +131,9 @@ def test_a_frame_of_two_workers_is_that_of_one_process(farm: Farm, protocol: str
     assert np.array_equal(picture(farm.folder, "render_"), picture(farm.folder, "alone_"))
     if protocol == "tls":
         nobody = farm.run(render, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT="", DASK_DISTRIBUTED__COMM__TLS__CA_FILE="")
-        assert nobody.returncode == 2 and "no scheduler answers" in nobody.stderr
+        assert nobody.returncode == 2 and "TLS__CA_FILE names no file" in nobody.stderr
+        plain = farm.run(render.replace("tls://", "tcp://"))
+        assert plain.returncode == 2 and "write tls://" in plain.stderr
 
 
 @pytest.mark.slow

@@ -23,9 +23,10 @@ print("loaded" if "engine.render.session" in sys.modules else "untouched")
 """
 
 
-def run(body: str) -> str:
+def run(body: str, **variables: str) -> str:
     command = [sys.executable, "-c", _SCRIPT.format(body=body)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    # Without byte code: none is made, whatever the checkout has.
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **variables}
     done = subprocess.run(command, env=environment, cwd=ROOT, check=True, capture_output=True, text=True)
     return done.stdout.strip().splitlines()[-1]
 
@@ -52,3 +53,24 @@ assert "engine.render.session" not in sys.modules
 bpy.ops.wm.open_mainfile(filepath={str(tmp_path / "file.blend")!r})
 """
     assert run(body) == expected
+
+
+def test_byte_code_is_made_once_and_whole(tmp_path: Path) -> None:
+    """By the time the add-on is disabled, loading the engine writes none."""
+    body = """
+from pathlib import Path
+def written():
+    return {path for path in Path(sys.pycache_prefix).rglob("*.pyc") if {"engine", "numba"} & set(path.parts)}
+assert warm_up.needs_byte_code() and len(warm_up._children) == 1
+addon.unregister()
+assert not warm_up.needs_byte_code()
+made = written()
+assert {path.name.partition(".")[0] for path in made} >= {"session", "rng", "scene", "dispatcher"}
+warm_up.begin()
+addon.unregister()
+assert written() == made, written() - made
+addon.register()
+assert not warm_up._children
+"""
+    environment = {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
+    assert run(body, **environment) == "loaded"

@@ -107,3 +107,31 @@ def test_the_picture_is_one_machines_whatever_happens_to_workers(pool):
     while len(pool.workers()) != 3:
         assert time.monotonic() < deadline
         time.sleep(0.2)
+
+
+def test_without_certificates_the_reason_is_said_at_once(tmp_path):
+    import dask
+
+    from engine.cluster.dask_pool import open_pool, run_worker
+    from engine.cluster.pool import ClusterError
+
+    def fails(address, options, join=open_pool):
+        started = time.monotonic()
+        with (
+            dask.config.set({f"distributed.comm.{key}": value for key, value in options.items()}),
+            pytest.raises(ClusterError) as caught,
+        ):
+            join(address)
+        assert time.monotonic() - started < 2.0
+        return str(caught.value)
+
+    (no_certificate := tmp_path / "words.pem").write_text("no certificate")
+    nothing = {"tls.ca-file": None, "tls.client.cert": None, "tls.worker.cert": None}
+    missing = nothing | {"tls.ca-file": str(no_certificate), "tls.client.cert": str(tmp_path / "missing.pem")}
+    broken = missing | {"tls.client.cert": str(no_certificate), "tls.client.key": str(no_certificate)}
+    secure, plain = "tls://127.0.0.1:9", "tcp://127.0.0.1:9"
+    assert "TLS__CA_FILE names no file" in fails(secure, nothing)
+    assert "TLS__CLIENT__CERT names" in fails(secure, missing) and "no such file" in fails(secure, missing)
+    assert "cannot be used" in fails(secure, broken)
+    assert "TLS__WORKER__CERT names no file" in fails(secure, missing, run_worker)
+    assert "write tls://" in fails(plain, {"require-encryption": True})
