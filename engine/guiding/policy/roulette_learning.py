@@ -28,7 +28,7 @@ _LEAST = 0.1
 _COUNTED_OVERHEAD = 1.08
 #: Efficiency over roulette by the throughput from which on it goes on: a few samples tell it to a tenth or two, and it
 #: wins by more than it loses (docs/decisions/roulette-and-light-sampling.md).
-_LEAST_EFFICIENCY = 0.9
+LEAST_EFFICIENCY = 0.9
 #: Of a variance about a mean of the same samples, the share that must not be in that mean.
 _LEAST_LEFT = 0.2
 _REHEARSED_RECORDS = 16
@@ -124,5 +124,5 @@ class RouletteTrial:
         efficiency = self._moments.efficiency(weights)
         self.is_running = False
         # Written so that NaN, nothing compared, loses.
-        self.is_won = efficiency >= _LEAST_EFFICIENCY
+        self.is_won = efficiency >= LEAST_EFFICIENCY
         return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"

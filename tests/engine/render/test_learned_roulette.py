@@ -99,7 +99,7 @@ def test_one_sample_a_pixel_decides_nothing():
 def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least, monkeypatch):
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, least))
     monkeypatch.setattr(trial, "LEAST_OF_SHORT", least)
-    monkeypatch.setattr(roulette_learning, "_LEAST_EFFICIENCY", 0.0)
+    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", 0.0)
     settings = PIT | {"samples": 32, "deterministic": True}
     for by in ("AUTO", "THROUGHPUT"):
         guidance = render("AUTO", 1, **settings, roulette=by).guidance
