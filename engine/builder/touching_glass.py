@@ -58,12 +58,19 @@ class _Placed:
     high: np.ndarray
 
 
+def _is_sound(mesh: Mesh) -> bool:
+    """Whether all triangles are of vertices that exist; of others there is a notice later."""
+    return len(mesh.triangles) > 0 and int(mesh.triangles.max()) < len(mesh.vertices)
+
+
 def _plane_faces(mesh: Mesh) -> _Faces | None:
     """A mesh's largest plane faces, None where it has none.
 
     Glass is behind the faces' normals, as it is for the material; within what is closed, whichever way these look.
     """
     vertices = mesh.vertices.astype(np.float64)
+    if not _is_sound(mesh) or not np.isfinite(vertices).all():
+        return None
     corners = vertices[mesh.triangles]
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(vectors, axis=1)
@@ -269,7 +276,7 @@ def touching_faces(
             touching.setdefault(other, []).append(row)
     for other, near in touching.items():
         mesh = meshes[instances.mesh[other]]
-        if len(mesh.vertices) > MOST_VERTICES:
+        if len(mesh.vertices) > MOST_VERTICES or not _is_sound(mesh):
             continue
         theirs = _triangles_within(
             world_vertices(instances, meshes, other), mesh.triangles, low[near].min(axis=0), high[near].max(axis=0)

@@ -79,6 +79,21 @@ def test_what_is_no_glass_and_sheets_without_a_thickness_stay_as_they_are():
     assert touching_faces(with_faces(scene, [0, 1]), IS_GLASS, NOTHING) == {}
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("number", [0, 1])
+def test_broken_meshes_touch_nothing(number):
+    for triangles, vertices in ((np.array([[0, 1, 99]], np.uint32), None), (None, np.nan)):
+        scene = on_a_floor()
+        broken = replace(scene.meshes[0], key="broken", vertices=scene.meshes[0].vertices.copy())
+        if triangles is not None:
+            broken.triangles, broken.material_slots = triangles, np.zeros(1, np.int32)
+        if vertices is not None:
+            broken.vertices[0] = vertices
+        scene.meshes.append(broken)
+        scene.instances.mesh[number] = 1
+        assert touching_faces(scene, IS_GLASS, NOTHING) == {}
+
+
 def with_faces(scene, faces, turn=False):
     """The scene with a mesh of its own for the glass: these of its triangles, turned to the other side if need be."""
     whole = scene.meshes[0]
