@@ -103,8 +103,9 @@ class FakeSession:
 
     def render(
         self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str], source: Any, start: Any,
-        keep: bool,
+        keep: bool, one_by_one: bool,
     ) -> Any:
+        assert one_by_one, "Blender copies passes: all of them need not lie ready"
         self.fake.started_from.append(start)
         self.fake.asked_passes.append(passes)
         self.should_cancel = should_cancel
