@@ -94,6 +94,27 @@ def eval_phase_lobe(param, channels, lane, i, n, wo, wi, factor, out, row):
 
 
 @kernel
+def _has_water(closures, lane):
+    """Whether some phase function of a lane is Fournier and Forand's."""
+    for i in range(closures.count[lane]):
+        if closures.param[lane, i, PHASE_DELTA] > 0.0:
+            return True
+    return False
+
+
+@kernel
+def _eval_with_water(closures, lane, wo, wi, out, row):
+    """Add the values of all phase functions of a lane to out[row]; see `eval_phases`."""
+    pdf = 0.0
+    total = 0.0
+    for i in range(closures.count[lane]):
+        weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
+        total += weight
+        pdf += weight * eval_phase_lobe(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
+    return pdf / total if total > 0.0 else 0.0 * pdf
+
+
+@kernel
 def eval_phases(closures, lane, wo, wi, out, row):
     """Write the values of all phase functions of a lane, which has no other lobes, into out[row]; return their density.
 
@@ -101,22 +122,15 @@ def eval_phases(closures, lane, wo, wi, out, row):
     """
     for c in range(len(closures.channels)):
         out[row, c] = 0.0
+    # Apart, so that the compiler makes of the others what it always does, to the last bit.
+    if _has_water(closures, lane):
+        return _eval_with_water(closures, lane, wo, wi, out, row)
     pdf = 0.0
     total = 0.0
-    waters = 0
     for i in range(closures.count[lane]):
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         total += weight
-        if closures.param[lane, i, PHASE_DELTA] > 0.0:
-            waters += 1
-            continue
         pdf += weight * eval_phase(closures.param, closures.channels, lane, i, wi, wo, wi, 1.0, out, row)
-    # Apart, so that without any the compiler makes of the others what it always does, to the last bit.
-    if waters > 0:
-        for i in range(closures.count[lane]):
-            if closures.param[lane, i, PHASE_DELTA] > 0.0:
-                weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
-                pdf += weight * _eval_water(closures.param, closures.channels, lane, i, wo, wi, 1.0, out, row)
     return pdf / total if total > 0.0 else 0.0 * pdf
 
 

@@ -243,6 +243,14 @@ def _graph(path: str, node: int, name: str, value: Any, part: str = "inputs") ->
     return _edit(f"{path}.graph.nodes.{node}.{part}", lambda values: {**values, name: value})
 
 
+_VOXELS = NodeGraph(
+    [
+        Node("ShaderNodeVolumeScatter", "Fog", {"Density": Link(1, "Fac")}),
+        Node("ShaderNodeAttribute", "Voxels", {}, {"attribute_type": "GEOMETRY", "attribute_name": "Tint"}),
+    ],
+    None,
+    Link(0, "Volume"),
+)
 _PLAIN = NodeGraph([Node("ShaderNodeBsdfDiffuse", "D", {"Color": (0.2, 0.3, 0.9, 1.0)})], Link(0, "BSDF"))
 
 #: How each field of the description is changed, in a way that arrays or pictures show: every field has an entry.
@@ -341,7 +349,10 @@ CHANGES: dict[str, list[Change]] = {
     "Material.graph": [_set("materials.0.graph", None), _set("materials.1.graph", _PLAIN)],
     "Material.pass_index": [_set("materials.2.pass_index", 3)],
     "Material.use_bump_map_correction": [_set("materials.2.use_bump_map_correction", False)],
-    "Material.has_smooth_voxels": [_set("materials.0.has_smooth_voxels", True)],
+    # Of what has voxels inside.
+    "Material.has_smooth_voxels": [lambda d: (_set("meshes.0.grids", {"Tint": _grid()})(d),
+                                              _set("materials.0.graph", _VOXELS)(d),
+                                              _set("materials.0.has_smooth_voxels", True)(d))],
     "Material.use_transparent_shadow": [_set("materials.3.use_transparent_shadow", False)],
     "Material.emission_sampling": [_set("materials.1.emission_sampling", "BACK"),
                                    _set("materials.1.emission_sampling", "NONE")],
