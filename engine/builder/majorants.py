@@ -274,12 +274,12 @@ def _moved(filled: Filled, bound: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Bounds by cell of all that may have moved there, of bounds where the grids have it."""
     # What is at a point has come from there less its displacement.
     size = cells / np.maximum(filled.upper - filled.lower, 1e-30)
-    first = np.floor(-filled.displacement[1] * size).astype(np.int64)
-    last = np.ceil(-filled.displacement[0] * size).astype(np.int64)
+    first = np.clip(np.floor(-filled.displacement[1] * size), -cells, cells).astype(np.int64)
+    last = np.clip(np.ceil(-filled.displacement[0] * size), -cells, cells).astype(np.int64)
     for axis in range(3):
         count, found = int(cells[axis]), bound
         along = 2 - axis
-        for step in range(max(int(first[axis]), -count), min(int(last[axis]), count) + 1):
+        for step in range(int(first[axis]), int(last[axis]) + 1):
             source = np.clip(np.arange(count) + step, 0, count - 1)
             found = np.maximum(found, np.take(bound, source, axis=along))
         bound = found

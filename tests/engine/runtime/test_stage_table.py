@@ -17,17 +17,19 @@ from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
 from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings
+from engine.scene.grids import VolumeMotion
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
+from tests.helpers.media_scenes import grid_of
 
 _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
 _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
     "start_media", "find_gaps", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions",
-    "begin_tracking", "find_collisions", "meet_media", "begin_shadows", "find_shadow_collisions", "dim_shadows",
-    "light_segments", "leave_segments", "prepare_collision_guides", "guide_collisions", "draw_collision_candidates",
-    "resample_collisions",
+    "begin_tracking", "find_collisions", "move_media", "meet_media", "begin_shadows", "find_shadow_collisions",
+    "dim_shadows", "light_segments", "leave_segments", "prepare_collision_guides", "guide_collisions",
+    "draw_collision_candidates", "resample_collisions",
 }  # fmt: skip
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
@@ -153,6 +155,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     has_media = method == "VMM"
     if has_media:
         _fill_with_fog(next(item.graph for item in description.materials if item.graph is not None))
+        velocity = np.full((4, 4, 4, 3), 0.1, np.float32)
+        description.meshes[0].volume_motion = VolumeMotion(grid_of(velocity, np.eye(4)), 0.5, 1.0)
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
