@@ -111,6 +111,7 @@ def problems(capsys: pytest.CaptureFixture[str]) -> Callable[[], list[str]]:
     return told
 
 
+@pytest.mark.slow  # test_the_command_line_has_one_field_for_all_frames asks for less
 def test_an_animation_is_trained_for_once(
     lamp_scene: Any, trained: list[Any], problems: Callable[[], list[str]], tmp_path: Path, monkeypatch: Any
 ) -> None:

@@ -61,7 +61,7 @@ def test_trees_leave_the_mean_unchanged(method, plain):
     check_mean(means(method), plain)
 
 
-@pytest.mark.parametrize("scale", [1.0, 20.0])
+@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 20.0])
 @pytest.mark.parametrize("method", NETWORK_SOURCES)
 def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plain, monkeypatch):
     monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, scale))
@@ -69,7 +69,7 @@ def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plai
     check_mean(means(method, network_selection=scale == 1.0 and method != "FLOW"), plain)
 
 
-@pytest.mark.parametrize("lobes", ["VMF", "NASG", "SG"])
+@pytest.mark.parametrize("lobes", ["VMF", *(pytest.param(name, marks=pytest.mark.slow) for name in ("NASG", "SG"))])
 def test_lobes_are_interchangeable(lobes, plain, monkeypatch):
     monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
     check_mean(means("NPM", mixture_lobes=lobes), plain)
