@@ -24,43 +24,53 @@ _TILE_VOXELS = 512
 
 
 @kernel
-def _alpha(grids, grid, i, j, k):
-    """The fourth component of a voxel, of a grid that has four."""
+def _find_voxel(grids, grid, i, j, k):
+    """Where a voxel lies, counted from the grid's first one.
+
+    Returns
+    -------
+    at : int64
+        Of its first component in `grids.voxels`; -1 where there is nothing.
+    row : int64
+        Of that component's limits in `grids.ranges`.
+    """
     table = grids.table
     x, y, z = i >> _TILE_BITS, j >> _TILE_BITS, k >> _TILE_BITS
     ny, nz = table[grid, GRID_TILES + 1], table[grid, GRID_TILES + 2]
     if x < 0 or y < 0 or z < 0 or x >= table[grid, GRID_TILES] or y >= ny or z >= nz:
-        return 0.0
+        return np.int64(-1), np.int64(0)
     tile = np.int64(grids.tiles[table[grid, GRID_FIRST_TILE] + (x * ny + y) * nz + z])
     if tile < 0:
-        return 0.0
+        return np.int64(-1), np.int64(0)
+    count = table[grid, GRID_COMPONENTS]
     within = ((i & _WITHIN_TILE) << (2 * _TILE_BITS)) + ((j & _WITHIN_TILE) << _TILE_BITS) + (k & _WITHIN_TILE)
-    at = table[grid, GRID_FIRST_VOXEL] + (tile * _TILE_VOXELS + within) * 4 + 3
-    row = table[grid, GRID_FIRST_RANGE] + tile * 4 + 3
+    at = table[grid, GRID_FIRST_VOXEL] + (tile * _TILE_VOXELS + within) * count
+    return np.int64(at), np.int64(table[grid, GRID_FIRST_RANGE] + tile * count)
+
+
+@kernel
+def _component(grids, at, row):
+    """A component of a voxel that there is."""
     return grids.ranges[row, 0] + np.float32(grids.voxels[at]) * grids.ranges[row, 1]
+
+
+@kernel
+def _alpha(grids, grid, i, j, k):
+    """The fourth component of a voxel, of a grid that has four."""
+    at, row = _find_voxel(grids, grid, i, j, k)
+    return _component(grids, at + 3, row + 3) if at >= 0 else 0.0
 
 
 @kernel
 def _voxel(grids, grid, i, j, k):
     """Three components of a voxel, counted from the grid's first one: those that there are not repeat a single one."""
-    table = grids.table
-    x, y, z = i >> _TILE_BITS, j >> _TILE_BITS, k >> _TILE_BITS
-    ny, nz = table[grid, GRID_TILES + 1], table[grid, GRID_TILES + 2]
-    if x < 0 or y < 0 or z < 0 or x >= table[grid, GRID_TILES] or y >= ny or z >= nz:
+    at, row = _find_voxel(grids, grid, i, j, k)
+    if at < 0:
         return 0.0, 0.0, 0.0
-    tile = np.int64(grids.tiles[table[grid, GRID_FIRST_TILE] + (x * ny + y) * nz + z])
-    if tile < 0:
-        return 0.0, 0.0, 0.0
-    count = table[grid, GRID_COMPONENTS]
-    within = ((i & _WITHIN_TILE) << (2 * _TILE_BITS)) + ((j & _WITHIN_TILE) << _TILE_BITS) + (k & _WITHIN_TILE)
-    at = table[grid, GRID_FIRST_VOXEL] + (tile * _TILE_VOXELS + within) * count
-    row = table[grid, GRID_FIRST_RANGE] + tile * count
-    first = grids.ranges[row, 0] + np.float32(grids.voxels[at]) * grids.ranges[row, 1]
-    if count < 3:
+    first = _component(grids, at, row)
+    if grids.table[grid, GRID_COMPONENTS] < 3:
         return first, first, first
-    second = grids.ranges[row + 1, 0] + np.float32(grids.voxels[at + 1]) * grids.ranges[row + 1, 1]
-    third = grids.ranges[row + 2, 0] + np.float32(grids.voxels[at + 2]) * grids.ranges[row + 2, 1]
-    return first, second, third
+    return first, _component(grids, at + 1, row + 1), _component(grids, at + 2, row + 2)
 
 
 @kernel
@@ -90,16 +100,10 @@ def _between(grids, first, count, lowest, step, ux, uy, uz):
 @kernel
 def _sample_tile(grids, grid, i, j, k, ux, uy, uz):
     """What `sample_grid` returns where all eight voxels are of one tile."""
-    table, ranges = grids.table, grids.ranges
-    ny, nz = table[grid, GRID_TILES + 1], table[grid, GRID_TILES + 2]
-    place = ((i >> _TILE_BITS) * ny + (j >> _TILE_BITS)) * nz + (k >> _TILE_BITS)
-    tile = np.int64(grids.tiles[table[grid, GRID_FIRST_TILE] + place])
-    if tile < 0:
+    at, row = _find_voxel(grids, grid, i, j, k)
+    if at < 0:
         return 0.0, 0.0, 0.0
-    count = table[grid, GRID_COMPONENTS]
-    within = ((i & _WITHIN_TILE) << (2 * _TILE_BITS)) + ((j & _WITHIN_TILE) << _TILE_BITS) + (k & _WITHIN_TILE)
-    at = table[grid, GRID_FIRST_VOXEL] + (tile * _TILE_VOXELS + within) * count
-    row = table[grid, GRID_FIRST_RANGE] + tile * count
+    count, ranges = grids.table[grid, GRID_COMPONENTS], grids.ranges
     x = _between(grids, at, count, ranges[row, 0], ranges[row, 1], ux, uy, uz)
     if count < 3:
         return x, x, x
@@ -138,18 +142,37 @@ def _smooth(grids, grid, i, j, k, ux, uy, uz):
 
 
 @kernel
+def _voxel_before(grids, grid, p):
+    """The voxel whose centre comes before a point in the space of the object, along each axis.
+
+    Returns
+    -------
+    is_near : bool
+        Whether its numbers can be counted.
+    i, j, k : int64
+        From the grid's first one.
+    ux, uy, uz : float32 in [0, 1]
+        How far the point is on the way to the next.
+    """
+    index = transform_point(grids.to_index, grid, p)
+    fx, fy, fz = floor_of(index[0]), floor_of(index[1]), floor_of(index[2])
+    ux, uy, uz = index[0] - fx, index[1] - fy, index[2] - fz
+    if not abs(fx) + abs(fy) + abs(fz) < 1e9:
+        return False, np.int64(0), np.int64(0), np.int64(0), ux, uy, uz
+    i = np.int64(fx) - np.int64(grids.table[grid, GRID_FIRST])
+    j = np.int64(fy) - np.int64(grids.table[grid, GRID_FIRST + 1])
+    k = np.int64(fz) - np.int64(grids.table[grid, GRID_FIRST + 2])
+    return True, i, j, k, ux, uy, uz
+
+
+@kernel
 def sample_alpha(grids, grid, p, is_smooth):
     """Alpha of a grid of colours at a point in the space of its object, 1 of a grid that has none."""
     if grids.table[grid, GRID_COMPONENTS] < 4:
         return 1.0 + 0.0 * p[0]
-    index = transform_point(grids.to_index, grid, p)
-    fx, fy, fz = floor_of(index[0]), floor_of(index[1]), floor_of(index[2])
-    if not abs(fx) + abs(fy) + abs(fz) < 1e9:
+    is_near, i, j, k, ux, uy, uz = _voxel_before(grids, grid, p)
+    if not is_near:
         return 0.0
-    ux, uy, uz = index[0] - fx, index[1] - fy, index[2] - fz
-    i = np.int64(fx) - grids.table[grid, GRID_FIRST]
-    j = np.int64(fy) - grids.table[grid, GRID_FIRST + 1]
-    k = np.int64(fz) - grids.table[grid, GRID_FIRST + 2]
     total = 0.0
     for corner in range(64):
         a, b, c = (corner >> 4) - 1, ((corner >> 2) & 3) - 1, (corner & 3) - 1
@@ -169,14 +192,9 @@ def sample_grid(grids, grid, p, is_smooth):
     is_smooth : bool
         By cubic splines, not by straight lines.
     """
-    index = transform_point(grids.to_index, grid, p)
-    fx, fy, fz = floor_of(index[0]), floor_of(index[1]), floor_of(index[2])
-    if not abs(fx) + abs(fy) + abs(fz) < 1e9:
+    is_near, i, j, k, ux, uy, uz = _voxel_before(grids, grid, p)
+    if not is_near:
         return 0.0, 0.0, 0.0
-    ux, uy, uz = index[0] - fx, index[1] - fy, index[2] - fz
-    i = np.int64(fx) - grids.table[grid, GRID_FIRST]
-    j = np.int64(fy) - grids.table[grid, GRID_FIRST + 1]
-    k = np.int64(fz) - grids.table[grid, GRID_FIRST + 2]
     if is_smooth:
         return _smooth(grids, grid, i, j, k, ux, uy, uz)
     if _is_within(grids, grid, i, j, k):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from engine.scene.grids import TILE, unpack_values
+from tests.helpers.blender_scenes import empty_scene
 
 SIZE = (4, 5, 6)
 
@@ -43,10 +44,7 @@ def domain(**changes: Any) -> SimpleNamespace:
 def scene() -> Any:
     import bpy
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
+    scene = empty_scene()
     bpy.ops.mesh.primitive_cube_add(size=2.0)
     made = bpy.context.object
     # From 1 to 3, -2 to 3 and 0 to 6 in its own space.

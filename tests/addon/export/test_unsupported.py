@@ -8,16 +8,15 @@ from typing import Any
 
 import pytest
 
+from tests.helpers.blender_scenes import empty_scene
+
 
 @pytest.fixture
 def scene() -> Any:
     """A camera, a plane with a material that displaces, and a lamp; nothing in it is worth a notice."""
     import bpy
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
+    scene = empty_scene()
     bpy.ops.mesh.primitive_plane_add()
     plane = bpy.context.object
     material = bpy.data.materials.new("Paint")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from engine.scene.grids import unpack_values
+from tests.helpers.blender_scenes import empty_scene
 
 
 @pytest.fixture
@@ -24,13 +25,7 @@ def openvdb() -> Any:
 
 @pytest.fixture
 def scene() -> Any:
-    import bpy
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
-    return scene
+    return empty_scene()
 
 
 def write(openvdb: Any, path: Path, **grids: np.ndarray) -> Path:
