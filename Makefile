@@ -27,14 +27,14 @@ demo: .venv/installed ## Render the demo scene into out/
 	$(PYTHON) -m demo
 
 test: .venv/installed ## Run the tests, but for the slow ones
-	$(PYTHON) -m pytest -n $(JOBS) -m "not slow"
+	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m "not slow"
 
 slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
-	$(PYTHON) -m pytest -n $(JOBS) -m slow
+	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m slow
 
 # Training is not tested there: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own.
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
-	.venv-3.13/bin/python -m pytest -n $(JOBS) -m "not slow" --ignore tests/addon/test_blender34.py
+	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" --ignore tests/addon/test_blender34.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .
