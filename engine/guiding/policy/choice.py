@@ -129,7 +129,10 @@ class Choice:
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
         sums = unit.film_index, film.radiance, film.square, unit.sample_count
-        if len(self.parts) > 1 and self._trial is not None:
+        if unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample:
+            # Its pixels have no guided samples: the parts of those that have some begin with these.
+            self._plain.add(*sums)
+        elif len(self.parts) > 1 and self._trial is not None:
             is_challenger = self._is_challenger(unit.arm)
             self._trial.add(*sums, is_challenger)
             self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)

@@ -126,10 +126,13 @@ class RecordBudget:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
         self.records_per_path = max(record_count / max(path_count, 1.0), 0.01)
 
-    def threshold(self, samples: float) -> int:
-        """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
+    def threshold(self, samples: float, pixel_share: float = 1.0) -> int:
+        """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all.
+
+        `pixel_share` is that of the pixels which have guided samples.
+        """
         expected = self.records_per_path * samples
-        of_image = max(expected * self.paths_per_sample, 1.0)
+        of_image = max(expected * self.paths_per_sample * pixel_share, 1.0)
         wanted = min(self._wanted, max(FEW_RECORDS, _FEW_SHARE * of_image)) if self.is_frugal else self._wanted
         share = min(
             wanted / of_image,

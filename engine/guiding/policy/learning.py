@@ -82,12 +82,19 @@ class Learner:
         Whether what is learned outlives the render, so that the last iteration is worth learning from.
     light_clusters : bool (C,), optional
         Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
+    trial_share : float
+        Share of the pixels that units of a trial can have. Guiding is tried on these alone until it has won once.
+
+    Attributes
+    ----------
+    other_parts : list of Part
+        Of the units that have no pixels of the trial, in the iteration in work; empty: all units have the same parts.
     """
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
         source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None,
+        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None, trial_share: float = 1.0,
     ) -> None:
         self.settings = settings
         self._light_clusters = light_clusters
@@ -147,6 +154,10 @@ class Learner:
         #: Whether a sample weighs by whether it is guided, not by the samples seen before.
         self._weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
         self._compared_values = ComparedValues(paths_per_sample)
+        #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
+        is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
+        self._trial_share = trial_share if is_apart else 1.0
+        self.other_parts: list[Part] = []
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -228,6 +239,16 @@ class Learner:
         return self._media_trial.parts if self._media_trial.is_running else self._choice.parts
 
     @property
+    def _pixel_share(self) -> float:
+        """Share of the pixels that have guided samples in the iteration in work, if any have."""
+        return self._trial_share if self.other_parts else 1.0
+
+    @property
+    def _guided_share(self) -> float:
+        """Share of the samples of the iteration in work that are guided."""
+        return self._choice.guided_share * self._pixel_share
+
+    @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
         is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
@@ -269,6 +290,9 @@ class Learner:
         """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
         self._budget.paths_per_sample = pixel_count
         self._choice.is_narrow = is_narrow(pixel_count, self._paths_per_sample)
+        if pixel_count < self._paths_per_sample:
+            # Units are divided by which pixels go on.
+            self._trial_share = 1.0
         if self._gate is not None:
             self._gate.expect(expected_paths / max(self._paths_per_sample, 1))
 
@@ -336,8 +360,8 @@ class Learner:
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
-        # In a trial a part of the samples only.
-        guided_share = choice.guided_share
+        # In a trial a part of the samples only, and of the pixels.
+        guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
@@ -347,8 +371,10 @@ class Learner:
         else:
             weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            # What learning costs is compared with what guiding all pixels would.
+            self._judge(weights, next_range[0], choice.guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
+        self.other_parts = []
         if self._is_over:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
@@ -407,6 +433,8 @@ class Learner:
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
         choice.plan(*next_range, offers, is_whole=is_whole)
         self._plan_media(regions, next_range)
+        if self._trial_share < 1.0 and self._is_doubtful and not choice.is_settled:
+            self.other_parts = [Part(*next_range, PLAIN)]
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
 
@@ -422,7 +450,7 @@ class Learner:
         self, regions: RegionModels, delta: np.ndarray, ray_count: float, variance: float, weights: np.ndarray,
         samples: float,
     ) -> Guidance:
-        """What the next iteration's guided samples, so many a pixel, go by."""
+        """What the next iteration's guided samples go by, of which the pixels that have some have so many."""
         choice = self._choice
         self._is_guiding = True
         field = regions.field
@@ -440,7 +468,7 @@ class Learner:
                 delta, ray_count=ray_count, variance=variance, costs=self._costs.candidates(rung)
             )
             return Guidance(
-                self.settings, self._budget.threshold(samples), field,
+                self.settings, self._budget.threshold(samples, self._pixel_share), field,
                 without_surfaces(probability, len(ready)) if guides == MEDIA else probability,
                 regions.light_share.share, regions.selection.benefit, self._fixed_count(rung), allocation, weights,
                 predictions.table, predictions.network, predictions.session, self._probes_only(rung),
@@ -480,7 +508,7 @@ class Learner:
     @property
     def _last_share(self) -> float:
         """Samples of the iteration in work as a share of all that will have been seen."""
-        samples = sum(part.sample_count for part in self.parts) * self._choice.guided_share
+        samples = sum(part.sample_count for part in self.parts) * self._guided_share
         return samples / max(self._samples + samples, 1e-9)
 
     def take_last(self, units: Sequence[UnitRecords]) -> None:
@@ -498,7 +526,7 @@ class Learner:
                 records, row_count, variance=self._variance, ray_count=max(self._ray_count, 1.0),
                 was_guided=was_guided,
             )
-            self._samples += sum(part.sample_count for part in self.parts) * self._choice.guided_share
+            self._samples += sum(part.sample_count for part in self.parts) * self._guided_share
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs; no two threads at once."""
