@@ -143,7 +143,8 @@ class Choice:
         return arm == CHALLENGER if self.challenger else arm == CURRENT
 
     def judge(
-        self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf
+        self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf, *,
+        is_part: bool = False,
     ) -> None:
         """After an iteration: draw the conclusion, if it compared.
 
@@ -155,6 +156,8 @@ class Choice:
             Cost of what the arm compared needs besides tracing, as a share of that.
         samples_left : float
             Samples a pixel to come, as far as it is known.
+        is_part : bool
+            Whether a part of the pixels was compared.
         """
         self._iteration += 1
         self.has_lost = False
@@ -182,7 +185,8 @@ class Choice:
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
         # Written so that NaN, nothing compared, goes on.
-        self.has_lost = efficiency < trial.least_efficiency(self._compared_at, next_sample, samples_left)
+        least = trial.least_efficiency(self._compared_at, next_sample, samples_left, is_part=is_part)
+        self.has_lost = efficiency < least
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 
@@ -211,7 +215,8 @@ class Choice:
         self.challenger = ""
 
     def plan(
-        self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True
+        self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True,
+        is_last: bool = False,
     ) -> None:
         """Divide the next iteration.
 
@@ -226,9 +231,11 @@ class Choice:
         is_whole : bool
             Whether its samples lie in all of u: within a stratum they vary less than the unguided ones of all strata,
             and those of the iteration alone are compared.
+        is_last : bool
+            Whether nobody will go by what the iteration finds.
         """
         self._knows_something = knows_something
-        if self.is_narrow:
+        if self.is_narrow or is_last:
             self._end_comparison(first, count)
             return
         is_tried = self._tries_plain and not self._has_won and knows_something

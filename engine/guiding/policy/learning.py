@@ -360,6 +360,8 @@ class Learner:
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
+        is_last = sum(next_range) >= settings.samples and not self._keeps and self.sink is None
+        self._budget.samples_left = 0.0 if is_last else max(self._samples_left(next_range[0]) - next_range[1], 1.0)
         # In a trial a part of the samples only, and of the pixels.
         guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
@@ -431,18 +433,25 @@ class Learner:
         if len(self.parts) == 1:
             self._costs.measure(choice.rung, costs)
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
-        choice.plan(*next_range, offers, is_whole=is_whole)
-        self._plan_media(regions, next_range)
+        choice.plan(*next_range, offers, is_whole=is_whole, is_last=is_last)
+        self._plan_media(regions, next_range, is_last=is_last)
         if self._trial_share < 1.0 and self._is_doubtful and not choice.is_settled:
             self.other_parts = [Part(*next_range, PLAIN)]
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
 
-    def _plan_media(self, regions: RegionModels, next_range: tuple[int, int]) -> None:
+    def _samples_left(self, next_sample: int) -> float:
+        """Samples a pixel to come, as far as it is known; of a noise threshold the most that there can be."""
+        if self.settings.use_adaptive_sampling:
+            return float(self.settings.samples - next_sample)
+        return self._horizon.samples_left(next_sample)
+
+    def _plan_media(self, regions: RegionModels, next_range: tuple[int, int], *, is_last: bool) -> None:
         """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""
         choice = self._choice
         is_free = self.settings.guiding_trial and regions.knows_media and choice.is_settled and not choice.is_narrow
-        self._media_trial.plan(*next_range, is_free=is_free and len(choice.parts) == 1)
+        is_free = is_free and len(choice.parts) == 1 and not is_last
+        self._media_trial.plan(*next_range, is_free=is_free)
         if regions.knows_media:
             self.report.guides = self._media_trial.guided
 
@@ -556,7 +565,8 @@ class Learner:
         said = self._media_trial.judge(weights, next_sample)
         if said:
             choice.trials.append(said)
-        choice.judge(weights, next_sample, overhead, self._horizon.samples_left(next_sample))
+        samples_left = self._horizon.samples_left(next_sample)
+        choice.judge(weights, next_sample, overhead, samples_left, is_part=bool(self.other_parts))
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return
