@@ -38,7 +38,6 @@ from engine.settings import RenderSettings
 from engine.state.film import FilmTile, rows_of
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
-
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.
 _LEAST_TRIAL_PIXELS = 1 << 12
 

@@ -66,24 +66,21 @@ class FrameTiles(Sequence[Tile]):
         return pixels, rows * width + (columns + ((top - y0) * width + left - x0))
 
 
-#: Of `TrialTiles`: units of a square of so many tiles by as many, side of the blocks of which each unit has one quarter
-#: [pixels], and bits of a coordinate that are within a quarter.
+#: Side of the blocks of which each unit of `TrialTiles` has one quarter, and of a quarter [pixels].
+_BLOCK_SIZE, _QUARTER_SIZE = 8, 4
 _UNITS = 4
-_GROUP_SIDE = 2
-_BLOCK_SIZE = 8
-_QUARTER_BITS = 2
+#: Side of the squares that so many units share [pixels].
+_GROUP_SIZE = 2 * TILE_SIZE
 
 
-def _piece(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Which of the units pixels belong to, by column and row in the region: int64.
+def _turn(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A hash of each block, of columns and rows of blocks in the region, that says which quarter is whose: int64.
 
-    Each unit has one quarter of each block. Which one is told by a hash, so that no pattern of the scene can be that of
-    a unit.
+    No pattern of the scene can then be that of a unit.
     """
-    quarter = (columns >> _QUARTER_BITS & 1) + 2 * (rows >> _QUARTER_BITS & 1)
-    block = (columns // _BLOCK_SIZE * 0x9E3779B1 ^ rows // _BLOCK_SIZE * 0x85EBCA77) & 0xFFFFFFFF
-    block = (block ^ block >> 15) * 0x2C1B3C6D & 0xFFFFFFFF
-    return quarter + (block ^ block >> 12) & _UNITS - 1
+    turn = (columns * 0x9E3779B1 ^ rows * 0x85EBCA77) & 0xFFFFFFFF
+    turn = (turn ^ turn >> 15) * 0x2C1B3C6D & 0xFFFFFFFF
+    return turn ^ turn >> 12
 
 
 class TrialTiles(Sequence[Tile]):
@@ -99,12 +96,16 @@ class TrialTiles(Sequence[Tile]):
 
     def __init__(self, frame: Frame) -> None:
         x0, y0, x1, y1 = self._region = frame.region
-        side = _GROUP_SIDE * TILE_SIZE
-        self._columns = -(-(x1 - x0) // side)
-        self.trial_count = self._columns * -(-(y1 - y0) // side)
-        rows = np.arange(y1 - y0, dtype=np.int64)
-        columns = np.arange(x1 - x0, dtype=np.int64)
-        self.trial_pixels = sum(int((_piece(columns, row) == 0).sum()) for row in rows)
+        self._columns = -(-(x1 - x0) // _GROUP_SIZE)
+        self.trial_count = self._columns * -(-(y1 - y0) // _GROUP_SIZE)
+        # Quarters are whole but at the border.
+        widths, heights = (
+            np.clip(size - _QUARTER_SIZE * np.arange(2 * -(-size // _BLOCK_SIZE)), 0, _QUARTER_SIZE)
+            for size in (x1 - x0, y1 - y0)
+        )
+        columns, rows = np.arange(len(widths) // 2), np.arange(len(heights) // 2)[:, None]
+        quarter = -_turn(columns, rows) & _UNITS - 1
+        self.trial_pixels = int((widths[2 * columns + quarter % 2] * heights[2 * rows + quarter // 2]).sum())
 
     def __len__(self) -> int:
         return _UNITS * self.trial_count
@@ -120,18 +121,24 @@ class TrialTiles(Sequence[Tile]):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not 0 <= index < len(self):
             raise IndexError(f"unit {index} of {len(self)}")
-        group, piece = index, 0
+        group, unit = index, 0
         if index >= self.trial_count:
-            group, piece = divmod(index - self.trial_count, _UNITS - 1)
-            piece += 1
+            group, unit = divmod(index - self.trial_count, _UNITS - 1)
+            unit += 1
         x0, y0, x1, y1 = self._region
-        side = _GROUP_SIDE * TILE_SIZE
-        row, column = divmod(group, self._columns)
-        left, top = side * column, side * row
-        rows, columns = _grid(min(side, y1 - y0 - top), min(side, x1 - x0 - left))
-        rows, columns = rows + top, columns + left
-        chosen = _piece(columns, rows) == piece
-        rows, columns = rows[chosen], columns[chosen]
+        block_rows, block_columns = (
+            side + _GROUP_SIZE // _BLOCK_SIZE * of_group
+            for side, of_group in zip(
+                _grid(_GROUP_SIZE // _BLOCK_SIZE, _GROUP_SIZE // _BLOCK_SIZE), divmod(group, self._columns), strict=True
+            )
+        )
+        quarter = unit - _turn(block_columns, block_rows) & _UNITS - 1
+        within_rows, within_columns = _grid(_QUARTER_SIZE, _QUARTER_SIZE)
+        rows = ((_BLOCK_SIZE * block_rows + _QUARTER_SIZE * (quarter // 2))[:, None] + within_rows).ravel()
+        columns = ((_BLOCK_SIZE * block_columns + _QUARTER_SIZE * (quarter % 2))[:, None] + within_columns).ravel()
+        is_inside = (rows < y1 - y0) & (columns < x1 - x0)
+        if not is_inside.all():
+            rows, columns = rows[is_inside], columns[is_inside]
         pixels = np.empty((len(rows), 2), np.int32)
         np.add(columns, x0, out=pixels[:, 0])
         np.add(rows, y0, out=pixels[:, 1])

@@ -129,8 +129,7 @@ class Choice:
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
         sums = unit.film_index, film.radiance, film.square, unit.sample_count
-        if unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample:
-            # Its pixels have no guided samples: the parts of those that have some begin with these.
+        if self.is_aside(unit):
             self._plain.add(*sums)
         elif len(self.parts) > 1 and self._trial is not None:
             is_challenger = self._is_challenger(unit.arm)
@@ -138,6 +137,10 @@ class Choice:
             self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
         elif self._tries_plain and not self._knows_something:
             self._plain.add(*sums)
+
+    def is_aside(self, unit: Unit) -> bool:
+        """Whether none of a unit's pixels is guided in the iteration in work: parts of those that are begin guided."""
+        return unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample
 
     def _is_challenger(self, arm: int) -> bool:
         return arm == CHALLENGER if self.challenger else arm == CURRENT

@@ -35,7 +35,7 @@ from engine.guiding.policy.iterations import RecordBudget, is_narrow, iteration_
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
-from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
+from engine.guiding.policy.roulette_learning import RouletteElsewhere, RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
@@ -55,6 +55,9 @@ _LEAST_LAST = 0.1
 #: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
 #: equal time on a processor, and to start and train one takes about eight seconds of a thread.
 _AUTO_CAUTION = 5.0
+#: Of larger pictures the samples that nothing guides, while guiding is tried on others, are not kept to judge roulette
+#: by: their moments take forty bytes a pixel.
+_MOST_ELSEWHERE = 1 << 22
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -128,6 +131,9 @@ class Learner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         #: Of roulette without guiding, once that has lost; and whether it is in work.
         self._roulette_trial: RouletteTrial | None = None
+        self._elsewhere: RouletteElsewhere | None = None
+        #: Whether paths of the iteration in work end by what was learned.
+        self._ends_by_learned = False
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
@@ -157,6 +163,8 @@ class Learner:
         #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
         is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
         self._trial_share = trial_share if is_apart else 1.0
+        if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
+            self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock)
         self.other_parts: list[Part] = []
         self._cache = None
         if settings.radiance_cache != "OFF":
@@ -273,10 +281,12 @@ class Learner:
         if self._roulette is None:
             return plain
         if self._roulette_trial is None:
-            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
+            self._roulette_trial = RouletteTrial(
+                self._paths_per_sample, next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere
+            )
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
-        elif self._roulette_trial.is_running:
+        if self._roulette_trial.is_running or self._roulette_trial.is_known:
             self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
         return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
 
@@ -284,6 +294,7 @@ class Learner:
         """Guidance with what ends paths; `weights` are those of the film's pixels."""
         if self._roulette is not None:
             guidance = self._roulette.complete(guidance, weights)
+        self._ends_by_learned = guidance.reflected is not None
         return guidance if self._cache is None else self._cache.complete(guidance)
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
@@ -543,6 +554,9 @@ class Learner:
             if self._roulette_trial is not None and self._roulette_trial.is_running:
                 self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
+        if self.other_parts and self._elsewhere is not None and self._choice.is_aside(unit):
+            cost = self._costs.unit(costs, unit.arm, "")
+            self._elsewhere.add(unit, film, cost, is_learned=self._ends_by_learned)
         if self._weighs_arms:
             weight = self._grown_weight(self.parts[0].first_sample, unit.arm)
             self._compared_values.add(unit.film_index, film.radiance, unit.sample_count, weight)

@@ -156,6 +156,14 @@ def test_nothing_is_compared_without_offers():
     assert all(arms == [CURRENT] for _, _, arms in history)
 
 
+def test_nothing_is_compared_that_nobody_will_go_by():
+    choice, _, first = run({"OFF": 1.0, "VMM": 0.9}, iterations=4)
+    assert is_comparing(choice)
+    choice.judge(WEIGHTS, first, 0.0)
+    choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"), is_last=True)
+    assert choice.parts == [Part(first, SAMPLES, CURRENT)] and not choice.has_lost
+
+
 def test_a_challenger_that_is_no_longer_offered_is_dropped():
     choice = Choice(1, "VMM", tries_plain=False)
     choice.judge(WEIGHTS, 1, 0.0)
