@@ -23,7 +23,7 @@ RECORDS_PER_ITERATION = 1 << 18
 FEW_RECORDS = 1 << 15
 _FEW_SHARE = 0.03
 #: Records of an iteration for each path that is still to come after it: of few paths nothing learned is won back.
-RECORDS_PER_PATH_LEFT = float(__import__("os").environ.get("NG_LEFT", "0.25"))
+RECORDS_PER_PATH_LEFT = 0.25
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Share of the pixels below which few are left.

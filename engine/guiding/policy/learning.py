@@ -371,8 +371,11 @@ class Learner:
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
-        is_last = sum(next_range) >= settings.samples and not self._keeps and self.sink is None
-        self._budget.samples_left = 0.0 if is_last else max(self._samples_left(next_range[0]) - next_range[1], 1.0)
+        is_last = sum(next_range) >= settings.samples and not self._keeps and self.sink is None and self._cache is None
+        if self._source is None and self._cache is None:
+            # Networks learn from all that there is.
+            left = self._samples_left(next_range[0]) - next_range[1]
+            self._budget.samples_left = 0.0 if is_last else max(left, 1.0)
         # In a trial a part of the samples only, and of the pixels.
         guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.policy import trial
+from engine.guiding.policy import roulette_learning, trial
 from engine.render.course import Course
 from engine.render.film import Film
 from engine.render.session import Session
 from engine.render.tiles import FrameTiles, TrialTiles
 from engine.settings import RenderSettings
+from engine.state.unit import CHALLENGER
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
 
@@ -134,6 +135,39 @@ def test_unguided_pixels_cost_a_trial_nothing(monkeypatch):
     monkeypatch.setattr(trial.GuidingTrial, "add_cost", added)
     render("VMM", 1, scene=scene, samples=32, deterministic=True)
     assert sum(compared) == 4 * is_tried().sum()
+
+
+def arms_of_units(monkeypatch):
+    """Arms of all units, in the order in which they were put on the film."""
+    arms = []
+    keep_alike = Course.keep_alike
+
+    def kept(course, tasks, *others):
+        arms.extend(task.part.arm for task in tasks)
+        keep_alike(course, tasks, *others)
+
+    monkeypatch.setattr(Course, "keep_alike", kept)
+    return arms
+
+
+@pytest.mark.parametrize(("size", "renders_for_it"), [(SIZE, False), ((60, 60), True)])
+def test_roulette_is_compared_by_pixels_that_were_not_guided(size, renders_for_it, monkeypatch):
+    """They had samples by the throughput, and by what was learned. Where all were guided samples are taken for it."""
+    outcome(monkeypatch, 1e9)
+    arms = arms_of_units(monkeypatch)
+    report = render("AUTO", 1, scene=lambda: corner_scene(size), samples=32, deterministic=True).report.guiding
+    assert report.stopped_at == 8
+    assert report.trials[-1].startswith("learned roulette over OFF")
+    assert report.trials[-1].endswith("at sample 16" if renders_for_it else "at sample 8")
+    assert (CHALLENGER in arms) == renders_for_it
+
+
+@pytest.mark.parametrize("least", [0.0, 1e9])
+def test_roulette_that_loses_elsewhere_is_left(least, monkeypatch):
+    outcome(monkeypatch, 1e9)
+    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", least)
+    guidance = render("AUTO", 1, scene=scene, samples=32, deterministic=True).guidance
+    assert (guidance.reflected is not None) == (least == 0.0)
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9], ids=["wins", "loses"])
