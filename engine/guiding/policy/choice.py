@@ -72,6 +72,8 @@ class Choice:
         self._iteration = 0
         self._compared_at = 0
         self._has_won = False
+        #: Whether the newest comparison was of a part of the pixels.
+        self._was_part = False
         self._trial: GuidingTrial | None = None
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
         self._plain = SampleMoments(pixel_count)
@@ -181,8 +183,8 @@ class Choice:
         if self._looks_again:
             self._look(efficiency, next_sample)
             return
-        if self.efficiency >= trial.LEAST_OF_SHORT:
-            # It has paid once: what there is to lose is small, however little is left.
+        if self.efficiency >= trial.LEAST_OF_SHORT and not self._was_part:
+            # It has paid once: what there is to lose is small, however little is left. A part can be lucky.
             samples_left = math.inf
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
@@ -190,6 +192,7 @@ class Choice:
         # Written so that NaN, nothing compared, goes on.
         least = trial.least_efficiency(self._compared_at, next_sample, samples_left, is_part=is_part)
         self.has_lost = efficiency < least
+        self._was_part = is_part
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 

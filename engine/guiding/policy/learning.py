@@ -86,7 +86,8 @@ class Learner:
     light_clusters : bool (C,), optional
         Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
     trial_share : float
-        Share of the pixels that units of a trial can have. Guiding is tried on these alone until it has won once.
+        Share of the pixels that units of a trial can have. Until guiding has been found to pay, it is tried on these
+        alone.
 
     Attributes
     ----------
