@@ -32,11 +32,14 @@ from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
 from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataFilm, StrataSchedule
-from engine.render.tiles import FrameTiles, Tile
+from engine.render.tiles import FrameTiles, Tile, TrialTiles
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile, rows_of
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
+
+#: With fewer pixels guiding is tried on all of them: a quarter would say too little.
+_LEAST_TRIAL_PIXELS = 1 << 12
 
 
 class Course:
@@ -108,9 +111,17 @@ class Course:
         self.largest, pixel_count = tiles.largest, tiles.pixel_count
         if not settings.learns_lights:
             light_clusters = None
+        #: All pixels in other units, where guiding can be tried on a part of them.
+        self._frame_tiles = tiles
+        self._trial_tiles: TrialTiles | None = None
         if settings.is_guided:
+            trial_share = 1.0
+            if pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1:
+                self._trial_tiles = TrialTiles(frame)
+                trial_share = self._trial_tiles.trial_pixels / pixel_count
             self.learner = Learner(
-                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters
+                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters,
+                trial_share,
             )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, tiles.largest)
@@ -228,7 +239,7 @@ class Course:
     @property
     def has_all_pixels(self) -> bool:
         """Whether `tiles` are those of the whole frame (`FrameTiles`)."""
-        return self._active is None or not self._active.has_looked
+        return self.tiles is self._frame_tiles
 
     @property
     def notices(self) -> list[Notice]:
@@ -332,7 +343,7 @@ class Course:
         has_rested = self._learned is not None
         if is_stopped or (is_last and (has_rested or not learner.wants_last)):
             return
-        units = [records for tile in range(len(self.tiles)) for records in self._units[tile]]
+        units = [records for tile in range(len(self.tiles)) for records in self._units.get(tile, ())]
         self._units = {}
         if is_last:
             assert isinstance(learner, Learner)
@@ -340,7 +351,7 @@ class Course:
             return
         assert following is not None
         costs = self._costs_since(counted)
-        tiles = self.tiles
+        tiles: Sequence[Tile] = self._frame_tiles
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
@@ -351,13 +362,19 @@ class Course:
                 (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
             )
             self._go_by(learned)
+        other_parts: Sequence[Part] = ()
+        first_other = 0
+        if isinstance(learner, Learner) and learner.other_parts:
+            assert self._trial_tiles is not None
+            tiles, other_parts = self._trial_tiles, learner.other_parts
+            first_other = self._trial_tiles.trial_count
         with self.changed:
             self.tiles = tiles
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
                 self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
             else:
-                iterations.begin(self._parts_of(*following), len(self.tiles))
+                iterations.begin(self._parts_of(*following), len(self.tiles), other_parts, first_other)
 
     def _parts_of(self, first: int, count: int) -> list[Part]:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""

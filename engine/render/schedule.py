@@ -220,6 +220,9 @@ class Iterations:
         self._step = -1
         self._unfinished = 0
         self._parts: list[Part] = []
+        #: Of the tiles from some index on, where these are divided otherwise.
+        self._other_parts: list[Part] = []
+        self._first_other = 0
         self._waiting: deque[tuple[int, int]] = deque()
         self.plan(0.0)
 
@@ -252,9 +255,15 @@ class Iterations:
         self._step += 1
         return self._ranges[self._step]
 
-    def begin(self, parts: Sequence[Part], tile_count: int) -> None:
-        """Hand out the iteration that was planned, divided so, of so many tiles."""
-        self._parts = list(parts)
+    def begin(
+        self, parts: Sequence[Part], tile_count: int, other_parts: Sequence[Part] = (), first_other: int = 0
+    ) -> None:
+        """Hand out the iteration that was planned, divided so, of so many tiles.
+
+        Tiles from `first_other` on are divided as `other_parts` says, if there are any.
+        """
+        self._parts, self._other_parts = list(parts), list(other_parts)
+        self._first_other = first_other if self._other_parts else tile_count
         self._unfinished = tile_count
         self._waiting.extend((tile, 0) for tile in range(tile_count))
 
@@ -274,13 +283,16 @@ class Iterations:
     def take(self) -> Task:
         tile, place = self._waiting.popleft()
         first = self._ranges[self._step][0]
-        return Task(tile, self._parts[place], self._stratum, first, self._step == 0, self._step, place)
+        return Task(tile, self._parts_of(tile)[place], self._stratum, first, self._step == 0, self._step, place)
+
+    def _parts_of(self, tile: int) -> list[Part]:
+        return self._parts if tile < self._first_other else self._other_parts
 
     def clear(self) -> None:
         self._waiting.clear()
 
     def finish(self, task: Task) -> bool:
-        if task.place + 1 < len(self._parts):
+        if task.place + 1 < len(self._parts_of(task.tile)):
             self._waiting.append((task.tile, task.place + 1))
             return False
         self._unfinished -= 1

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A frame's region cut into square tiles, whose pixels are worked out when they are asked for."""
+"""A frame's region cut into square tiles, or into units that hold an even share of the pixels of larger squares. Their
+pixels are worked out when they are asked for."""
 
 from __future__ import annotations
 
@@ -63,3 +64,82 @@ class FrameTiles(Sequence[Tile]):
         np.add(columns, left, out=pixels[:, 0])
         np.add(rows, top, out=pixels[:, 1])
         return pixels, rows * width + (columns + ((top - y0) * width + left - x0))
+
+
+#: Side of the blocks of which each unit of `TrialTiles` has one quarter, and of a quarter [pixels].
+_BLOCK_SIZE, _QUARTER_SIZE = 8, 4
+_UNITS = 4
+#: Side of the squares that so many units share [pixels].
+_GROUP_SIZE = 2 * TILE_SIZE
+
+
+def _turn(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A hash of each block, of columns and rows of blocks in the region, that says which quarter is whose: int64.
+
+    No pattern of the scene can then be that of a unit.
+    """
+    turn = (columns * 0x9E3779B1 ^ rows * 0x85EBCA77) & 0xFFFFFFFF
+    turn = (turn ^ turn >> 15) * 0x2C1B3C6D & 0xFFFFFFFF
+    return turn ^ turn >> 12
+
+
+class TrialTiles(Sequence[Tile]):
+    """The pixels of `FrameTiles` in other units: the first have an even quarter of them, on which something is tried.
+
+    A unit has as many pixels as a tile at most; at the border some may have none.
+
+    Attributes
+    ----------
+    trial_count : int, units of the trial, which come first
+    trial_pixels : int, of these
+    """
+
+    def __init__(self, frame: Frame) -> None:
+        x0, y0, x1, y1 = self._region = frame.region
+        self._columns = -(-(x1 - x0) // _GROUP_SIZE)
+        self.trial_count = self._columns * -(-(y1 - y0) // _GROUP_SIZE)
+        # Quarters are whole but at the border.
+        widths, heights = (
+            np.clip(size - _QUARTER_SIZE * np.arange(2 * -(-size // _BLOCK_SIZE)), 0, _QUARTER_SIZE)
+            for size in (x1 - x0, y1 - y0)
+        )
+        columns, rows = np.arange(len(widths) // 2), np.arange(len(heights) // 2)[:, None]
+        quarter = -_turn(columns, rows) & _UNITS - 1
+        self.trial_pixels = int((widths[2 * columns + quarter % 2] * heights[2 * rows + quarter // 2]).sum())
+
+    def __len__(self) -> int:
+        return _UNITS * self.trial_count
+
+    @overload
+    def __getitem__(self, index: int) -> Tile: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Tile]: ...
+
+    def __getitem__(self, index: int | slice) -> Tile | list[Tile]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(f"unit {index} of {len(self)}")
+        group, unit = index, 0
+        if index >= self.trial_count:
+            group, unit = divmod(index - self.trial_count, _UNITS - 1)
+            unit += 1
+        x0, y0, x1, y1 = self._region
+        block_rows, block_columns = (
+            side + _GROUP_SIZE // _BLOCK_SIZE * of_group
+            for side, of_group in zip(
+                _grid(_GROUP_SIZE // _BLOCK_SIZE, _GROUP_SIZE // _BLOCK_SIZE), divmod(group, self._columns), strict=True
+            )
+        )
+        quarter = unit - _turn(block_columns, block_rows) & _UNITS - 1
+        within_rows, within_columns = _grid(_QUARTER_SIZE, _QUARTER_SIZE)
+        rows = ((_BLOCK_SIZE * block_rows + _QUARTER_SIZE * (quarter // 2))[:, None] + within_rows).ravel()
+        columns = ((_BLOCK_SIZE * block_columns + _QUARTER_SIZE * (quarter % 2))[:, None] + within_columns).ravel()
+        is_inside = (rows < y1 - y0) & (columns < x1 - x0)
+        if not is_inside.all():
+            rows, columns = rows[is_inside], columns[is_inside]
+        pixels = np.empty((len(rows), 2), np.int32)
+        np.add(columns, x0, out=pixels[:, 0])
+        np.add(rows, y0, out=pixels[:, 1])
+        return pixels, rows * (x1 - x0) + columns

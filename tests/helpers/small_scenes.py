@@ -68,12 +68,12 @@ def corner_scene(size=(40, 36)):
     return floor_scene(lights=[sun()], transforms=[np.eye(4), wall], size=size)
 
 
-def pit_scene():
+def pit_scene(size=(32, 32)):
     """A floor between four walls, open to a sun: light that has met five surfaces still counts."""
     walls = [np.array([[0, 0, x, x * 3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]], np.float32) for x in (-1, 1)]
     walls += [np.array([[1, 0, 0, 0], [0, 0, y, y * 3], [0, -1, 0, 0], [0, 0, 0, 1]], np.float32) for y in (-1, 1)]
     white = [material(color=(0.9, 0.9, 0.9))]
-    return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=(32, 32))
+    return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=size)
 
 
 def emitter_scene():

@@ -72,6 +72,8 @@ class Choice:
         self._iteration = 0
         self._compared_at = 0
         self._has_won = False
+        #: Whether the newest comparison was of a part of the pixels.
+        self._was_part = False
         self._trial: GuidingTrial | None = None
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
         self._plain = SampleMoments(pixel_count)
@@ -129,18 +131,25 @@ class Choice:
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
         sums = unit.film_index, film.radiance, film.square, unit.sample_count
-        if len(self.parts) > 1 and self._trial is not None:
+        if self.is_aside(unit):
+            self._plain.add(*sums)
+        elif len(self.parts) > 1 and self._trial is not None:
             is_challenger = self._is_challenger(unit.arm)
             self._trial.add(*sums, is_challenger)
             self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
         elif self._tries_plain and not self._knows_something:
             self._plain.add(*sums)
 
+    def is_aside(self, unit: Unit) -> bool:
+        """Whether none of a unit's pixels is guided in the iteration in work: parts of those that are begin guided."""
+        return unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample
+
     def _is_challenger(self, arm: int) -> bool:
         return arm == CHALLENGER if self.challenger else arm == CURRENT
 
     def judge(
-        self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf
+        self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf, *,
+        is_part: bool = False,
     ) -> None:
         """After an iteration: draw the conclusion, if it compared.
 
@@ -152,6 +161,8 @@ class Choice:
             Cost of what the arm compared needs besides tracing, as a share of that.
         samples_left : float
             Samples a pixel to come, as far as it is known.
+        is_part : bool
+            Whether a part of the pixels was compared.
         """
         self._iteration += 1
         self.has_lost = False
@@ -172,14 +183,16 @@ class Choice:
         if self._looks_again:
             self._look(efficiency, next_sample)
             return
-        if self.efficiency >= trial.LEAST_OF_SHORT:
-            # It has paid once: what there is to lose is small, however little is left.
+        if self.efficiency >= trial.LEAST_OF_SHORT and not self._was_part:
+            # It has paid once: what there is to lose is small, however little is left. A part can be lucky.
             samples_left = math.inf
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
         # Written so that NaN, nothing compared, goes on.
-        self.has_lost = efficiency < trial.least_efficiency(self._compared_at, next_sample, samples_left)
+        least = trial.least_efficiency(self._compared_at, next_sample, samples_left, is_part=is_part)
+        self.has_lost = efficiency < least
+        self._was_part = is_part
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 
@@ -208,7 +221,8 @@ class Choice:
         self.challenger = ""
 
     def plan(
-        self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True
+        self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True,
+        is_last: bool = False,
     ) -> None:
         """Divide the next iteration.
 
@@ -223,9 +237,11 @@ class Choice:
         is_whole : bool
             Whether its samples lie in all of u: within a stratum they vary less than the unguided ones of all strata,
             and those of the iteration alone are compared.
+        is_last : bool
+            Whether nobody will go by what the iteration finds.
         """
         self._knows_something = knows_something
-        if self.is_narrow:
+        if self.is_narrow or is_last:
             self._end_comparison(first, count)
             return
         is_tried = self._tries_plain and not self._has_won and knows_something

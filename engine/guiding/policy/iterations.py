@@ -22,6 +22,8 @@ RECORDS_PER_ITERATION = 1 << 18
 #: costs as much as one or two others (docs/decisions/trial-and-choice.md).
 FEW_RECORDS = 1 << 15
 _FEW_SHARE = 0.03
+#: Records of an iteration for each path that is still to come after it: of few paths nothing learned is won back.
+RECORDS_PER_PATH_LEFT = 0.25
 #: Records of a recorded path, until it is known.
 _EXPECTED_RECORDS_PER_PATH = 4.0
 #: Share of the pixels below which few are left.
@@ -111,6 +113,8 @@ class RecordBudget:
         Of paths that are recorded, as far as is known.
     is_frugal : bool
         Whether few are wanted, since nobody knows yet whether what is learned pays.
+    samples_left : float
+        Samples a pixel to come after the iteration, as far as it is known; 0: nobody will go by what it records.
     """
 
     def __init__(
@@ -121,16 +125,23 @@ class RecordBudget:
         self._unit_pixels = unit_pixels
         self.records_per_path = _EXPECTED_RECORDS_PER_PATH
         self.is_frugal = False
+        self.samples_left = math.inf
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
         self.records_per_path = max(record_count / max(path_count, 1.0), 0.01)
 
-    def threshold(self, samples: float) -> int:
-        """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all."""
+    def threshold(self, samples: float, pixel_share: float = 1.0) -> int:
+        """Paths whose hash is below are recorded, of an iteration of so many guided samples a pixel: 2**32 is all.
+
+        `pixel_share` is that of the pixels which have guided samples.
+        """
         expected = self.records_per_path * samples
-        of_image = max(expected * self.paths_per_sample, 1.0)
+        of_image = max(expected * self.paths_per_sample * pixel_share, 1.0)
         wanted = min(self._wanted, max(FEW_RECORDS, _FEW_SHARE * of_image)) if self.is_frugal else self._wanted
+        if self.samples_left <= 0.0:
+            return 0
+        wanted = min(wanted, max(FEW_RECORDS, RECORDS_PER_PATH_LEFT * self.samples_left * self.paths_per_sample))
         share = min(
             wanted / of_image,
             _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),

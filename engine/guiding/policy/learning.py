@@ -35,7 +35,7 @@ from engine.guiding.policy.iterations import RecordBudget, is_narrow, iteration_
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
-from engine.guiding.policy.roulette_learning import RouletteModel, RouletteTrial
+from engine.guiding.policy.roulette_learning import RouletteElsewhere, RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
@@ -55,6 +55,9 @@ _LEAST_LAST = 0.1
 #: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
 #: equal time on a processor, and to start and train one takes about eight seconds of a thread.
 _AUTO_CAUTION = 5.0
+#: Of larger pictures the samples that nothing guides, while guiding is tried on others, are not kept to judge roulette
+#: by: their moments take forty bytes a pixel.
+_MOST_ELSEWHERE = 1 << 22
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -82,12 +85,20 @@ class Learner:
         Whether what is learned outlives the render, so that the last iteration is worth learning from.
     light_clusters : bool (C,), optional
         Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
+    trial_share : float
+        Share of the pixels that units of a trial can have. Until guiding has been found to pay, it is tried on these
+        alone.
+
+    Attributes
+    ----------
+    other_parts : list of Part
+        Of the units that have no pixels of the trial, in the iteration in work; empty: all units have the same parts.
     """
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
         source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None,
+        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None, trial_share: float = 1.0,
     ) -> None:
         self.settings = settings
         self._light_clusters = light_clusters
@@ -121,6 +132,9 @@ class Learner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         #: Of roulette without guiding, once that has lost; and whether it is in work.
         self._roulette_trial: RouletteTrial | None = None
+        self._elsewhere: RouletteElsewhere | None = None
+        #: Whether paths of the iteration in work end by what was learned.
+        self._ends_by_learned = False
         self._newest = NewestVariance(paths_per_sample)
         self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
         self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
@@ -147,6 +161,12 @@ class Learner:
         #: Whether a sample weighs by whether it is guided, not by the samples seen before.
         self._weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
         self._compared_values = ComparedValues(paths_per_sample)
+        #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
+        is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
+        self._trial_share = trial_share if is_apart else 1.0
+        if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
+            self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock)
+        self.other_parts: list[Part] = []
         self._cache = None
         if settings.radiance_cache != "OFF":
             self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
@@ -228,6 +248,16 @@ class Learner:
         return self._media_trial.parts if self._media_trial.is_running else self._choice.parts
 
     @property
+    def _pixel_share(self) -> float:
+        """Share of the pixels that have guided samples in the iteration in work, if any have."""
+        return self._trial_share if self.other_parts else 1.0
+
+    @property
+    def _guided_share(self) -> float:
+        """Share of the samples of the iteration in work that are guided."""
+        return self._choice.guided_share * self._pixel_share
+
+    @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
         is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
@@ -252,10 +282,12 @@ class Learner:
         if self._roulette is None:
             return plain
         if self._roulette_trial is None:
-            self._roulette_trial = RouletteTrial(self._paths_per_sample, next_range, uses_clock=self._uses_clock)
+            self._roulette_trial = RouletteTrial(
+                self._paths_per_sample, next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere
+            )
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
-        elif self._roulette_trial.is_running:
+        if self._roulette_trial.is_running or self._roulette_trial.is_known:
             self.report.trials.append(self._roulette_trial.judge(weights, next_range[0]))
         return self._roulette.complete(plain, weights) if self._roulette_trial.is_won else plain
 
@@ -263,12 +295,16 @@ class Learner:
         """Guidance with what ends paths; `weights` are those of the film's pixels."""
         if self._roulette is not None:
             guidance = self._roulette.complete(guidance, weights)
+        self._ends_by_learned = guidance.reflected is not None
         return guidance if self._cache is None else self._cache.complete(guidance)
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
         self._budget.paths_per_sample = pixel_count
         self._choice.is_narrow = is_narrow(pixel_count, self._paths_per_sample)
+        if pixel_count < self._paths_per_sample:
+            # Units are divided by which pixels go on.
+            self._trial_share = 1.0
         if self._gate is not None:
             self._gate.expect(expected_paths / max(self._paths_per_sample, 1))
 
@@ -336,8 +372,13 @@ class Learner:
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
-        # In a trial a part of the samples only.
-        guided_share = choice.guided_share
+        is_last = sum(next_range) >= settings.samples and not self._keeps and self.sink is None and self._cache is None
+        if self._source is None and self._cache is None:
+            # Networks learn from all that there is.
+            left = self._samples_left(next_range[0]) - next_range[1]
+            self._budget.samples_left = 0.0 if is_last else max(left, 1.0)
+        # In a trial a part of the samples only, and of the pixels.
+        guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
         self._samples += samples
         weight = np.maximum(sums.weight, 1e-20)[:, None]
@@ -347,8 +388,10 @@ class Learner:
         else:
             weights = pixel_weights(mean.reshape(*size, -1))
         if not self._is_over:
-            self._judge(weights, next_range[0], guided_share * sum(costs.stage_seconds.values()))
+            # What learning costs is compared with what guiding all pixels would.
+            self._judge(weights, next_range[0], choice.guided_share * sum(costs.stage_seconds.values()))
             self._budget.is_frugal = self._is_doubtful
+        self.other_parts = []
         if self._is_over:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
@@ -405,16 +448,25 @@ class Learner:
         if len(self.parts) == 1:
             self._costs.measure(choice.rung, costs)
         offers = self._ladder.offers(next_range[0], self._worth.is_worth_it, regions, self._gate)
-        choice.plan(*next_range, offers, is_whole=is_whole)
-        self._plan_media(regions, next_range)
+        choice.plan(*next_range, offers, is_whole=is_whole, is_last=is_last)
+        self._plan_media(regions, next_range, is_last=is_last)
+        if self._trial_share < 1.0 and self._is_doubtful and not choice.is_settled:
+            self.other_parts = [Part(*next_range, PLAIN)]
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
 
-    def _plan_media(self, regions: RegionModels, next_range: tuple[int, int]) -> None:
+    def _samples_left(self, next_sample: int) -> float:
+        """Samples a pixel to come, as far as it is known; of a noise threshold the most that there can be."""
+        if self.settings.use_adaptive_sampling:
+            return float(self.settings.samples - next_sample)
+        return self._horizon.samples_left(next_sample)
+
+    def _plan_media(self, regions: RegionModels, next_range: tuple[int, int], *, is_last: bool) -> None:
         """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""
         choice = self._choice
         is_free = self.settings.guiding_trial and regions.knows_media and choice.is_settled and not choice.is_narrow
-        self._media_trial.plan(*next_range, is_free=is_free and len(choice.parts) == 1)
+        is_free = is_free and len(choice.parts) == 1 and not is_last
+        self._media_trial.plan(*next_range, is_free=is_free)
         if regions.knows_media:
             self.report.guides = self._media_trial.guided
 
@@ -422,7 +474,7 @@ class Learner:
         self, regions: RegionModels, delta: np.ndarray, ray_count: float, variance: float, weights: np.ndarray,
         samples: float,
     ) -> Guidance:
-        """What the next iteration's guided samples, so many a pixel, go by."""
+        """What the next iteration's guided samples go by, of which the pixels that have some have so many."""
         choice = self._choice
         self._is_guiding = True
         field = regions.field
@@ -440,7 +492,7 @@ class Learner:
                 delta, ray_count=ray_count, variance=variance, costs=self._costs.candidates(rung)
             )
             return Guidance(
-                self.settings, self._budget.threshold(samples), field,
+                self.settings, self._budget.threshold(samples, self._pixel_share), field,
                 without_surfaces(probability, len(ready)) if guides == MEDIA else probability,
                 regions.light_share.share, regions.selection.benefit, self._fixed_count(rung), allocation, weights,
                 predictions.table, predictions.network, predictions.session, self._probes_only(rung),
@@ -480,7 +532,7 @@ class Learner:
     @property
     def _last_share(self) -> float:
         """Samples of the iteration in work as a share of all that will have been seen."""
-        samples = sum(part.sample_count for part in self.parts) * self._choice.guided_share
+        samples = sum(part.sample_count for part in self.parts) * self._guided_share
         return samples / max(self._samples + samples, 1e-9)
 
     def take_last(self, units: Sequence[UnitRecords]) -> None:
@@ -498,7 +550,7 @@ class Learner:
                 records, row_count, variance=self._variance, ray_count=max(self._ray_count, 1.0),
                 was_guided=was_guided,
             )
-            self._samples += sum(part.sample_count for part in self.parts) * self._choice.guided_share
+            self._samples += sum(part.sample_count for part in self.parts) * self._guided_share
 
     def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
         """Take a finished unit's sums and costs; no two threads at once."""
@@ -506,6 +558,9 @@ class Learner:
             if self._roulette_trial is not None and self._roulette_trial.is_running:
                 self._roulette_trial.compare(unit, film, self._costs.unit(costs, unit.arm, ""))
             return
+        if self.other_parts and self._elsewhere is not None and self._choice.is_aside(unit):
+            cost = self._costs.unit(costs, unit.arm, "")
+            self._elsewhere.add(unit, film, cost, is_learned=self._ends_by_learned)
         if self._weighs_arms:
             weight = self._grown_weight(self.parts[0].first_sample, unit.arm)
             self._compared_values.add(unit.film_index, film.radiance, unit.sample_count, weight)
@@ -528,7 +583,8 @@ class Learner:
         said = self._media_trial.judge(weights, next_sample)
         if said:
             choice.trials.append(said)
-        choice.judge(weights, next_sample, overhead, self._horizon.samples_left(next_sample))
+        samples_left = self._horizon.samples_left(next_sample)
+        choice.judge(weights, next_sample, overhead, samples_left, is_part=bool(self.other_parts))
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return

@@ -83,8 +83,55 @@ class RouletteModel:
         ReflectedModel().learn(allocate_vertex_records(_REHEARSED_RECORDS), _REHEARSED_RECORDS)
 
 
+def _add_unit(
+    moments: GuidingTrial, unit: Unit, film: FilmTile, cost: float, *, is_challenger: bool, uses_clock: bool
+) -> None:
+    """Take a unit whose paths ended by the throughput, or (the challenger) by what was learned."""
+    moments.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
+    if is_challenger and not uses_clock:
+        cost *= _COUNTED_OVERHEAD
+    moments.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+
+
+class RouletteElsewhere:
+    """Samples of pixels that were not guided while guiding was tried on others: by the throughput before anything was
+    known of surfaces, then by what was learned.
+
+    Parameters
+    ----------
+    pixel_count : int
+    uses_clock : bool
+        Whether units cost seconds; else rays.
+
+    Attributes
+    ----------
+    moments : GuidingTrial
+    """
+
+    def __init__(self, pixel_count: int, *, uses_clock: bool) -> None:
+        self.moments = GuidingTrial(pixel_count)
+        self._uses_clock = uses_clock
+        #: Samples a pixel by either.
+        self._samples = [0, 0]
+        self._newest = -1
+
+    def add(self, unit: Unit, film: FilmTile, cost: float, *, is_learned: bool) -> None:
+        """Take a finished unit's sums and its cost; no two threads at once."""
+        _add_unit(self.moments, unit, film, cost, is_challenger=is_learned, uses_clock=self._uses_clock)
+        if unit.sample_first > self._newest:
+            self._newest = unit.sample_first
+            self._samples[int(is_learned)] += unit.sample_count
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there are enough samples of both to tell anything."""
+        return min(self._samples) > 1
+
+
 class RouletteTrial:
     """Half of the first iteration without guiding goes by what roulette has learned, half by the throughput alone.
+
+    Where guiding was tried on a part of the pixels, the others have had samples by both: nothing need be rendered.
 
     Parameters
     ----------
@@ -93,36 +140,43 @@ class RouletteTrial:
         First sample and samples a pixel of the iteration.
     uses_clock : bool
         Whether units cost seconds; else rays.
+    elsewhere : RouletteElsewhere, optional
+        What pixels have had that were not guided.
 
     Attributes
     ----------
     parts : list of Part, of the iteration
     is_running : bool, it is being compared
+    is_known : bool, there is something to judge, though no iteration has compared
     is_won : bool, roulette goes by what was learned
     """
 
-    def __init__(self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool) -> None:
+    def __init__(
+        self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool,
+        elsewhere: RouletteElsewhere | None = None,
+    ) -> None:
         first, count = samples
         half = count // 2
         self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
         # Of fewer nothing can be told.
         self.is_running = half > 1
         self.is_won = True
+        #: Whether there is a comparison to judge.
+        self.is_known = elsewhere is not None and elsewhere.is_known
         self._moments = GuidingTrial(pixel_count)
-        self._overhead = 1.0 if uses_clock else _COUNTED_OVERHEAD
+        if elsewhere is not None and elsewhere.is_known:
+            self.is_running = False
+            self._moments = elsewhere.moments
+        self._uses_clock = uses_clock
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost; no two threads at once."""
-        is_challenger = unit.arm == CHALLENGER
-        self._moments.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
-        if is_challenger:
-            cost *= self._overhead
-        self._moments.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+        _add_unit(self._moments, unit, film, cost, is_challenger=unit.arm == CHALLENGER, uses_clock=self._uses_clock)
 
     def judge(self, weights: np.ndarray, next_sample: int) -> str:
         """Draw the conclusion, by the weights of the pixels' variances; returns it in words."""
         efficiency = self._moments.efficiency(weights)
-        self.is_running = False
+        self.is_running = self.is_known = False
         # Written so that NaN, nothing compared, loses.
         self.is_won = efficiency >= LEAST_EFFICIENCY
         return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"

@@ -100,6 +100,31 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
     assert {task.weighs_as for task in done if task.step == 5} == {32}
 
 
+@pytest.mark.parametrize("workers", [1, 3])
+def test_tiles_from_some_on_may_be_divided_otherwise(workers: int) -> None:
+    iterations, begun = Iterations(8), []
+    iterations.begin([Part(0, 1, CURRENT)], TILES)
+
+    def learn() -> Schedule | None:
+        following = iterations.plan(0.0)
+        if following is None:
+            return None
+        first, count = following
+        begun.append(first)
+        parts = [Part(first, count - 1, CURRENT), Part(first + count - 1, 1, PLAIN)]
+        # Only in one iteration: what was said of it is not true of the next.
+        other = [Part(first, count, PLAIN)] if len(begun) == 1 else []
+        iterations.begin(parts, TILES, other, 2)
+        return iterations
+
+    done = run(iterations, workers, learn)
+    check_samples(done, 8)
+    arms = [[task.part.arm for task in done if task.tile == tile and task.step == 1] for tile in range(TILES)]
+    assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN]] * (TILES - 2)
+    assert all(task.weighs_as == 1 for task in done if task.step == 1)
+    assert {task.part.arm for task in done if task.step == 2 and task.tile == 6} == {CURRENT, PLAIN}
+
+
 @pytest.mark.parametrize("workers", [1, 4])
 def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) -> None:
     samples = 200

@@ -113,6 +113,20 @@ def test_the_first_comparison_is_not_believed_so_easily():
     assert len(choice.trials) == 4
 
 
+@pytest.mark.parametrize("is_part", [True, False])
+def test_what_has_paid_once_gets_the_benefit_of_the_doubt_unless_a_part_of_the_pixels_said_so(is_part):
+    choice, first, worth = Choice(1, "VMM", tries_plain=True), 8, iter((1.4, 1.1))
+    # So that nothing is compared before its time.
+    for _ in range(2):
+        choice.judge(WEIGHTS, 1, 0.0)
+    for part in (is_part, False):
+        choice.plan(first, SAMPLES, ())
+        render_parts(choice, {"OFF": 1.0, "VMM": next(worth)})
+        first += SAMPLES
+        choice.judge(WEIGHTS, first, 0.0, samples_left=first, is_part=part)
+    assert len(choice.trials) == 2 and choice.has_lost == is_part
+
+
 def test_what_is_clearly_better_is_not_doubted():
     _, history, _ = run({"OFF": 1.0, "VMM": 4.0}, offers=())
     assert sum(len(arms) > 1 for _, _, arms in history) == 1
@@ -154,6 +168,14 @@ def test_a_finer_method_that_no_longer_pays_is_left():
 def test_nothing_is_compared_without_offers():
     _, history, _ = run({"OFF": 1.0, "VMM": 2.0}, offers=(), tries_plain=False)
     assert all(arms == [CURRENT] for _, _, arms in history)
+
+
+def test_nothing_is_compared_that_nobody_will_go_by():
+    choice, _, first = run({"OFF": 1.0, "VMM": 0.9}, iterations=4)
+    assert is_comparing(choice)
+    choice.judge(WEIGHTS, first, 0.0)
+    choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"), is_last=True)
+    assert choice.parts == [Part(first, SAMPLES, CURRENT)] and not choice.has_lost
 
 
 def test_a_challenger_that_is_no_longer_offered_is_dropped():

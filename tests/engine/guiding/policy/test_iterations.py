@@ -5,7 +5,13 @@ from __future__ import annotations
 
 import pytest
 
-from engine.guiding.policy.iterations import FEW_RECORDS, RECORDS_PER_ITERATION, LearningRests, RecordBudget
+from engine.guiding.policy.iterations import (
+    FEW_RECORDS,
+    RECORDS_PER_ITERATION,
+    RECORDS_PER_PATH_LEFT,
+    LearningRests,
+    RecordBudget,
+)
 from engine.guiding.records.vertices import RECORD_ROWS
 
 
@@ -36,6 +42,29 @@ def test_few_paths_are_recorded_while_nobody_knows_whether_it_pays() -> None:
         found = budget.threshold(16.0)
         assert found <= before
         assert found / 2**32 == pytest.approx(min(share_of_all, before / 2**32), rel=1e-3)
+
+
+def test_fewer_paths_are_recorded_where_little_is_left() -> None:
+    """In proportion to the paths to come, but not below what a trial has; of the last iteration none."""
+    pixels = 14_400
+    budget = RecordBudget(pixels, 128)
+
+    def records(left: float) -> float:
+        budget.samples_left = left
+        return budget.threshold(16.0) / 2**32 * 4.0 * 16 * pixels
+
+    assert records(1000.0) == pytest.approx(RECORDS_PER_ITERATION, rel=1e-3)
+    assert records(32.0) == pytest.approx(RECORDS_PER_PATH_LEFT * 32 * pixels, rel=1e-3)
+    assert records(1.0) == pytest.approx(FEW_RECORDS, rel=1e-3)
+    assert records(0.0) == 0.0
+
+
+def test_guiding_a_quarter_of_the_pixels_needs_as_many_records() -> None:
+    budget = RecordBudget(1 << 20, 1024)
+    assert budget.threshold(16.0, 0.25) == pytest.approx(4 * budget.threshold(16.0), rel=1e-6)
+    # But not more than a unit has room for.
+    small = RecordBudget(14_400, 1024)
+    assert small.threshold(16.0, 0.25) / 2**32 * 4.0 * 16 * 1024 <= 0.5 * RECORD_ROWS * 1.001
 
 
 def test_learning_rests_while_few_pixels_have_few_paths() -> None:

@@ -151,6 +151,14 @@ def test_little_that_is_left_gives_no_benefit_of_the_doubt():
     assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
 
 
+def test_a_part_of_the_pixels_gets_the_benefit_of_the_doubt_once():
+    """It knows little after eight samples, and costs little; after sixteen it is as any trial of a short render."""
+    assert trial.least_efficiency(2, 8, 24.0, is_part=True) == trial.LEAST_OF_FIRST_PART < trial.LEAST_OF_SHORT
+    assert trial.least_efficiency(2, 8, 24.0) == trial.LEAST_OF_SHORT
+    assert trial.least_efficiency(3, 16, 16.0, is_part=True) == trial.LEAST_OF_SHORT
+    assert trial.least_efficiency(2, 8, 1000.0, is_part=True) == trial.LEAST_EFFICIENCY[2]
+
+
 @pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}])
 def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(asked):
     settings = RenderSettings(guiding_method="VMM", samples=64, **asked)
@@ -171,7 +179,8 @@ def test_unguided_samples_count_alike():
 
 
 def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
-    """Of 16 samples 1 is unguided, 3 are guided by what it has taught, 2 + 4 guided and 2 + 2 not, to compare."""
+    """Of 32 samples 1 is unguided, 3 are guided by what it has taught, then 2 + 6 guided and 2 + 2 not, to compare, and
+    the last 16 are guided: nobody would go by what these say."""
     monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
     monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
     monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 1e9))
@@ -182,8 +191,9 @@ def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
         found.append(film)
 
     monkeypatch.setattr(Film, "merge", merged)
-    render("VMM", 1, samples=16)
-    np.testing.assert_array_equal(found[-1].sums.weight, 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0))
+    render("VMM", 1, samples=32)
+    expected = 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0) + 2.0 * 16.0
+    np.testing.assert_array_equal(found[-1].sums.weight, expected)
 
 
 def test_values_to_compare_by_are_means_of_weighted_samples():
