@@ -64,6 +64,11 @@ class Part(NamedTuple):
     arm: int
 
 
+def is_short(next_sample: int, samples_left: float) -> bool:
+    """Whether too few samples a pixel are left, after so many, to pay for trying what has not been found to pay."""
+    return samples_left <= SHORT_REST * next_sample
+
+
 def least_efficiency(iteration: int, next_sample: int, samples_left: float) -> float:
     """Efficiency over unguided rendering from which on guiding goes on after an iteration that compared.
 
@@ -76,7 +81,7 @@ def least_efficiency(iteration: int, next_sample: int, samples_left: float) -> f
     samples_left : float
     """
     least = LEAST_EFFICIENCY[iteration]
-    return max(least, LEAST_OF_SHORT) if samples_left <= SHORT_REST * next_sample else least
+    return max(least, LEAST_OF_SHORT) if is_short(next_sample, samples_left) else least
 
 
 def tried_weight(first_sample: int, *, is_guided: bool) -> float:
