@@ -52,6 +52,10 @@ UNTESTED = {"albedo-100": ("SDTREE", "SDTREE_VARIANCE", *NETWORKS)}
 #: Not tested here, since they take up to minutes each: `python -m benchmarks stability 'fog-*'` has all of them.
 LONG = tuple(f"fog-{what}" for what in "door dense albedo lamp glass boundary speck shreds nested".split())
 IN_TIME = [name for name in CASES if name not in LONG]
+#: Media that go beyond what rounding, weights or lists of media have room for.
+BAD_MEDIA = tuple(
+    f"fog-{what}" for what in "albedo thin dense forward backward nested huge boundary coplanar speck shreds".split()
+)
 #: Two of the networks for every case, by turns, so that each meets two cases in five. The command has them all.
 SOME_NETWORKS = {
     name: (NETWORKS[k % len(NETWORKS)], NETWORKS[(k + 2) % len(NETWORKS)]) for k, name in enumerate(IN_TIME)
@@ -140,6 +144,41 @@ def problems(case: Case, methods: Sequence[str]) -> list[str]:
 @pytest.mark.parametrize("name", FAST)
 def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str) -> None:
     assert not problems(CASES[name], STATISTICAL)
+
+
+def wrong_in_media(name: str, methods: Sequence[str]) -> list[str]:
+    """What is wrong with short renders of a case by these methods, guided wherever it can be done."""
+    case = replace(CASES[name], size=(12, 9))
+    (plain,) = pictures(case, "OFF", 15, [1])
+    found = []
+    for method in methods:
+        (guided,) = pictures(case, method, 15, [1])
+        ratio = guided.image.mean(dtype=np.float64) / plain.image.mean(dtype=np.float64)
+        checks = {
+            "is not finite": np.isfinite(guided.image).all(),
+            "has lost samples": guided.reject_count == 0,
+            f"has {ratio:.2f} of the light": 0.7 < ratio < 1.4,
+            f"had to give up: {guided.notices}": not any("Guiding" in notice for notice in guided.notices),
+        }
+        found += [f"{method} {what}" for what, is_right in checks.items() if not is_right]
+    return found
+
+
+@pytest.mark.parametrize("name", BAD_MEDIA)
+def test_bad_media_are_guided_without_a_loss(name: str) -> None:
+    assert not wrong_in_media(name, ["AUTO", "VMM", "VMM_RIS", "TABLE_RIS"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BAD_MEDIA)
+def test_bad_media_are_guided_without_a_loss_by_trees_and_networks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    make = learning.make_source_model
+    monkeypatch.setattr(
+        learning, "make_source_model",
+        lambda settings: Untrained(settings, 4.0) if SOURCES[settings.source].is_network else make(settings),
+    )  # fmt: skip
+    ask(BadNetwork("random"), monkeypatch)
+    assert not wrong_in_media(name, ["SDTREE", "SDTREE_VARIANCE", *NETWORKS])
 
 
 @pytest.mark.slow

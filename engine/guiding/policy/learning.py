@@ -583,8 +583,8 @@ class Learner:
         said = self._media_trial.judge(weights, next_sample)
         if said:
             choice.trials.append(said)
-        samples_left = self._horizon.samples_left(next_sample)
-        choice.judge(weights, next_sample, overhead, samples_left, is_part=bool(self.other_parts))
+        left = self._horizon.samples_left(next_sample)
+        choice.judge(weights, next_sample, overhead, left, is_part=bool(self.other_parts))
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return
@@ -595,13 +595,18 @@ class Learner:
             self.report.source_stopped_at = next_sample
             # What stands in for it has long been learning: no more benefit of the doubt.
             choice.restart(trial.LAST_DOUBT)
-        elif self._regions is not None and self._regions.knows_media and self._media_trial.fall_back():
+        elif self._may_guide_less and not trial.is_short(next_sample, left) and self._media_trial.fall_back():
             choice.restart(trial.LAST_DOUBT)
         else:
             self._is_over = True
             self.report.stopped_at = next_sample
             self.report.chosen = "OFF"
             self._stop_training()
+
+    @property
+    def _may_guide_less(self) -> bool:
+        """Whether there are media, so that either they or surfaces can be left alone."""
+        return self._regions is not None and self._regions.knows_media
 
     def _fit(self, records: VertexRecords, row_count: int) -> None:
         """Fit the mixture field, and the tables that learn from its batch."""

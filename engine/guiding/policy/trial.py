@@ -67,6 +67,11 @@ class Part(NamedTuple):
     arm: int
 
 
+def is_short(next_sample: int, samples_left: float) -> bool:
+    """Whether too few samples a pixel are left, after so many, to pay for trying what has not been found to pay."""
+    return samples_left <= SHORT_REST * next_sample
+
+
 def least_efficiency(iteration: int, next_sample: int, samples_left: float, *, is_part: bool = False) -> float:
     """Efficiency over unguided rendering from which on guiding goes on after an iteration that compared.
 
@@ -81,7 +86,7 @@ def least_efficiency(iteration: int, next_sample: int, samples_left: float, *, i
         Whether a part of the pixels was compared.
     """
     least = LEAST_EFFICIENCY[iteration]
-    if samples_left > SHORT_REST * next_sample:
+    if not is_short(next_sample, samples_left):
         return least
     is_first = iteration == min(LEAST_EFFICIENCY)
     return max(least, LEAST_OF_FIRST_PART if is_first and is_part else LEAST_OF_SHORT)

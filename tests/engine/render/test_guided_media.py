@@ -12,6 +12,7 @@ import pytest
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy import learning
 from engine.guiding.policy.media_trial import BOTH, MEDIA, SURFACES, MediaTrial
+from engine.guiding.policy.trial import GuidingTrial
 from engine.scene.description import Light, SceneDescription
 from tests.helpers.media_renders import is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, varying
@@ -121,6 +122,14 @@ def test_the_picture_does_not_depend_on_threads(method):
         picture(foggy_box((48, 40)), **guided(method, samples=15, threads=threads)) for threads in (1, 2)
     )
     assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize(("samples", "stopped_at"), [(63, 8), (255, 32)])
+def test_media_and_surfaces_are_tried_apart_only_where_much_is_left(samples, stopped_at, monkeypatch):
+    """Each of them takes an iteration: of 63 samples these would be a third."""
+    monkeypatch.setattr(GuidingTrial, "efficiency", lambda trial, weights: 0.3)
+    settings = guided("VMM", samples=samples, guiding_trial=True, learn_guiding_probability=True)
+    assert render(foggy_box(), **settings).report.guiding.stopped_at == stopped_at
 
 
 @pytest.mark.slow
