@@ -116,8 +116,9 @@ def test_one_search_counts_what_a_shadow_ray_passes_and_finds_what_stops_it(user
     s = RayScratch()
 
     def passed(x, y, z, far, mask=opaque | transparent):
-        arguments = (accelerator.handle, accelerator.mask_handle, len(geometry.instance_table), s.ray, s.bits, s.address)
-        return _passed(*arguments, *(np.float32(value) for value in (x, y, z, far)), np.uint32(mask))
+        scene_arguments = (accelerator.handle, accelerator.mask_handle, len(geometry.instance_table))
+        numbers = (np.float32(value) for value in (x, y, z, far))
+        return _passed(*scene_arguments, s.ray, s.bits, s.address, *numbers, np.uint32(mask))
 
     assert passed(0.5, -0.4, 5.0, 1.9) == 0
     assert passed(0.5, -0.4, 5.0, 2.1) == 1
