@@ -3,6 +3,7 @@
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
+Embree calls one kernel back (`_count_passed`), whose address it gets with the ray.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ import os
 import weakref
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
+from engine.kernels.addresses import read_half, read_word, write_half
 from engine.runtime.blender_folders import find_libraries, package_folder
-from engine.runtime.jit import kernel
+from engine.runtime.jit import BoundKernel, Kernel, kernel
 from engine.scene.content import Kept
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
@@ -51,6 +54,7 @@ _FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
+_DEVICE_PROPERTY_FILTER_FUNCTION = 66
 _ERROR_OUT_OF_MEMORY = 4
 _TRANSFORM_BYTES = 48
 
@@ -109,6 +113,7 @@ for _name, _result, _arguments in (
     ("rtcReleaseGeometry", None, [_POINTER]),
     ("rtcSetSharedGeometryBuffer", None, [_POINTER, ctypes.c_int, _UINT, _UINT, _POINTER, _SIZE, _SIZE, _SIZE]),
     ("rtcSetGeometryMask", None, [_POINTER, _UINT]),
+    ("rtcSetGeometryEnableFilterFunctionFromArguments", None, [_POINTER, ctypes.c_bool]),
     ("rtcSetGeometryInstancedScene", None, [_POINTER, _POINTER]),
     ("rtcSetGeometryTimeStepCount", None, [_POINTER, _UINT]),
     ("rtcSetGeometryTransform", None, [_POINTER, _UINT, _UINT, _POINTER]),
@@ -148,6 +153,46 @@ _HIT_U = 15
 _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
+
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of a search that counts what it passes, then its
+# context, of which Embree knows the first two words.
+_ARGUMENTS = 32
+_CONTEXT = 48
+_CONTEXT_PASSED = _CONTEXT + 2
+_CONTEXT_INSTANCE_COUNT = _CONTEXT + 3
+_CONTEXT_MASKS = _CONTEXT + 4  # address
+_SCRATCH_WORDS = 64
+_EVERY_FEATURE = np.uint32(0xFFFFFFFF)
+_WORD_BYTES = 4
+
+# Bytes of an RTCFilterFunctionNArguments, and of the RTCHit it points to.
+_FILTER_VALID = 0
+_FILTER_CONTEXT = 16
+_FILTER_HIT = 32
+_FILTERED_GEOMETRY = 24
+_FILTERED_INSTANCE = 28
+
+
+@kernel(called_by_c=True)
+def _count_passed(arguments):
+    """Embree's filter function: count a hit on what shadow rays may pass, and have the search go on.
+
+    Parameters
+    ----------
+    arguments : intp
+        Address of an RTCFilterFunctionNArguments of one ray.
+    """
+    context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
+    first = _CONTEXT * _WORD_BYTES
+    instance = read_half(hit, _FILTERED_INSTANCE)
+    # As in `read_hit`.
+    if instance >= read_half(context, _CONTEXT_INSTANCE_COUNT * _WORD_BYTES - first):
+        instance = read_half(hit, _FILTERED_GEOMETRY)
+    masks = read_word(context, _CONTEXT_MASKS * _WORD_BYTES - first)
+    if read_half(masks, instance * _WORD_BYTES) & MASK_SHADOW_TRANSPARENT:
+        passed = _CONTEXT_PASSED * _WORD_BYTES - first
+        write_half(context, passed, read_half(context, passed) + 1)
+        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
 @kernel
@@ -220,6 +265,33 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
+def prepare_passing(bits, masks, instance_count):
+    """Say what `trace_passing` may pass: `masks` is `Accelerator.mask_handle`."""
+    bits[_CONTEXT_MASKS] = masks & 0xFFFFFFFF
+    bits[_CONTEXT_MASKS + 1] = masks >> 32
+    bits[_CONTEXT_INSTANCE_COUNT] = instance_count
+
+
+@kernel
+def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
+
+    Arguments as `trace_closest`; see `prepare_passing`.
+    """
+    ray[0], ray[1], ray[2] = origin
+    ray[3] = near
+    ray[4], ray[5], ray[6] = direction
+    ray[7] = time
+    ray[_HIT_DISTANCE] = far
+    bits[9] = mask
+    bits[10] = 0
+    bits[11] = 0
+    bits[_CONTEXT_PASSED] = 0
+    _rtc_occluded(scene, address, address + _ARGUMENTS * _WORD_BYTES)
+    return np.int64(-1) if ray[_HIT_DISTANCE] < 0.0 else np.int64(bits[_CONTEXT_PASSED])
+
+
+@kernel
 def _attach_instances(device, top, indices, scenes, transforms, key_counts, masks):
     """Attach instance geometries; scenes and transforms, intp (K,), are addresses, of so many keys in a row."""
     for k in range(indices.shape[0]):
@@ -235,15 +307,30 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
         _release(handle)
 
 
+@cache
+def _filter_address() -> int:
+    """Where Embree calls `_count_passed`; 0 where nothing is compiled."""
+    if not isinstance(_count_passed, Kernel):
+        return 0
+    bound = BoundKernel(_count_passed)
+    bound.bind(0)
+    return bound.c_address
+
+
 class RayScratch:
-    """One thread's aligned RTCRayHit."""
+    """One thread's aligned RTCRayHit, and what searches that count what they pass have besides."""
 
     def __init__(self) -> None:
-        raw = np.zeros(RAY_HIT_FLOATS + 16, np.float32)
+        raw = np.zeros(_SCRATCH_WORDS + 16, np.float32)
         start = (-raw.ctypes.data % 64) // 4
-        self.ray = raw[start : start + RAY_HIT_FLOATS]
+        self.ray = raw[start : start + _SCRATCH_WORDS]
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
+        # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
+        self.bits[_ARGUMENTS + 1] = _EVERY_FEATURE
+        addresses = self.bits[_ARGUMENTS + 2 : _ARGUMENTS + 6].view(np.int64)
+        addresses[:] = self.address + _CONTEXT * _WORD_BYTES, _filter_address()
+        self.bits[_CONTEXT : _CONTEXT + 2] = _NONE
 
 
 def _release_with(owner: object, release: Callable[[int], None], address: int) -> None:
@@ -265,6 +352,8 @@ class _Device:
             raise RuntimeError("Embree could not create a device")
         if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_RAY_MASK):
             raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
+        if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_FILTER_FUNCTION):
+            raise RuntimeError("this Embree library has no filter functions: glass would cast black shadows")
         _release_with(self, _lib.rtcReleaseDevice, self.address)
 
     def check(self) -> None:
@@ -299,7 +388,7 @@ class MeshHierarchies:
     Raises
     ------
     RuntimeError
-        When Embree has no device, or was built without ray masks.
+        When Embree has no device, or was built without ray masks or filter functions.
     """
 
     def __init__(self, threads: int = 0) -> None:
@@ -320,6 +409,8 @@ class MeshHierarchies:
             scene = _EmbreeScene(self.device, geometry)
             inner = _triangle_geometry(self.device, geometry, mesh)
             _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
+            # Which of its instances let light through is not known here.
+            _lib.rtcSetGeometryEnableFilterFunctionFromArguments(inner, True)
             _lib.rtcCommitGeometry(inner)
             _lib.rtcAttachGeometryByID(scene.address, inner, 0)
             _lib.rtcReleaseGeometry(inner)
@@ -340,11 +431,14 @@ class Accelerator:
         Of the instanced meshes, and of what stands still, where that is not in `top`.
     transparent : _EmbreeScene
         What shadow rays can pass once more, by itself, if it is a small part; else `top`.
+    masks : uint32 (I,)
+        By which rays each instance is found.
     """
 
     top: _EmbreeScene
     meshes: list[_EmbreeScene]
     transparent: _EmbreeScene
+    masks: np.ndarray
 
     @property
     def handle(self) -> int:
@@ -355,6 +449,11 @@ class Accelerator:
     def transparent_handle(self) -> int:
         """The address of `transparent`, which may be `handle`."""
         return self.transparent.address
+
+    @property
+    def mask_handle(self) -> int:
+        """The address of `masks`."""
+        return int(self.masks.ctypes.data)
 
 
 def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> int:
@@ -397,6 +496,8 @@ def _attach_standing(
     for index in rows.tolist():
         handle = _triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
+        passes = int(masks[index]) & MASK_SHADOW_TRANSPARENT != 0
+        _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, passes)
         _lib.rtcCommitGeometry(handle)
         _lib.rtcAttachGeometryByID(scene.address, handle, index)
         _lib.rtcReleaseGeometry(handle)
@@ -494,7 +595,7 @@ def build_accelerator(
         _attach_moved(device, transparent, geometry, np.flatnonzero(is_transparent & ~is_baked), masks, addresses)
         _lib.rtcCommitScene(transparent.address)
     device.check()
-    return Accelerator(top, meshes, transparent)
+    return Accelerator(top, meshes, transparent, masks)
 
 
 def library_path() -> str:

@@ -7,11 +7,13 @@ which takes the opcode, the weight, further operands and the modes that need the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX, WEIGHT_CUTOFF
+from engine.kernels.bsdf.plain_glass import fold_glass, fold_glossy
 from engine.kernels.bsdf.plain_principled import fold_principled
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader import ops_closure as ops
@@ -82,6 +84,12 @@ def _roughness(node: Node, builder: Any, default: float) -> Value:
     return _float(builder, "Roughness", default)
 
 
+def _known(value: Value) -> float | None:
+    """A number that can be folded; None where it depends on the point, or is infinite."""
+    number = value.value[0] if isinstance(value, Constant) else math.nan
+    return number if math.isfinite(number) else None
+
+
 def diffuse(node: Node, weight: Value, builder: Any) -> None:
     """Diffuse BSDF."""
     operands = (_normal(builder), _color(builder), _float(builder, "Roughness", 0.0))
@@ -119,8 +127,14 @@ def glossy(node: Node, weight: Value, builder: Any) -> None:
     rotation = _ZERO if is_zero(anisotropy) else _float(builder, "Rotation", 0.0)
     tangent = _BLACK if is_zero(anisotropy) else builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT))
     roughness = _roughness(node, builder, 0.5)
-    operands = (_normal(builder), _color(builder), roughness, anisotropy, rotation, tangent)
+    plain = (_normal(builder), _color(builder))
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    known = _known(roughness)
+    if is_zero(anisotropy) and known is not None:
+        folded = fold_glossy(load_tables().data, known, is_multiple=distribution == MULTI_GGX)
+        builder.closure(ops.opcode("PLAIN_GLOSSY"), weight, (*plain, Constant(folded)), modes=_LOBES)
+        return
+    operands = (*plain, roughness, anisotropy, rotation, tangent)
     builder.closure(ops.opcode("GLOSSY"), weight, operands, (distribution,), modes=_LOBES)
 
 
@@ -138,8 +152,16 @@ def glass(node: Node, weight: Value, builder: Any) -> None:
     _thin_film(builder)
     color = _color(builder, default=1.0)
     roughness = _roughness(node, builder, 0.0)
-    operands = (_normal(builder), color, roughness, _float(builder, "IOR", 1.5))
+    ior = _float(builder, "IOR", 1.5)
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    known, known_ior = _known(roughness), _known(ior)
+    if known is not None and known_ior is not None:
+        folded = fold_glass(load_tables().data, known, known_ior, is_multiple=distribution == MULTI_GGX)
+        builder.closure(
+            ops.opcode("PLAIN_GLASS"), weight, (_normal(builder), color, Constant(folded)), modes=_LOBES
+        )
+        return
+    operands = (_normal(builder), color, roughness, ior)
     builder.closure(ops.opcode("GLASS"), weight, operands, (distribution,), modes=_LOBES)
 
 

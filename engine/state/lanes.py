@@ -340,7 +340,8 @@ class ShadowRays(Bundle):
     origin, direction : float32 (L, 3); distance : float32
     radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
     weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
-    transparent_depth : int32, transparent surfaces passed, the path's own included
+    transparent_depth : int32, transparent surfaces passed, the path's own included; transparent_left : int32, hits on
+        what may be transparent that lie ahead
     """
 
     _rows = True
@@ -351,6 +352,7 @@ class ShadowRays(Bundle):
     radiance: Float32Array
     weight: Float32Array
     transparent_depth: Int32Array
+    transparent_left: Int32Array
     channels: tuple[int, ...]
 
 
@@ -744,6 +746,7 @@ def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
                 ("weight", real),
                 ("lane", integer),
                 ("transparent_depth", integer),
+                ("transparent_left", integer),
             ]
         ],
     )

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: light samples meet what stands in their way.
 
-Opaque blockers end a shadow ray at once. Transparent ones dim it: where their transparency is constant within the
-kernel, else the ray waits in `pending` until `evaluate_shaders` has run the program at the blocker. Where they are few
-they have a hierarchy of their own, which is looked through sooner than all casters are.
+Opaque blockers end a shadow ray at once; the same search counts the transparent ones before its light. These dim it:
+where their transparency is constant within the kernel, else the ray waits in `pending` until `evaluate_shaders` has run
+the program at the blocker. Where they are few they have a hierarchy of their own, which is looked through sooner than
+all casters are.
 """
 
 from engine.accel import (
     CATCHER_MASK_SHIFT,
     MASK_SHADOW_OPAQUE,
     MASK_SHADOW_TRANSPARENT,
+    prepare_passing,
     read_hit,
     trace_closest,
     trace_occluded,
+    trace_passing,
 )
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
@@ -35,6 +38,7 @@ from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, V
 from engine.wavefront.columns import (
     SCENE_HANDLE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_MASK_HANDLE,
     SCENE_TRANSPARENT_HANDLE,
     SHADOW_RAYS,
     SHADOW_ROWS,
@@ -58,17 +62,14 @@ def intersect_shadow(scene, unit, work, queue):
     passes = work.passes
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     has_transparent, shadow_count = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] != 0, work.counts[SHADOW_ROWS]
-    transparent_handle = scene.header[SCENE_TRANSPARENT_HANDLE]
-    is_apart = transparent_handle != handle
     work.counts[SHADOW_RAYS] += shadow_count
     pending = queue.lanes
     pending_count = 0
     shift = CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0
-    # The first look is at opaque casters, and the second at transparent ones. Where these are not apart the first is at
-    # all, and the second at opaque ones: rays that meet nothing need no second look then.
-    first, second = MASK_SHADOW_OPAQUE << shift, MASK_SHADOW_TRANSPARENT << shift
-    if has_transparent and not is_apart:
-        first, second = (MASK_SHADOW_OPAQUE | MASK_SHADOW_TRANSPARENT) << shift, MASK_SHADOW_OPAQUE << shift
+    mask = MASK_SHADOW_OPAQUE << shift
+    if has_transparent:
+        mask |= MASK_SHADOW_TRANSPARENT << shift
+        prepare_passing(bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     for row in range(shadow_count):
         lane = shadows.lane[row]
         ahead = shadows.lane[min(row + _ROWS_AHEAD, shadow_count - 1)]
@@ -81,17 +82,18 @@ def intersect_shadow(scene, unit, work, queue):
         origin = load(shadows.origin, row)
         direction = load(shadows.direction, row)
         far = shadows.distance[row]
-        meets = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], first)
-        waits = False
-        if has_transparent and meets != is_apart:
-            waits = is_apart == trace_occluded(
-                transparent_handle, ray, bits, address, origin, direction, 0.0, far, paths.time[lane], second
-            )
-        if waits:
+        time = paths.time[lane]
+        passed = 0
+        if has_transparent:
+            passed = trace_passing(handle, ray, bits, address, origin, direction, 0.0, far, time, mask)
+        elif trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, time, mask):
+            continue
+        if passed > 0:
             shadows.transparent_depth[row] = paths.transparent_depth[lane]
+            shadows.transparent_left[row] = passed
             pending[pending_count] = row
             pending_count += 1
-        elif not meets:
+        elif passed == 0:
             add_sampled(options, paths, passes, lane, shadows, row)
     queue.count[0] = pending_count
 
@@ -131,13 +133,15 @@ def pass_transparent(scene, unit, work, queue):
             if not largest > 0.0:
                 continue
         while True:
-            hit = trace_closest(
+            # Behind the last of those that were counted there is nothing. Two triangles that share an edge may have
+            # been counted both where the ray meets one.
+            if shadows.transparent_left[row] <= 0 or not trace_closest(
                 handle, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
                 paths.time[lane], mask,
-            )
-            if not hit:
+            ):
                 add_sampled(options, paths, passes, lane, shadows, row)
                 break
+            shadows.transparent_left[row] -= 1
             shadows.transparent_depth[row] += 1
             if shadows.transparent_depth[row] > options.max_transparent_depth:
                 break

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Embree through kernels: hits, ids, instances, masks."""
 
+import dataclasses
 import importlib.util
 import subprocess
 import sys
@@ -16,8 +17,10 @@ from engine.accel import (
     RayScratch,
     build_accelerator,
     library_path,
+    prepare_passing,
     trace_closest,
     trace_occluded,
+    trace_passing,
 )
 from engine.builder.geometry import build_geometry, empty_instances
 from engine.runtime.jit import kernel
@@ -34,6 +37,12 @@ def _closest(scene, ray, bits, address, ox, oy, oz, mask):
 @kernel
 def _occluded(scene, ray, bits, address, ox, oy, oz, far, mask):
     return trace_occluded(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, far, 0.0, mask)
+
+
+@kernel
+def _passed(scene, masks, count, ray, bits, address, ox, oy, oz, far, mask):
+    prepare_passing(bits, masks, count)
+    return trace_passing(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, far, 0.0, mask)
 
 
 def trace(accelerator, origin, mask=VISIBLE_CAMERA):
@@ -88,6 +97,39 @@ def test_few_transparent_casters_have_a_hierarchy_of_their_own(opaque_count, is_
             assert _closest(accelerator.transparent_handle, *arguments) == among_all
         elif is_apart:
             assert not _closest(accelerator.transparent_handle, *arguments)[0]
+
+
+@pytest.mark.parametrize("user_count", [1, 2])
+@pytest.mark.parametrize("shapes_key", [None, "shapes"])
+def test_one_search_counts_what_a_shadow_ray_passes_and_finds_what_stops_it(user_count, shapes_key):
+    """Quads one above the other, the lowest opaque; with one user each, or beside others that are all opaque."""
+    heights = [0.0, 1.0, 2.0, 3.0]
+    scene = quad_scene([at(6.0 * user, 0, z) for user in range(user_count) for z in heights])
+    if user_count == 1:
+        # Meshes of their own are placed in the world.
+        scene.meshes = [dataclasses.replace(scene.meshes[0], key=f"quad {i}", name=f"Quad {i}") for i in range(4)]
+        scene.instances.mesh = np.arange(4, dtype=np.int32)
+    geometry = build_geometry(scene, (), [])
+    opaque, transparent = MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+    masks = np.array([opaque] + [transparent] * 3 + [opaque] * (4 * (user_count - 1)), np.uint32)
+    accelerator = build_accelerator(geometry, masks, MeshHierarchies(1), shapes_key=shapes_key)
+    s = RayScratch()
+
+    def passed(x, y, z, far, mask=opaque | transparent):
+        scene_arguments = (accelerator.handle, accelerator.mask_handle, len(geometry.instance_table))
+        numbers = (np.float32(value) for value in (x, y, z, far))
+        return _passed(*scene_arguments, s.ray, s.bits, s.address, *numbers, np.uint32(mask))
+
+    assert passed(0.5, -0.4, 5.0, 1.9) == 0
+    assert passed(0.5, -0.4, 5.0, 2.1) == 1
+    assert passed(0.5, -0.4, 5.0, 4.9) == 3
+    assert passed(0.5, -0.4, 5.0, 5.1) == -1
+    assert passed(0.5, -0.4, 2.5, 2.4) == 2
+    assert passed(3.0, 0.0, 5.0, 9.0) == 0
+    assert passed(0.5, -0.4, 5.0, 9.0, transparent) == 3
+    assert passed(0.5, -0.4, 5.0, 9.0, opaque) == -1
+    if user_count == 2:
+        assert passed(6.5, -0.4, 5.0, 2.1) == -1
 
 
 def test_nan_vertices_are_left_out_and_reported():

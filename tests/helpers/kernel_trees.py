@@ -14,6 +14,7 @@ LEVEL = "x86-64-v3"
 
 #: Stands where the engine has what compiles its kernels: that is the module whose sources a library is made of.
 _KERNELS = """
+import ctypes
 import math
 
 import numpy as np
@@ -40,6 +41,11 @@ def pair(x):
     return 2 * x, x > 3, np.float32(x) * 0.5
 
 
+@kernel(called_by_c=True)
+def thrice(x):
+    return 3 * x
+
+
 @kernel
 def add_up(numbers):
     for k in range(numbers.values.shape[0]):
@@ -62,7 +68,10 @@ def results():
     assert stages.link({"add_up": (numbers,)})
     bound = BoundKernel(loop)
     assert bound(stages, numbers, 3)
-    return out.tobytes().hex() + sums.tobytes().hex() + repr(pair(5))
+    called_by_c = BoundKernel(thrice)
+    called_by_c.bind(0)
+    by_c = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(called_by_c.c_address)(14)
+    return out.tobytes().hex() + sums.tobytes().hex() + repr((pair(5), by_c))
 
 
 def compile_part(part):

@@ -26,6 +26,7 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.bsdf.lookup import FRESNEL_BLEND, GLOSSY_ALBEDO, GLOSSY_MEAN
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
+from engine.kernels.bsdf.piecewise import interpolate, value_between
 from engine.kernels.memory import read3
 from engine.kernels.vector import dot
 from engine.runtime.jit import in_python, kernel
@@ -47,15 +48,6 @@ _WIDTH = _SINGLE + _ALBEDOS
 
 
 _f0_of_eta, _eta_of_f0, _mean_blend = (in_python(one) for one in (f0_of_eta, eta_of_f0, interface_mean_blend))
-
-
-def _between(values: Float32Array, x: np.float32) -> Float32Array:
-    """What lies at `x` in [0, 1] of the way along the last axis, as `lookup.read_table` interpolates."""
-    x = x * np.float32(values.shape[-1] - 1)
-    k = min(int(x), values.shape[-1] - 2)
-    share = x - np.float32(k)
-    between: Float32Array = values[..., k] * (np.float32(1.0) - share) + values[..., k + 1] * share
-    return between
 
 
 def fold_principled(
@@ -89,24 +81,15 @@ def fold_principled(
     folded[_F0 : _F0 + 3] = f0
     blends = data[FRESNEL_BLEND : FRESNEL_BLEND + _BLENDS**3].reshape(_BLENDS, _BLENDS, _BLENDS)
     z = np.sqrt(abs((eta - one) / (eta + one)))
-    folded[_BLEND:_SINGLE] = _between(_between(blends, rough).T, z)
+    folded[_BLEND:_SINGLE] = value_between(value_between(blends, rough).T, z)
     folded[_SINGLE:] = 1.0
     if is_multiple:
-        mean = _between(data[GLOSSY_MEAN : GLOSSY_MEAN + _ALBEDOS], rough)
+        mean = value_between(data[GLOSSY_MEAN : GLOSSY_MEAN + _ALBEDOS], rough)
         fresnel = f0 + (one - f0) * real(_mean_blend(eta))
         folded[_BOUNCES : _BOUNCES + 3] = fresnel * mean / np.maximum(one - fresnel * (one - mean), real(1e-2))
         singles = data[GLOSSY_ALBEDO : GLOSSY_ALBEDO + _ALBEDOS**2].reshape(_ALBEDOS, _ALBEDOS)
-        folded[_SINGLE:] = np.maximum(_between(singles, rough), real(1e-6))
+        folded[_SINGLE:] = np.maximum(value_between(singles, rough), real(1e-6))
     return tuple(float(x) for x in folded)
-
-
-@kernel
-def _interpolate(memory, first, count, x):
-    """Linear interpolation between `count` values from `first` on, at `x` in [0, 1] of the way."""
-    x = min(max(x, 0.0), 1.0) * np.float32(count - 1)
-    k = min(int(x), count - 2)
-    low = memory[first + k]
-    return low + (x - np.float32(k)) * (memory[first + k + 1] - low)
 
 
 @kernel(forceinline=True)
@@ -123,8 +106,8 @@ def run_plain_principled(closures, tables, lane, view, weight, memory, code, pc)
         i = append_closure(closures, lane, GLOSSY_SCHLICK, (weight, weight, weight), specular_n)
         if i >= 0:
             cos_o = dot(specular_n, view.wo)
-            blend = _interpolate(memory, folded + _BLEND, _BLENDS, cos_o)
-            single = _interpolate(memory, folded + _SINGLE, _ALBEDOS, cos_o)
+            blend = interpolate(memory, folded + _BLEND, _BLENDS, cos_o)
+            single = interpolate(memory, folded + _SINGLE, _ALBEDOS, cos_o)
             param = closures.param
             total = 0.0
             reflected = 0.0
