@@ -3,6 +3,7 @@
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
+Embree calls one kernel back (`_keep_boundary`), whose address it gets with the ray.
 """
 
 from __future__ import annotations
@@ -13,19 +14,22 @@ import os
 import weakref
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 
+from engine.kernels.addresses import read_half, read_word, write_half
 from engine.runtime.blender_folders import find_libraries, package_folder
-from engine.runtime.jit import kernel
+from engine.runtime.jit import BoundKernel, Kernel, kernel
 from engine.scene.content import Kept
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_CATCHER,
+    INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
     INSTANCE_MESH,
@@ -109,6 +113,7 @@ for _name, _result, _arguments in (
     ("rtcReleaseGeometry", None, [_POINTER]),
     ("rtcSetSharedGeometryBuffer", None, [_POINTER, ctypes.c_int, _UINT, _UINT, _POINTER, _SIZE, _SIZE, _SIZE]),
     ("rtcSetGeometryMask", None, [_POINTER, _UINT]),
+    ("rtcSetGeometryEnableFilterFunctionFromArguments", None, [_POINTER, ctypes.c_bool]),
     ("rtcSetGeometryInstancedScene", None, [_POINTER, _POINTER]),
     ("rtcSetGeometryTimeStepCount", None, [_POINTER, _UINT]),
     ("rtcSetGeometryTransform", None, [_POINTER, _UINT, _UINT, _POINTER]),
@@ -148,6 +153,60 @@ _HIT_U = 15
 _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
+
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of a search for boundaries of media; its context,
+# of which Embree knows the first two words; what it has found; and numbers of that in the order of the distance.
+_BOUNDARY_ARGUMENTS = 64
+_BOUNDARIES = 80
+_BOUNDARY_COUNT = _BOUNDARIES + 2
+_INSTANCE_COUNT = _BOUNDARIES + 3
+_INSTANCE_MASKS = _BOUNDARIES + 4  # address
+_FIRST_BOUNDARY = _BOUNDARIES + 16
+#: Boundaries that a search finds at once.
+MOST_BOUNDARIES = 128
+# Of a boundary: distance, u, v, triangle within its mesh, instance, normal and the ray's direction in the same space.
+_BOUNDARY_WIDTH = 12
+_BOUNDARY_ORDER = _FIRST_BOUNDARY + MOST_BOUNDARIES * _BOUNDARY_WIDTH
+_BOUNDARY_WORDS = _BOUNDARY_ORDER + MOST_BOUNDARIES
+_ALL_FEATURES = np.uint32(0xFFFFFFFF)
+
+# Bytes of an RTCFilterFunctionNArguments, of the RTCRay and of the RTCHit it points to.
+_FILTER_VALID, _FILTER_CONTEXT, _FILTER_RAY, _FILTER_HIT = 0, 16, 24, 32
+_RAY_DIRECTION, _RAY_END = 16, 32
+_FOUND_NORMAL, _FOUND_U, _FOUND_V, _FOUND_TRIANGLE, _FOUND_GEOMETRY, _FOUND_INSTANCE = 0, 12, 16, 20, 24, 28
+
+
+@kernel(called_by_c=True)
+def _keep_boundary(arguments):
+    """Embree's filter function: keep a hit on what has a medium inside, and have the search go on.
+
+    Parameters
+    ----------
+    arguments : intp
+        Address of an RTCFilterFunctionNArguments of one ray.
+    """
+    context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
+    instance = read_half(hit, _FOUND_INSTANCE)
+    # As in `read_hit`.
+    if instance >= read_half(context, 4 * (_INSTANCE_COUNT - _BOUNDARIES)):
+        instance = read_half(hit, _FOUND_GEOMETRY)
+    masks = read_word(context, 4 * (_INSTANCE_MASKS - _BOUNDARIES))
+    if read_half(masks, 4 * instance) & MASK_MEDIUM == 0:
+        return
+    count = read_half(context, 4 * (_BOUNDARY_COUNT - _BOUNDARIES))
+    if count < MOST_BOUNDARIES:
+        row = context + 4 * (_FIRST_BOUNDARY - _BOUNDARIES) + count * (4 * _BOUNDARY_WIDTH)
+        ray = read_word(arguments, _FILTER_RAY)
+        write_half(row, 0, read_half(ray, _RAY_END))
+        write_half(row, 4, read_half(hit, _FOUND_U))
+        write_half(row, 8, read_half(hit, _FOUND_V))
+        write_half(row, 12, read_half(hit, _FOUND_TRIANGLE))
+        write_half(row, 16, instance)
+        for k in range(3):
+            write_half(row, 20 + 4 * k, read_half(hit, _FOUND_NORMAL + 4 * k))
+            write_half(row, 32 + 4 * k, read_half(ray, _RAY_DIRECTION + 4 * k))
+    write_half(context, 4 * (_BOUNDARY_COUNT - _BOUNDARIES), count + 1)
+    write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
 @kernel
@@ -220,6 +279,75 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
+def trace_boundaries(scene, ray, bits, address, masks, instance_count, origin, direction, near, far, time, mask):
+    """Find all hits of a segment on what has a medium inside; `read_boundary` reads them.
+
+    Parameters
+    ----------
+    masks : intp
+        `Accelerator.mask_handle`.
+    instance_count : int
+        Rows of it.
+    mask : int
+        MASK_MEDIUM, and others that end the search where they meet anything else. The others: as `trace_closest`.
+
+    Returns
+    -------
+    int
+        How many there are, which may be more than the MOST_BOUNDARIES that are kept; -1 if anything else lies on the
+        segment.
+    """
+    ray[0], ray[1], ray[2] = origin
+    ray[3] = near
+    ray[4], ray[5], ray[6] = direction
+    ray[7] = time
+    ray[_HIT_DISTANCE] = far
+    bits[9] = mask
+    bits[10] = 0
+    bits[11] = 0
+    bits[_BOUNDARY_COUNT] = 0
+    bits[_INSTANCE_COUNT] = instance_count
+    bits[_INSTANCE_MASKS] = masks & 0xFFFFFFFF
+    bits[_INSTANCE_MASKS + 1] = masks >> 32
+    _rtc_occluded(scene, address, address + 4 * _BOUNDARY_ARGUMENTS)
+    if ray[_HIT_DISTANCE] < 0.0:
+        return np.int64(-1)
+    count = np.int64(bits[_BOUNDARY_COUNT])
+    for k in range(min(count, MOST_BOUNDARIES)):
+        distance = ray[_FIRST_BOUNDARY + _BOUNDARY_WIDTH * k]
+        place = k
+        while place > 0:
+            before = bits[_BOUNDARY_ORDER + place - 1]
+            if not ray[_FIRST_BOUNDARY + _BOUNDARY_WIDTH * np.int64(before)] > distance:
+                break
+            bits[_BOUNDARY_ORDER + place] = before
+            place -= 1
+        bits[_BOUNDARY_ORDER + place] = k
+    return count
+
+
+@kernel
+def read_boundary(ray, bits, geometry, k):
+    """Hit number k, in the order of the distance, of those that `trace_boundaries` has kept.
+
+    Returns
+    -------
+    instance, triangle, distance, u, v
+        As of `read_hit`.
+    is_back : bool
+        Whether the triangle's normal points along the ray.
+    """
+    row = _FIRST_BOUNDARY + _BOUNDARY_WIDTH * np.int64(bits[_BOUNDARY_ORDER + k])
+    instance = np.int64(bits[row + 4])
+    mesh, flags = geometry.instance_table[instance, INSTANCE_MESH], geometry.instance_table[instance, INSTANCE_FLAGS]
+    triangle = np.int64(geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]) + np.int64(bits[row + 3])
+    along = ray[row + 5] * ray[row + 8] + ray[row + 6] * ray[row + 9] + ray[row + 7] * ray[row + 10]
+    # What is mirrored has been turned inside out where its triangles are stored in world space.
+    is_turned = flags & INSTANCE_FLAG_BAKED != 0 and flags & INSTANCE_FLAG_MIRRORED != 0
+    return instance, triangle, ray[row], ray[row + 1], ray[row + 2], along < 0.0 if is_turned else along > 0.0
+
+
+@kernel
 def _attach_instances(device, top, indices, scenes, transforms, key_counts, masks):
     """Attach instance geometries; scenes and transforms, intp (K,), are addresses, of so many keys in a row."""
     for k in range(indices.shape[0]):
@@ -235,15 +363,30 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
         _release(handle)
 
 
+@cache
+def _boundary_filter() -> int:
+    """Where Embree calls `_keep_boundary`; 0 where nothing is compiled."""
+    if not isinstance(_keep_boundary, Kernel):
+        return 0
+    bound = BoundKernel(_keep_boundary)
+    bound.bind(0)
+    return bound.c_address
+
+
 class RayScratch:
-    """One thread's aligned RTCRayHit."""
+    """One thread's aligned RTCRayHit, and room for boundaries of media."""
 
     def __init__(self) -> None:
-        raw = np.zeros(RAY_HIT_FLOATS + 16, np.float32)
+        raw = np.zeros(_BOUNDARY_WORDS + 16, np.float32)
         start = (-raw.ctypes.data % 64) // 4
-        self.ray = raw[start : start + RAY_HIT_FLOATS]
+        self.ray = raw[start : start + _BOUNDARY_WORDS]
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
+        # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
+        self.bits[_BOUNDARY_ARGUMENTS + 1] = _ALL_FEATURES
+        addresses = self.bits[_BOUNDARY_ARGUMENTS + 2 : _BOUNDARY_ARGUMENTS + 6].view(np.int64)
+        addresses[:] = self.address + 4 * _BOUNDARIES, _boundary_filter()
+        self.bits[_BOUNDARIES : _BOUNDARIES + 2] = _NONE
 
 
 def _release_with(owner: object, release: Callable[[int], None], address: int) -> None:
@@ -320,6 +463,8 @@ class MeshHierarchies:
             scene = _EmbreeScene(self.device, geometry)
             inner = _triangle_geometry(self.device, geometry, mesh)
             _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
+            # Which of its instances have a medium inside is not known here.
+            _lib.rtcSetGeometryEnableFilterFunctionFromArguments(inner, True)
             _lib.rtcCommitGeometry(inner)
             _lib.rtcAttachGeometryByID(scene.address, inner, 0)
             _lib.rtcReleaseGeometry(inner)
@@ -340,11 +485,14 @@ class Accelerator:
         Of the instanced meshes, and of what stands still, where that is not in `top`.
     transparent : _EmbreeScene
         What shadow rays can pass once more, by itself, if it is a small part; else `top`.
+    masks : uint32 (I,)
+        By which rays each instance is found.
     """
 
     top: _EmbreeScene
     meshes: list[_EmbreeScene]
     transparent: _EmbreeScene
+    masks: np.ndarray
 
     @property
     def handle(self) -> int:
@@ -355,6 +503,11 @@ class Accelerator:
     def transparent_handle(self) -> int:
         """The address of `transparent`, which may be `handle`."""
         return self.transparent.address
+
+    @property
+    def mask_handle(self) -> int:
+        """The address of `masks`."""
+        return int(self.masks.ctypes.data)
 
 
 def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> int:
@@ -397,6 +550,7 @@ def _attach_standing(
     for index in rows.tolist():
         handle = _triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
+        _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, int(masks[index]) & MASK_MEDIUM != 0)
         _lib.rtcCommitGeometry(handle)
         _lib.rtcAttachGeometryByID(scene.address, handle, index)
         _lib.rtcReleaseGeometry(handle)
@@ -494,7 +648,7 @@ def build_accelerator(
         _attach_moved(device, transparent, geometry, np.flatnonzero(is_transparent & ~is_baked), masks, addresses)
         _lib.rtcCommitScene(transparent.address)
     device.check()
-    return Accelerator(top, meshes, transparent)
+    return Accelerator(top, meshes, transparent, masks)
 
 
 def library_path() -> str:

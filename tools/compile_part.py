@@ -41,6 +41,14 @@ def stand_in_for_parents(package: str, tree: Path) -> None:
         sys.modules[module.__name__] = module
 
 
+def has_function(module: Any, name: str) -> bool:
+    """Whether LLVM's code has a function."""
+    try:
+        return not module.get_function(name).is_declaration
+    except NameError:
+        return False
+
+
 def compile_part(package: str, part: str, objects: Path) -> None:
     """Compile a part and write what comes of it."""
     make_linkable()
@@ -53,10 +61,12 @@ def compile_part(package: str, part: str, objects: Path) -> None:
         if returned is None or any(environment.consts for environment in environments):
             print(f"left out: {described.qualname} -> {compiled.signature.return_type}", flush=True)
             return
-        entry = [described.llvm_func_name, described.llvm_cpython_wrapper_name, described.env_name, returned]
+        names = [described.llvm_func_name, described.llvm_cpython_wrapper_name, described.env_name]
+        if has_function(compiled.library._final_module, described.llvm_cfunc_wrapper_name):
+            names.append(described.llvm_cfunc_wrapper_name)
         (objects / f"{key}.o").write_bytes(compiled.library._get_compiled_object())
         (objects / f"{key}.bc").write_bytes(compiled.library._final_module.as_bitcode())
-        (objects / f"{key}.json").write_text(json.dumps(entry), encoding="utf-8")
+        (objects / f"{key}.json").write_text(json.dumps([*names, returned]), encoding="utf-8")
 
     kernel_cache.on_compiled = keep
     importlib.import_module(f"{package}.render.precompile_worker").compile_part(part)

@@ -59,6 +59,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
+    SCENE_MASK_HANDLE,
     SCENE_TRANSPARENT_HANDLE,
     SCENE_WORLD_GROUP,
     SCENE_WORLD_IS_CONSTANT,
@@ -157,6 +158,7 @@ class Tracer:
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE] = scene.accelerator.handle
         numbers[SCENE_TRANSPARENT_HANDLE] = scene.accelerator.transparent_handle
+        numbers[SCENE_MASK_HANDLE] = scene.accelerator.mask_handle
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
         numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1

@@ -7,6 +7,7 @@
 - kernels do not allocate, so arrays are not reference counted (numba's counting is not always optimised away);
 - room for what called functions return is not cleared first (`lowering.py`);
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
+- a wrapper by which C calls it is made for those kernels alone that a library calls;
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
 - numba hears of a kernel when it is first needed (`Kernel`): most of a process's kernels never are;
@@ -137,9 +138,8 @@ class Kernel:
         function, options = self.py_func, self._options
         dispatcher = numba.njit(**options)(function)
         dispatcher._cache = KernelCache(function)
-        return _serve_callers(
-            dispatcher, lambda: numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
-        )
+        inlined = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        return _serve_callers(dispatcher, lambda: numba.njit(**inlined)(function))
 
     @property
     def _numba_type_(self) -> Any:
@@ -161,6 +161,7 @@ def kernel(
     forceinline: bool = False,
     fastmath: frozenset[str] | bool = SAFE_FASTMATH,
     float64_literals: bool = False,
+    called_by_c: bool = False,
 ) -> Any:
     """Compile a function with numba; see the module's docstring for what differs from `numba.njit`.
 
@@ -174,6 +175,8 @@ def kernel(
         LLVM fast-math flags, if `SAFE_FASTMATH` does not suit.
     float64_literals : bool
         Leave float literals double: for the few kernels that accumulate in float64.
+    called_by_c : bool
+        Whether `BoundKernel.c_address` is asked for.
     """
 
     def decorate(target: Callable[..., Any]) -> Any:
@@ -187,6 +190,7 @@ def kernel(
             "forceinline": forceinline,
             # No allocation in kernels, so no reference counting: it was most of the code.
             "_nrt": False,
+            "no_cfunc_wrapper": not called_by_c,
             "pipeline_class": KernelCompiler,
         }
         return numba.njit(**options)(target) if numba.config.DISABLE_JIT else Kernel(target, options)
@@ -294,6 +298,11 @@ class BoundKernel:
     def address(self) -> int:
         """Where a bound kernel's machine code is, in numba's calling convention."""
         return self._compiled.library.get_pointer_to_function(self._compiled.fndesc.llvm_func_name)
+
+    @property
+    def c_address(self) -> int:
+        """Where C calls a bound kernel that was made with `called_by_c`."""
+        return self._compiled.library.get_pointer_to_function(self._compiled.fndesc.llvm_cfunc_wrapper_name)
 
 
 def in_python(dispatcher: Any) -> Callable[..., Any]:

@@ -37,7 +37,7 @@ from numba.core.typing import signature
 from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source_hash
 
 #: Version of the two files' form.
-FORMAT = 2
+FORMAT = 3
 #: What the library calls the table of addresses, and, where it cannot ask for Python's data by name, pointers to them.
 SLOTS = "neuralguide_slots"
 _POINTER = "__imp_"
@@ -62,6 +62,7 @@ class _Descriptor:
     """What numba asks of a function that is compiled: `FunctionDescriptor` without what only its compiler needs."""
 
     llvm_func_name: str
+    llvm_cfunc_wrapper_name: str
     restype: Any
     argtypes: tuple[Any, ...]
     qualname: str
@@ -171,14 +172,15 @@ class KernelLibrary:
         entry = self._entries.get(key)
         if entry is None:
             return None
-        name, wrapper, environment_name, returned = entry
+        # The last of the names is there only where C calls the kernel.
+        name, wrapper, environment_name, *c_names, returned = entry
         environment = Environment(function.__globals__)
         environment.env_name = environment_name
         # The machine code knows its address.
         self._environments.append(environment)
         ctypes.c_void_p.in_dll(self._library, environment_name).value = id(environment)
         return_type = read_type(returned)
-        described = _Descriptor(name, return_type, argument_types, function.__qualname__)
+        described = _Descriptor(name, "".join(c_names), return_type, argument_types, function.__qualname__)
         entry_point = _dynfunc.make_function(
             sys.modules[function.__module__], function.__name__, "", self.get_pointer_to_function(wrapper),
             environment, (self,),

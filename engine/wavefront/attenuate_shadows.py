@@ -9,12 +9,16 @@ from engine.accel import (
     CATCHER_MASK_SHIFT,
     MASK_MEDIUM,
     MASK_SHADOW_OPAQUE,
+    MOST_BOUNDARIES,
+    read_boundary,
     read_hit,
+    trace_boundaries,
     trace_closest,
     trace_occluded,
 )
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_objects
+from engine.kernels.exponential import decay
+from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
@@ -35,7 +39,7 @@ from engine.state.lanes import (
     RAY_CATCHER_HIT,
     RAY_SHADOW,
 )
-from engine.state.media import EXTINCTION, MOST_CROSSINGS
+from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, MOST_CROSSINGS
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MAJORANTS_EXCEEDED,
@@ -45,6 +49,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_MASK_HANDLE,
     SHADOW_ROWS,
     TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
@@ -52,6 +57,8 @@ from engine.wavefront.columns import (
 )
 
 _ROWS_AHEAD = 4
+#: Searches for the boundaries on one shadow ray; one is enough unless there are more than MOST_BOUNDARIES.
+_MOST_SEARCHES = 64
 
 
 @kernel
@@ -120,12 +127,11 @@ def _length_beyond(scene, work, lane):
 
 
 @kernel
-def _cross(scene, work, row, direction, instance, triangle, ng):
+def _cross(scene, work, row, instance, triangle, is_back):
     """Take row `row` of the media through a boundary."""
     geometry = scene.geometry
     medium = scene.media.of_program[program_of(geometry, instance, triangle)]
     if medium >= 0 and geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
-        is_back = dot(ng, direction) > 0.0
         if not cross_boundary(work.media, row, instance, medium, is_back):
             work.counts[MEDIA_DROPPED] += 1
 
@@ -140,6 +146,64 @@ def _end_ray(work, row, is_blocked):
 
 
 @kernel
+def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
+    """Dim the light of a shadow ray by the media on its way, and find out whether it meets anything else.
+
+    Parameters
+    ----------
+    own : int
+        Row of the media that it starts in.
+    rest, beyond : float32 [m]
+        To the end of the ray, and further to the light.
+    mask : int
+        MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
+
+    Returns
+    -------
+    bool
+        False: it meets something opaque.
+    """
+    paths, media, shadows, geometry = work.paths, work.media, work.shadows, scene.geometry
+    ray, bits, depths = work.ray, work.ray_bits, work.media.coefficients
+    origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
+    is_dense, sees_opaque = scene.header[SCENE_HAS_DENSE_MEDIA] != 0, mask != MASK_MEDIUM
+    for c in range(len(paths.channels)):
+        depths[CHANNEL_WEIGHT, c] = 0.0
+    near, far, passed = 0.0, rest, 0.0
+    for search in range(_MOST_SEARCHES):
+        work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+        count = trace_boundaries(
+            scene.header[SCENE_HANDLE], ray, bits, work.ray_address[0], scene.header[SCENE_MASK_HANDLE],
+            geometry.instance_table.shape[0], origin, direction, near, far, time, mask,
+        )
+        if count < 0:
+            return False
+        if count > MOST_BOUNDARIES and search < _MOST_SEARCHES // 2:
+            # Those that were kept may be any: look again on a part of the way.
+            _, _, middle, _, _, _ = read_boundary(ray, bits, geometry, MOST_BOUNDARIES // 2)
+            if near < middle < far:
+                far = middle
+                continue
+        for k in range(min(count, MOST_BOUNDARIES)):
+            instance, triangle, distance, u, v, is_back = read_boundary(ray, bits, geometry, k)
+            if sees_opaque and _stops_light(scene, instance, triangle):
+                return False
+            gap = 0.0
+            if is_dense:
+                _, _, _, gap = _meet(scene, direction, instance, triangle, u, v, time)
+            add_depth(scene, paths, media, lane, own, max(distance - gap - passed, 0.0))
+            passed = distance + gap
+            _cross(scene, work, own, instance, triangle, is_back)
+        if not far < rest:
+            break
+        near, far = far, rest
+    add_depth(scene, paths, media, lane, own, max(rest + beyond - passed, 0.0) if rest < FAR else DISTANT)
+    for c in range(len(paths.channels)):
+        shadows.radiance[row, c] *= decay(depths[CHANNEL_WEIGHT, c])
+    return True
+
+
+@kernel
 def attenuate_shadows(scene, unit, work, queue):
     """Multiply the light of all shadow rays by the transmittance on their way.
 
@@ -151,8 +215,7 @@ def attenuate_shadows(scene, unit, work, queue):
     queue : LaneQueue
         Not looked at: rows of `work.shadows` are in use.
     """
-    paths, shadows = work.paths, work.shadows
-    media, radiance = work.media, work.shadows.radiance
+    paths, shadows, media = work.paths, work.shadows, work.media
     has_boundaries, follows = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_FOLLOWS] != 0
     own = media.count.shape[0] - 1
     settles = has_boundaries and not follows and scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
@@ -165,29 +228,14 @@ def attenuate_shadows(scene, unit, work, queue):
         rest, beyond = shadows.distance[row], _length_beyond(scene, work, lane)
         if not rest + beyond > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
-        origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
-        _leave_point(scene, work, lane, own, direction)
+        _leave_point(scene, work, lane, own, load(shadows.direction, row))
         if not has_boundaries or not rest > 0.0:
-            attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
+            attenuate(scene, paths, media, lane, own, rest + beyond, shadows.radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
-        for _ in range(MOST_CROSSINGS):
-            hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time, mask)
-            if settles and (not hit or _stops_light(scene, instance, triangle)):
-                _end_ray(work, row, hit)
-                if hit:
-                    break
-            if not hit:
-                attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
-                break
-            p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
-            if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
-                _end_ray(work, row, True)
-                break
-            _cross(scene, work, own, direction, instance, triangle, ng)
-            origin = offset_origin(p, ng, direction, error)
-            # No further than to the light, from where the ray goes on.
-            rest = max(rest - distance - error, 0.0) if rest < FAR else DISTANT
+        passes = _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask)
+        if settles or not passes:
+            _end_ray(work, row, not passes)
 
 
 @kernel
@@ -342,7 +390,7 @@ def find_shadow_collisions(scene, unit, work, queue):
                 scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
             tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
-            _cross(scene, work, own, direction, instance, triangle, ng)
+            _cross(scene, work, own, instance, triangle, dot(ng, direction) > 0.0)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
             _look_for_leg(scene, work, row, own, MASK_MEDIUM)
             _start_leg(scene, work, row, own)
