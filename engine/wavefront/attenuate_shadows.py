@@ -84,18 +84,12 @@ def _stops_light(scene, instance, triangle):
 
 
 @kernel
-def _next_boundary(scene, work, origin, direction, rest, time, mask):
-    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it.
-
-    Parameters
-    ----------
-    mask : int
-        MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
-    """
+def _next_boundary(scene, work, origin, direction, rest, time):
+    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
     hit = trace_closest(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
-        mask,
+        MASK_MEDIUM,
     )
     if not hit:
         return False, -1, -1, rest, 0.0, 0.0
@@ -239,24 +233,72 @@ def attenuate_shadows(scene, unit, work, queue):
 
 
 @kernel
-def _look_for_leg(scene, work, row, own, mask):
-    """Find the next boundary on a shadow ray, if there are any, or what else `mask` selects."""
+def _set_leg(tracking, own, instance, triangle, distance, u, v):
+    """Note the next boundary of a shadow ray, instance -1: there is none before `distance`."""
+    tracking.instance[own] = instance
+    tracking.position[own] = distance
+    tracking.triangle[own] = triangle
+    tracking.u[own] = u
+    tracking.v[own] = v
+
+
+@kernel
+def _look_for_leg(scene, work, row, own):
+    """Find the next boundary on a shadow ray, if there may be any."""
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     rest = tracking.rest[own]
-    tracking.instance[own] = -1
-    tracking.position[own] = rest
+    hit, instance, triangle, distance, u, v = False, -1, -1, rest, 0.0, 0.0
+    if tracking.chosen[own] > 0 and rest > 0.0:
+        hit, instance, triangle, distance, u, v = _next_boundary(
+            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]]
+        )
+        tracking.chosen[own] -= 1
+    _set_leg(tracking, own, instance, triangle, distance, u, v)
+
+
+@kernel
+def _look_along(scene, work, row, own, mask):
+    """Find the first boundary on a shadow ray and how many there are; False: it meets something opaque.
+
+    Parameters
+    ----------
+    mask : int
+        As of `_pass_boundaries`.
+    """
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    rest, time = tracking.rest[own], paths.time[shadows.lane[row]]
+    origin, direction = load(tracking.origin, own), load(shadows.direction, row)
+    _set_leg(tracking, own, -1, -1, rest, 0.0, 0.0)
+    tracking.chosen[own] = 0
     if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
-        return False
-    hit, instance, triangle, distance, u, v = _next_boundary(
-        scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]], mask
+        return True
+    work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+    count = trace_boundaries(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], scene.header[SCENE_MASK_HANDLE],
+        scene.geometry.instance_table.shape[0], origin, direction, 0.0, rest, time, mask,
     )
-    if hit:
-        tracking.instance[own] = instance
-        tracking.position[own] = distance
-        tracking.triangle[own] = triangle
-        tracking.u[own] = u
-        tracking.v[own] = v
-    return hit
+    kept = min(count, MOST_BOUNDARIES)
+    if mask != MASK_MEDIUM:
+        if count < 0:
+            return False
+        for k in range(kept):
+            instance, triangle, _, _, _, _ = read_boundary(work.ray, work.ray_bits, scene.geometry, k)
+            if _stops_light(scene, instance, triangle):
+                return False
+    if kept > 0:
+        instance, triangle, distance, u, v, _ = read_boundary(work.ray, work.ray_bits, scene.geometry, 0)
+        tracking.chosen[own] = count - 1
+        _set_leg(tracking, own, instance, triangle, distance, u, v)
+    if count > kept:
+        # Those that were kept may be any.
+        if mask != MASK_MEDIUM and trace_occluded(
+            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
+            time, mask & ~MASK_MEDIUM,
+        ):
+            return False
+        tracking.chosen[own] = count
+        _look_for_leg(scene, work, row, own)
+    return True
 
 
 @kernel
@@ -294,8 +336,9 @@ def begin_shadows(scene, unit, work, queue):
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
     settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
-    # Then most rays need one look only, for what is opaque and for boundaries.
+    # Then one look is enough, for what is opaque and for boundaries.
     looks_once = settles and not follows and scene.header[SCENE_HAS_BOUNDARIES] != 0
+    mask = MASK_MEDIUM | opaque if looks_once else MASK_MEDIUM
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
@@ -306,20 +349,14 @@ def begin_shadows(scene, unit, work, queue):
         direction = load(shadows.direction, row)
         store(tracking.origin, own, load(shadows.origin, row))
         tracking.rest[own] = rest
-        if looks_once:
-            meets = _look_for_leg(scene, work, row, own, opaque | MASK_MEDIUM)
-            if meets and _stops_light(scene, tracking.instance[own], tracking.triangle[own]):
-                _end_ray(work, row, True)
-                continue
         # Following a ray costs far more than finding out that something hides the light.
-        if rest > 0.0 and (not looks_once or tracking.instance[own] >= 0) and trace_occluded(
+        is_hidden = not looks_once and rest > 0.0 and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, rest, paths.time[lane], opaque,
-        ):
+        )
+        if is_hidden or not _look_along(scene, work, row, own, mask):
             _end_ray(work, row, True)
             continue
-        if not looks_once:
-            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
         _leave_point(scene, work, lane, own, direction)
         tracking.step[own] = 0
         work.media.crossings[own] = 0
@@ -392,7 +429,7 @@ def find_shadow_collisions(scene, unit, work, queue):
             tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
             _cross(scene, work, own, instance, triangle, dot(ng, direction) > 0.0)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
-            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
+            _look_for_leg(scene, work, row, own)
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
             tracking.step[own] += 1
