@@ -49,9 +49,9 @@ _OF_NEIGHBOURS = 0.02
 #: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
 #: at any other.
 _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 16.0, 4.0
-#: Voxels that are looked up, if they are no more than that. Of more, those of most and least in blocks: of the first of
-#: these edges, in voxels, by which they are no more, else of the last.
-_MOST_VOXELS = 1 << 18
+#: Voxels that are looked up, if there are no more than the first number. Of more, those of most and least in blocks: of
+#: the first of these edges, in voxels, by which they are no more than the second number, else of the last.
+_MOST_VOXELS, _MOST_EXTREMES = 1 << 17, 1 << 18
 _BLOCKS = 2, 4
 #: How many voxels around it one matters to, by straight lines and by cubic splines.
 _REACH, _SMOOTH_REACH = 1.0, 2.0
@@ -246,7 +246,7 @@ def _voxels_to_meet(grids: Sequence[Grid]) -> Iterator[tuple[np.ndarray, int, np
             yield np.frombuffer(place, np.float32).reshape(4, 4), 1, corners, corners
         return
     tile_count = sum(len(one) for found in tiles.values() for one in found)
-    block = next((one for one in _BLOCKS if 2 * tile_count * (TILE // one) ** 3 <= _MOST_VOXELS), _BLOCKS[-1])
+    block = next((one for one in _BLOCKS if 2 * tile_count * (TILE // one) ** 3 <= _MOST_EXTREMES), _BLOCKS[-1])
     for grid in grids:
         yield grid.to_index, block, *_extremes(grid, block)
 
