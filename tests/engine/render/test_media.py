@@ -312,7 +312,7 @@ def test_of_64_nested_media_those_that_there_is_room_for_count_and_a_message_say
 
 
 def test_shadow_rays_are_dimmed_through_hundreds_of_boundaries():
-    """A floor below the camera, and ink between the camera and a lamp: in one layer, or in 150 that have gaps between."""
+    """A floor below the camera, and ink between camera and lamp: in one layer, or in 150 that have gaps between."""
     floor = Material("Floor", "Floor", NodeGraph([Node("ShaderNodeBsdfDiffuse", "White", {})], Link(0, "BSDF")))
     lamp = Light("lamp", "Lamp", "POINT", placed(offset=(0.0, 0.0, 400.0)), (1.0, 1.0, 1.0), 1e6)
 
