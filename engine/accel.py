@@ -3,7 +3,7 @@
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
-Embree calls one kernel back (`_count_passed`), whose address it gets with the ray.
+Embree calls kernels back (`_count_passed`, `_keep_boundary`), whose addresses it gets with the ray.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_CATCHER,
+    INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
     INSTANCE_MESH,
@@ -154,23 +155,43 @@ _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
 
-# Behind the RTCRayHit in a thread's scratch, in words: the arguments of a search that counts what it passes, then its
-# context, of which Embree knows the first two words.
-_ARGUMENTS = 32
-_CONTEXT = 48
-_CONTEXT_PASSED = _CONTEXT + 2
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that count what they pass, and of those
+# for boundaries of media; their context, of which Embree knows the first two words; boundaries that were found; and
+# numbers of these in the order of the distance.
+_PASSING_ARGUMENTS = 32
+_BOUNDARY_ARGUMENTS = 48
+_CONTEXT = 64
+_CONTEXT_COUNT = _CONTEXT + 2
 _CONTEXT_INSTANCE_COUNT = _CONTEXT + 3
 _CONTEXT_MASKS = _CONTEXT + 4  # address
-_SCRATCH_WORDS = 64
+_FIRST_BOUNDARY = _CONTEXT + 16
+#: Boundaries that a search finds at once.
+MOST_BOUNDARIES = 128
+# Of a boundary: distance, u, v, triangle within its mesh, instance, normal and the ray's direction in the same space.
+_BOUNDARY_WIDTH = 12
+_BOUNDARY_ORDER = _FIRST_BOUNDARY + MOST_BOUNDARIES * _BOUNDARY_WIDTH
+_SCRATCH_WORDS = _BOUNDARY_ORDER + MOST_BOUNDARIES
 _EVERY_FEATURE = np.uint32(0xFFFFFFFF)
 _WORD_BYTES = 4
 
-# Bytes of an RTCFilterFunctionNArguments, and of the RTCHit it points to.
-_FILTER_VALID = 0
-_FILTER_CONTEXT = 16
-_FILTER_HIT = 32
-_FILTERED_GEOMETRY = 24
-_FILTERED_INSTANCE = 28
+# Bytes of an RTCFilterFunctionNArguments, of the RTCRay and of the RTCHit it points to, and of the context.
+_FILTER_VALID, _FILTER_CONTEXT, _FILTER_RAY, _FILTER_HIT = 0, 16, 24, 32
+_RAY_DIRECTION, _RAY_END = 16, 32
+_FOUND_NORMAL, _FOUND_U, _FOUND_V, _FOUND_TRIANGLE, _FOUND_GEOMETRY, _FOUND_INSTANCE = 0, 12, 16, 20, 24, 28
+_FOUND_COUNT = (_CONTEXT_COUNT - _CONTEXT) * _WORD_BYTES
+_INSTANCE_COUNT = (_CONTEXT_INSTANCE_COUNT - _CONTEXT) * _WORD_BYTES
+_MASKS = (_CONTEXT_MASKS - _CONTEXT) * _WORD_BYTES
+_ROWS = (_FIRST_BOUNDARY - _CONTEXT) * _WORD_BYTES
+
+
+@kernel
+def _filtered_instance(context, hit):
+    """Which instance Embree's filter function was called for, and its mask."""
+    instance = read_half(hit, _FOUND_INSTANCE)
+    # As in `read_hit`.
+    if instance >= read_half(context, _INSTANCE_COUNT):
+        instance = read_half(hit, _FOUND_GEOMETRY)
+    return instance, read_half(read_word(context, _MASKS), instance * _WORD_BYTES)
 
 
 @kernel(called_by_c=True)
@@ -183,16 +204,39 @@ def _count_passed(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    first = _CONTEXT * _WORD_BYTES
-    instance = read_half(hit, _FILTERED_INSTANCE)
-    # As in `read_hit`.
-    if instance >= read_half(context, _CONTEXT_INSTANCE_COUNT * _WORD_BYTES - first):
-        instance = read_half(hit, _FILTERED_GEOMETRY)
-    masks = read_word(context, _CONTEXT_MASKS * _WORD_BYTES - first)
-    if read_half(masks, instance * _WORD_BYTES) & MASK_SHADOW_TRANSPARENT:
-        passed = _CONTEXT_PASSED * _WORD_BYTES - first
-        write_half(context, passed, read_half(context, passed) + 1)
+    _, mask = _filtered_instance(context, hit)
+    if mask & MASK_SHADOW_TRANSPARENT:
+        write_half(context, _FOUND_COUNT, read_half(context, _FOUND_COUNT) + 1)
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
+
+
+@kernel(called_by_c=True)
+def _keep_boundary(arguments):
+    """Embree's filter function: keep a hit on what has a medium inside, and have the search go on.
+
+    Parameters
+    ----------
+    arguments : intp
+        Address of an RTCFilterFunctionNArguments of one ray.
+    """
+    context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
+    instance, mask = _filtered_instance(context, hit)
+    if mask & MASK_MEDIUM == 0:
+        return
+    count = read_half(context, _FOUND_COUNT)
+    if count < MOST_BOUNDARIES:
+        row = context + _ROWS + count * (_WORD_BYTES * _BOUNDARY_WIDTH)
+        ray = read_word(arguments, _FILTER_RAY)
+        write_half(row, 0, read_half(ray, _RAY_END))
+        write_half(row, 4, read_half(hit, _FOUND_U))
+        write_half(row, 8, read_half(hit, _FOUND_V))
+        write_half(row, 12, read_half(hit, _FOUND_TRIANGLE))
+        write_half(row, 16, instance)
+        for k in range(3):
+            write_half(row, 20 + 4 * k, read_half(hit, _FOUND_NORMAL + 4 * k))
+            write_half(row, 32 + 4 * k, read_half(ray, _RAY_DIRECTION + 4 * k))
+    write_half(context, _FOUND_COUNT, count + 1)
+    write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
 @kernel
@@ -265,18 +309,19 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
-def prepare_passing(bits, masks, instance_count):
-    """Say what `trace_passing` may pass: `masks` is `Accelerator.mask_handle`."""
+def prepare_filters(bits, masks, instance_count):
+    """Say which instances are of what kind, for `trace_passing` and `trace_boundaries`.
+
+    `masks` is `Accelerator.mask_handle`, an array of `instance_count` rows.
+    """
     bits[_CONTEXT_MASKS] = masks & 0xFFFFFFFF
     bits[_CONTEXT_MASKS + 1] = masks >> 32
     bits[_CONTEXT_INSTANCE_COUNT] = instance_count
 
 
 @kernel
-def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
-
-    Arguments as `trace_closest`; see `prepare_passing`.
+def _search_through(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
+    """How often a filter function was called on a segment and let the search go on; -1 if the search was ended."""
     """
     ray[0], ray[1], ray[2] = origin
     ray[3] = near
@@ -286,9 +331,69 @@ def trace_passing(scene, ray, bits, address, origin, direction, near, far, time,
     bits[9] = mask
     bits[10] = 0
     bits[11] = 0
-    bits[_CONTEXT_PASSED] = 0
-    _rtc_occluded(scene, address, address + _ARGUMENTS * _WORD_BYTES)
-    return np.int64(-1) if ray[_HIT_DISTANCE] < 0.0 else np.int64(bits[_CONTEXT_PASSED])
+    bits[_CONTEXT_COUNT] = 0
+    _rtc_occluded(scene, address, address + arguments * _WORD_BYTES)
+    return np.int64(-1) if ray[_HIT_DISTANCE] < 0.0 else np.int64(bits[_CONTEXT_COUNT])
+
+
+@kernel
+def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
+
+    Arguments as `trace_closest`; see `prepare_filters`.
+    """
+    return _search_through(scene, ray, bits, address, _PASSING_ARGUMENTS, origin, direction, near, far, time, mask)
+
+
+@kernel
+def trace_boundaries(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """Find all hits of a segment on what has a medium inside; `read_boundary` reads them.
+
+    Parameters
+    ----------
+    mask : int
+        MASK_MEDIUM, and others that end the search where they meet anything else. The others: as `trace_closest`; see
+        `prepare_filters`.
+
+    Returns
+    -------
+    int
+        How many there are, which may be more than the MOST_BOUNDARIES that are kept; -1 if anything else lies on the
+        segment.
+    """
+    count = _search_through(scene, ray, bits, address, _BOUNDARY_ARGUMENTS, origin, direction, near, far, time, mask)
+    for k in range(min(count, MOST_BOUNDARIES)):
+        distance = ray[_FIRST_BOUNDARY + _BOUNDARY_WIDTH * k]
+        place = k
+        while place > 0:
+            before = bits[_BOUNDARY_ORDER + place - 1]
+            if not ray[_FIRST_BOUNDARY + _BOUNDARY_WIDTH * np.int64(before)] > distance:
+                break
+            bits[_BOUNDARY_ORDER + place] = before
+            place -= 1
+        bits[_BOUNDARY_ORDER + place] = k
+    return count
+
+
+@kernel
+def read_boundary(ray, bits, geometry, k):
+    """Hit number k, in the order of the distance, of those that `trace_boundaries` has kept.
+
+    Returns
+    -------
+    instance, triangle, distance, u, v
+        As of `read_hit`.
+    is_back : bool
+        Whether the triangle's normal points along the ray.
+    """
+    row = _FIRST_BOUNDARY + _BOUNDARY_WIDTH * np.int64(bits[_BOUNDARY_ORDER + k])
+    instance = np.int64(bits[row + 4])
+    mesh, flags = geometry.instance_table[instance, INSTANCE_MESH], geometry.instance_table[instance, INSTANCE_FLAGS]
+    triangle = np.int64(geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]) + np.int64(bits[row + 3])
+    along = ray[row + 5] * ray[row + 8] + ray[row + 6] * ray[row + 9] + ray[row + 7] * ray[row + 10]
+    # What is mirrored has been turned inside out where its triangles are stored in world space.
+    is_turned = flags & INSTANCE_FLAG_BAKED != 0 and flags & INSTANCE_FLAG_MIRRORED != 0
+    return instance, triangle, ray[row], ray[row + 1], ray[row + 2], along < 0.0 if is_turned else along > 0.0
 
 
 @kernel
@@ -308,17 +413,20 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
 
 
 @cache
-def _filter_address() -> int:
-    """Where Embree calls `_count_passed`; 0 where nothing is compiled."""
-    if not isinstance(_count_passed, Kernel):
-        return 0
-    bound = BoundKernel(_count_passed)
-    bound.bind(0)
-    return bound.c_address
+def _filter_addresses() -> tuple[int, int]:
+    """Where Embree calls `_count_passed` and `_keep_boundary`; 0 where nothing is compiled."""
+    found = []
+    for one in (_count_passed, _keep_boundary):
+        if not isinstance(one, Kernel):
+            return 0, 0
+        bound = BoundKernel(one)
+        bound.bind(0)
+        found.append(bound.c_address)
+    return found[0], found[1]
 
 
 class RayScratch:
-    """One thread's aligned RTCRayHit, and what searches that count what they pass have besides."""
+    """One thread's aligned RTCRayHit, and what searches that do not end at a hit have besides."""
 
     def __init__(self) -> None:
         raw = np.zeros(_SCRATCH_WORDS + 16, np.float32)
@@ -326,10 +434,10 @@ class RayScratch:
         self.ray = raw[start : start + _SCRATCH_WORDS]
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
-        # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
-        self.bits[_ARGUMENTS + 1] = _EVERY_FEATURE
-        addresses = self.bits[_ARGUMENTS + 2 : _ARGUMENTS + 6].view(np.int64)
-        addresses[:] = self.address + _CONTEXT * _WORD_BYTES, _filter_address()
+        for first, function in zip((_PASSING_ARGUMENTS, _BOUNDARY_ARGUMENTS), _filter_addresses(), strict=True):
+            # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
+            self.bits[first + 1] = _EVERY_FEATURE
+            self.bits[first + 2 : first + 6].view(np.int64)[:] = self.address + _CONTEXT * _WORD_BYTES, function
         self.bits[_CONTEXT : _CONTEXT + 2] = _NONE
 
 
@@ -409,7 +517,7 @@ class MeshHierarchies:
             scene = _EmbreeScene(self.device, geometry)
             inner = _triangle_geometry(self.device, geometry, mesh)
             _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
-            # Which of its instances let light through is not known here.
+            # Which of its instances let light through, or have a medium inside, is not known here.
             _lib.rtcSetGeometryEnableFilterFunctionFromArguments(inner, True)
             _lib.rtcCommitGeometry(inner)
             _lib.rtcAttachGeometryByID(scene.address, inner, 0)
@@ -496,8 +604,8 @@ def _attach_standing(
     for index in rows.tolist():
         handle = _triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
-        passes = int(masks[index]) & MASK_SHADOW_TRANSPARENT != 0
-        _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, passes)
+        is_filtered = int(masks[index]) & (MASK_SHADOW_TRANSPARENT | MASK_MEDIUM) != 0
+        _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, is_filtered)
         _lib.rtcCommitGeometry(handle)
         _lib.rtcAttachGeometryByID(scene.address, handle, index)
         _lib.rtcReleaseGeometry(handle)

@@ -12,6 +12,7 @@ from engine.array_types import Float32Array
 from engine.kernels.bsdf import BsdfTables
 from engine.kernels.shader import ops_input
 from engine.kernels.shader.opcodes import CLOSURE_FIRST
+from engine.runtime.jit import kernel
 from engine.scene.description import Mesh
 from engine.scene.grids import TILE, Grid, unpack_values
 from engine.shaders.compiled_program import CompiledProgram
@@ -48,9 +49,11 @@ _OF_NEIGHBOURS = 0.02
 #: Where there is emission a ray looks so often on its way through all that the medium fills, at the brightest place and
 #: at any other.
 _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 16.0, 4.0
-#: Edge, in voxels, of the blocks of which only the voxels of most and least are looked up; and how many voxels around
-#: it one matters to, by straight lines and by cubic splines.
-_BLOCK = 4
+#: Voxels that are looked up, if there are no more than the first number. Of more, those of most and least in blocks: of
+#: the first of these edges, in voxels, by which they are no more than the second number, else of the last.
+_MOST_VOXELS, _MOST_EXTREMES = 1 << 17, 1 << 18
+_BLOCKS = 2, 4
+#: How many voxels around it one matters to, by straight lines and by cubic splines.
 _REACH, _SMOOTH_REACH = 1.0, 2.0
 
 #: Instructions that give the same wherever the object stands, and for every ray.
@@ -208,21 +211,54 @@ def _largest_around(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _extremes(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the voxels of most and of least in each block, and of the blocks' corners, both int64 (2 N, 3)."""
+def _extremes(grid: Grid, block: int) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the corners of all blocks, twice, and of their voxels of most and of least, both int64 (N, 3)."""
     places = np.argwhere(grid.tiles >= 0)
-    order = grid.tiles[tuple(places.T)]
-    values = unpack_values(grid).sum(axis=2)[order]
-    parts = TILE // _BLOCK
-    blocks = values.reshape(-1, parts, _BLOCK, parts, _BLOCK, parts, _BLOCK).transpose(0, 1, 3, 5, 2, 4, 6)
-    blocks = blocks.reshape(len(places), parts**3, _BLOCK**3)
-    of_part = np.stack(np.unravel_index(np.arange(parts**3), (parts,) * 3), axis=1) * _BLOCK
-    corners = (grid.first + places * TILE)[:, None] + of_part
-    found = [
-        corners + np.stack(np.unravel_index(chosen, (_BLOCK,) * 3), axis=-1)
-        for chosen in (blocks.argmax(axis=2), blocks.argmin(axis=2))
-    ]
-    return np.concatenate(found).reshape(-1, 3), np.concatenate([corners, corners]).reshape(-1, 3)
+    values = unpack_values(grid).sum(axis=2)[grid.tiles[tuple(places.T)]]
+    parts = TILE // block
+    blocks = values.reshape(-1, parts, block, parts, block, parts, block).transpose(0, 1, 3, 5, 2, 4, 6)
+    blocks = blocks.reshape(len(places), parts**3, block**3)
+    corners = _within_tiles(grid.first + places * TILE, block)
+    chosen = np.concatenate([blocks.argmax(axis=2).ravel(), blocks.argmin(axis=2).ravel()])
+    corners = np.concatenate([corners, corners])
+    return corners, corners + np.stack(np.unravel_index(chosen, (block,) * 3), axis=-1)
+
+
+def _within_tiles(tiles: np.ndarray, block: int) -> np.ndarray:
+    """Corners of all blocks of tiles that begin at `tiles`, (N, 3)."""
+    parts = TILE // block
+    of_part = np.stack(np.unravel_index(np.arange(parts**3), (parts,) * 3), axis=1) * block
+    return (tiles[:, None] + of_part).reshape(-1, 3)
+
+
+def _voxels_to_meet(grids: Sequence[Grid]) -> Iterator[tuple[np.ndarray, int, np.ndarray, np.ndarray]]:
+    """Voxels to look up: where a grid has them (`Grid.to_index`), edge and corners of the blocks that they stand for,
+    and their indices, both int64 (N, 3).
+    """
+    tiles: dict[bytes, list[np.ndarray]] = {}
+    for grid in grids:
+        tiles.setdefault(grid.to_index.tobytes(), []).append(grid.first + np.argwhere(grid.tiles >= 0) * TILE)
+    # All voxels of grids that have them in the same places are looked up at once.
+    together = {place: np.unique(np.concatenate(found), axis=0) for place, found in tiles.items()}
+    if sum(map(len, together.values())) * TILE**3 <= _MOST_VOXELS:
+        for place, found in together.items():
+            corners = _within_tiles(found, 1)
+            yield np.frombuffer(place, np.float32).reshape(4, 4), 1, corners, corners
+        return
+    tile_count = sum(len(one) for found in tiles.values() for one in found)
+    block = next((one for one in _BLOCKS if 2 * tile_count * (TILE // one) ** 3 <= _MOST_EXTREMES), _BLOCKS[-1])
+    for grid in grids:
+        yield grid.to_index, block, *_extremes(grid, block)
+
+
+@kernel(float64_literals=True)
+def _raise_cells(low, high, values, cells):
+    """Raise the cells (Z, Y, X) from `low` to `high`, x, y and z of each row, both included, to what was found."""
+    for row in range(low.shape[0]):
+        for z in range(low[row, 2], high[row, 2] + 1):
+            for y in range(low[row, 1], high[row, 1] + 1):
+                for x in range(low[row, 0], high[row, 0] + 1):
+                    cells[z, y, x] = max(cells[z, y, x], np.float64(values[row]))
 
 
 def _meet_voxels(
@@ -233,13 +269,12 @@ def _meet_voxels(
 
     Of programs that read several grids, or want the values in between, points at random find the rest.
     """
-    for grid in filled.grids:
-        voxels, corners = _extremes(grid)
-        to_object = np.linalg.inv(grid.to_index.astype(np.float64))
+    for to_index, block, corners, voxels in _voxels_to_meet(filled.grids):
+        to_object = np.linalg.inv(to_index.astype(np.float64))
         local = voxels @ to_object[:3, :3].T + to_object[:3, 3]
         world = local @ filled.to_world[0, :, :3].T + filled.to_world[0, :, 3]
-        half = 0.5 * (_BLOCK - 1) + reach
-        middle = (corners + 0.5 * (_BLOCK - 1)) @ to_object[:3, :3].T + to_object[:3, 3]
+        half = 0.5 * (block - 1) + reach
+        middle = (corners + 0.5 * (block - 1)) @ to_object[:3, :3].T + to_object[:3, 3]
         extent = np.abs(to_object[:3, :3]) @ np.full(3, half)
         scale = cells / np.maximum(filled.upper - filled.lower, 1e-30)
         low, high = (
@@ -250,10 +285,8 @@ def _meet_voxels(
             extinction, emission = lookup(
                 filled, world.astype(np.float32), np.zeros(len(world), np.float32), flags, by_lines=reach > _REACH
             )
-            for step in np.ndindex(*(high - low).max(axis=0, initial=0) + 1):
-                x, y, z = np.minimum(low + np.array(step), high).T
-                np.maximum.at(largest, (z, y, x), extinction)
-                np.maximum.at(bright, (z, y, x), emission)
+            _raise_cells(low, high, extinction, largest)
+            _raise_cells(low, high, emission, bright)
 
 
 def _at_times(

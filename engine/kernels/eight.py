@@ -27,6 +27,7 @@ WIDTH = 8
 
 _WORD = ir.IntType(32)
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+_SHORTS = ir.VectorType(ir.IntType(16), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 
 
@@ -154,6 +155,45 @@ def _load_from(typing_context: Any, array: Any, row: Any, first: Any) -> Any:
     return EIGHT(array, types.intp, types.intp), generate
 
 
+def _words_as_floats(builder: Any, words: Any) -> Any:
+    return builder.sitofp(builder.zext(words, ir.VectorType(_WORD, WIDTH)), _FLOATS)
+
+
+@intrinsic
+def _words_from(typing_context: Any, array: Any, first: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = array_of(context, builder, signature.args[0], arguments[0]).data
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), _SHORTS.as_pointer())
+        return _words_as_floats(builder, builder.load(pointer, align=2))
+
+    return EIGHT(array, types.intp), generate
+
+
+@intrinsic
+def _words_apart(typing_context: Any, array: Any, first: Any, stride: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.gep(array_of(context, builder, signature.args[0], arguments[0]).data, [arguments[1]])
+        words = ir.Constant(_SHORTS, ir.Undefined)
+        for k in range(WIDTH):
+            words = builder.insert_element(words, builder.load(pointer), ir.Constant(_WORD, k))
+            pointer = builder.gep(pointer, [arguments[2]]) if k + 1 < WIDTH else pointer
+        return _words_as_floats(builder, words)
+
+    return EIGHT(array, types.intp, types.intp), generate
+
+
+@intrinsic
+def _counted_from(typing_context: Any, x: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        steps = ir.Constant(_FLOATS, [float(k) for k in range(WIDTH)])
+        return builder.fadd(_eight(context, builder, types.float32, arguments[0]), steps)
+
+    return EIGHT(types.float32), generate
+
+
 @intrinsic
 def _store(typing_context: Any, array: Any, group: Any, column: Any, x: Any) -> Any:
 
@@ -217,6 +257,21 @@ def _sums_before(typing_context: Any, x: Any) -> Any:
 
 
 @intrinsic
+def _sum_of(typing_context: Any, x: Any) -> Any:
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        total = arguments[0]
+        for count in (4, 2, 1):
+            places = [(k + count) % WIDTH for k in range(WIDTH)]
+            total = builder.fadd(
+                total, builder.shuffle_vector(total, total, ir.Constant(ir.VectorType(_WORD, WIDTH), places))
+            )
+        return builder.extract_element(total, ir.Constant(_WORD, 0))
+
+    return types.float32(EIGHT), generate
+
+
+@intrinsic
 def _at(typing_context: Any, x: Any, k: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -270,6 +325,14 @@ def _for_kernels(compiled: Any, in_python: Any) -> Any:
 load_eight = _for_kernels(_load, lambda array, i, j: array[i, j])
 #: `load_from(array, i, j)`: array[i, j : j + 8] of a float32 array of two dimensions.
 load_from = _for_kernels(_load_from, lambda array, i, j: array[i, j : j + WIDTH])
+#: `words_from(array, i)`: array[i : i + 8] of a uint16 array, as floats.
+words_from = _for_kernels(_words_from, lambda array, i: array[i : i + WIDTH].astype(np.float32))
+#: `words_apart(array, i, stride)`: array[i], array[i + stride] and so on, eight of a uint16 array, as floats.
+words_apart = _for_kernels(
+    _words_apart, lambda array, i, stride: array[i : i + WIDTH * stride : stride][:WIDTH].astype(np.float32)
+)
+#: `counted_from(x)`: x, x + 1 and so on.
+counted_from = _for_kernels(_counted_from, lambda x: x + np.arange(WIDTH, dtype=np.float32))
 #: `store_eight(array, i, j, x)`: write it.
 store_eight = _for_kernels(_store, _store_in_python)
 #: `absolute(x)`: magnitudes of eight floats, or of one.
@@ -280,6 +343,8 @@ root = _for_kernels(_root, lambda x: np.sqrt(np.maximum(x, np.float32(0.0))))
 choose = _for_kernels(_choose, _choose_in_python)
 #: `sums_before(x)`: of each float the sum of those before it.
 sums_before = _for_kernels(_sums_before, _sums_in_python)
+#: `sum_of(x)`: all eight added up.
+sum_of = _for_kernels(_sum_of, lambda x: np.sum(x, dtype=np.float32))
 #: `at(x, k)`: float k.
 at = _for_kernels(_at, lambda x, k: x[k])
 #: `count_of(flags)`: how many flags are set.

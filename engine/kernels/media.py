@@ -173,6 +173,18 @@ def length_in_media(paths, lanes, lane):
 
 
 @kernel
+def add_depth(scene, paths, lanes, lane, row, distance):
+    """Add the optical depth of the media of a row over a distance to row CHANNEL_WEIGHT of `lanes.coefficients`."""
+    if lanes.count[row] == 0:
+        return
+    sum_coefficients(scene, paths, lanes, lane, row, distance >= FAR)
+    sums = lanes.coefficients
+    for c in range(len(paths.channels)):
+        if sums[EXTINCTION, c] > 0.0:
+            sums[CHANNEL_WEIGHT, c] += sums[EXTINCTION, c] * distance
+
+
+@kernel
 def attenuate(scene, paths, lanes, lane, row, distance, values, value_row):
     """Multiply row `value_row` of `values` by what the media of a row let through over a distance.
 

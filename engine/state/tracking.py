@@ -58,7 +58,8 @@ class TrackedLanes(Bundle):
     position, end : float32 [m], along the ray: how far it has come, and where the surface is
     weight : float32 (R, C), of what is left of the light along the ray
     emitted : float32 (R, C), what the media on the way have emitted, seen from the ray's start
-    chosen : int32, entry of the row's media that may collide at `position`; majorant : float32 [m^-1], of it
+    chosen : int32, entry of the row's media that may collide at `position`, of a shadow ray boundaries that may lie
+        behind the next one; majorant : float32 [m^-1], of what may collide
     collision : float32 [m], where the path is scattered, -1: nowhere
     step : int32, possible collisions so far
     u_event, u_roulette : float32, random numbers for what becomes of the ray at `position`

@@ -9,12 +9,17 @@ from engine.accel import (
     CATCHER_MASK_SHIFT,
     MASK_MEDIUM,
     MASK_SHADOW_OPAQUE,
+    MOST_BOUNDARIES,
+    prepare_filters,
+    read_boundary,
     read_hit,
+    trace_boundaries,
     trace_closest,
     trace_occluded,
 )
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.media import attenuate, copy_media, cross_boundary, leave_objects
+from engine.kernels.exponential import decay
+from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
@@ -35,7 +40,7 @@ from engine.state.lanes import (
     RAY_CATCHER_HIT,
     RAY_SHADOW,
 )
-from engine.state.media import EXTINCTION, MOST_CROSSINGS
+from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, MOST_CROSSINGS
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
 from engine.wavefront.columns import (
     MAJORANTS_EXCEEDED,
@@ -45,6 +50,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_MASK_HANDLE,
     SHADOW_ROWS,
     TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
@@ -52,6 +58,8 @@ from engine.wavefront.columns import (
 )
 
 _ROWS_AHEAD = 4
+#: Searches for the boundaries on one shadow ray; one is enough unless there are more than MOST_BOUNDARIES.
+_MOST_SEARCHES = 64
 
 
 @kernel
@@ -77,18 +85,12 @@ def _stops_light(scene, instance, triangle):
 
 
 @kernel
-def _next_boundary(scene, work, origin, direction, rest, time, mask):
-    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it.
-
-    Parameters
-    ----------
-    mask : int
-        MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
-    """
+def _next_boundary(scene, work, origin, direction, rest, time):
+    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
     hit = trace_closest(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
-        mask,
+        MASK_MEDIUM,
     )
     if not hit:
         return False, -1, -1, rest, 0.0, 0.0
@@ -120,12 +122,11 @@ def _length_beyond(scene, work, lane):
 
 
 @kernel
-def _cross(scene, work, row, direction, instance, triangle, ng):
+def _cross(scene, work, row, instance, triangle, is_back):
     """Take row `row` of the media through a boundary."""
     geometry = scene.geometry
     medium = scene.media.of_program[program_of(geometry, instance, triangle)]
     if medium >= 0 and geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
-        is_back = dot(ng, direction) > 0.0
         if not cross_boundary(work.media, row, instance, medium, is_back):
             work.counts[MEDIA_DROPPED] += 1
 
@@ -140,6 +141,63 @@ def _end_ray(work, row, is_blocked):
 
 
 @kernel
+def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
+    """Dim the light of a shadow ray by the media on its way, and find out whether it meets anything else.
+
+    Parameters
+    ----------
+    own : int
+        Row of the media that it starts in.
+    rest, beyond : float32 [m]
+        To the end of the ray, and further to the light.
+    mask : int
+        MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
+
+    Returns
+    -------
+    bool
+        False: it meets something opaque.
+    """
+    paths, media, shadows, geometry = work.paths, work.media, work.shadows, scene.geometry
+    ray, bits, depths = work.ray, work.ray_bits, work.media.coefficients
+    origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
+    is_dense, sees_opaque = scene.header[SCENE_HAS_DENSE_MEDIA] != 0, mask != MASK_MEDIUM
+    for c in range(len(paths.channels)):
+        depths[CHANNEL_WEIGHT, c] = 0.0
+    near, far, passed = 0.0, rest, 0.0
+    for search in range(_MOST_SEARCHES):
+        work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+        count = trace_boundaries(
+            scene.header[SCENE_HANDLE], ray, bits, work.ray_address[0], origin, direction, near, far, time, mask
+        )
+        if count < 0:
+            return False
+        if count > MOST_BOUNDARIES and search < _MOST_SEARCHES // 2:
+            # Those that were kept may be any: look again on a part of the way.
+            _, _, middle, _, _, _ = read_boundary(ray, bits, geometry, MOST_BOUNDARIES // 2)
+            if near < middle < far:
+                far = middle
+                continue
+        for k in range(min(count, MOST_BOUNDARIES)):
+            instance, triangle, distance, u, v, is_back = read_boundary(ray, bits, geometry, k)
+            if sees_opaque and _stops_light(scene, instance, triangle):
+                return False
+            gap = 0.0
+            if is_dense:
+                _, _, _, gap = _meet(scene, direction, instance, triangle, u, v, time)
+            add_depth(scene, paths, media, lane, own, max(distance - gap - passed, 0.0))
+            passed = distance + gap
+            _cross(scene, work, own, instance, triangle, is_back)
+        if not far < rest:
+            break
+        near, far = far, rest
+    add_depth(scene, paths, media, lane, own, max(rest + beyond - passed, 0.0) if rest < FAR else DISTANT)
+    for c in range(len(paths.channels)):
+        shadows.radiance[row, c] *= decay(depths[CHANNEL_WEIGHT, c])
+    return True
+
+
+@kernel
 def attenuate_shadows(scene, unit, work, queue):
     """Multiply the light of all shadow rays by the transmittance on their way.
 
@@ -151,12 +209,12 @@ def attenuate_shadows(scene, unit, work, queue):
     queue : LaneQueue
         Not looked at: rows of `work.shadows` are in use.
     """
-    paths, shadows = work.paths, work.shadows
-    media, radiance = work.media, work.shadows.radiance
+    paths, shadows, media = work.paths, work.shadows, work.media
     has_boundaries, follows = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_FOLLOWS] != 0
     own = media.count.shape[0] - 1
     settles = has_boundaries and not follows and scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
     row_count = work.counts[SHADOW_ROWS]
+    prepare_filters(work.ray_bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     for row in range(row_count):
         lane = shadows.lane[row]
         ahead = shadows.lane[min(row + _ROWS_AHEAD, row_count - 1)]
@@ -165,50 +223,83 @@ def attenuate_shadows(scene, unit, work, queue):
         rest, beyond = shadows.distance[row], _length_beyond(scene, work, lane)
         if not rest + beyond > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
-        origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
-        _leave_point(scene, work, lane, own, direction)
+        _leave_point(scene, work, lane, own, load(shadows.direction, row))
         if not has_boundaries or not rest > 0.0:
-            attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
+            attenuate(scene, paths, media, lane, own, rest + beyond, shadows.radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
-        for _ in range(MOST_CROSSINGS):
-            hit, instance, triangle, distance, u, v = _next_boundary(scene, work, origin, direction, rest, time, mask)
-            if settles and (not hit or _stops_light(scene, instance, triangle)):
-                _end_ray(work, row, hit)
-                if hit:
-                    break
-            if not hit:
-                attenuate(scene, paths, media, lane, own, rest + beyond, radiance, row)
-                break
-            p, ng, error, gap = _meet(scene, direction, instance, triangle, u, v, time)
-            if not attenuate(scene, paths, media, lane, own, max(distance - gap, 0.0), radiance, row):
-                _end_ray(work, row, True)
-                break
-            _cross(scene, work, own, direction, instance, triangle, ng)
-            origin = offset_origin(p, ng, direction, error)
-            # No further than to the light, from where the ray goes on.
-            rest = max(rest - distance - error, 0.0) if rest < FAR else DISTANT
+        passes = _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask)
+        if settles or not passes:
+            _end_ray(work, row, not passes)
 
 
 @kernel
-def _look_for_leg(scene, work, row, own, mask):
-    """Find the next boundary on a shadow ray, if there are any, or what else `mask` selects."""
+def _set_leg(tracking, own, instance, triangle, distance, u, v):
+    """Note the next boundary of a shadow ray, instance -1: there is none before `distance`."""
+    tracking.instance[own] = instance
+    tracking.position[own] = distance
+    tracking.triangle[own] = triangle
+    tracking.u[own] = u
+    tracking.v[own] = v
+
+
+@kernel
+def _look_for_leg(scene, work, row, own):
+    """Find the next boundary on a shadow ray, if there may be any."""
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     rest = tracking.rest[own]
-    tracking.instance[own] = -1
-    tracking.position[own] = rest
+    hit, instance, triangle, distance, u, v = False, -1, -1, rest, 0.0, 0.0
+    if tracking.chosen[own] > 0 and rest > 0.0:
+        hit, instance, triangle, distance, u, v = _next_boundary(
+            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]]
+        )
+        tracking.chosen[own] -= 1
+    _set_leg(tracking, own, instance, triangle, distance, u, v)
+
+
+@kernel
+def _look_along(scene, work, row, own, mask):
+    """Find the first boundary on a shadow ray and how many there are; False: it meets something opaque.
+
+    Parameters
+    ----------
+    mask : int
+        As of `_pass_boundaries`.
+    """
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    rest, time = tracking.rest[own], paths.time[shadows.lane[row]]
+    origin, direction = load(tracking.origin, own), load(shadows.direction, row)
+    _set_leg(tracking, own, -1, -1, rest, 0.0, 0.0)
+    tracking.chosen[own] = 0
     if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
-        return False
-    hit, instance, triangle, distance, u, v = _next_boundary(
-        scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]], mask
+        return True
+    work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+    count = trace_boundaries(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
+        mask,
     )
-    if hit:
-        tracking.instance[own] = instance
-        tracking.position[own] = distance
-        tracking.triangle[own] = triangle
-        tracking.u[own] = u
-        tracking.v[own] = v
-    return hit
+    kept = min(count, MOST_BOUNDARIES)
+    if mask != MASK_MEDIUM:
+        if count < 0:
+            return False
+        for k in range(kept):
+            instance, triangle, _, _, _, _ = read_boundary(work.ray, work.ray_bits, scene.geometry, k)
+            if _stops_light(scene, instance, triangle):
+                return False
+    if kept > 0:
+        instance, triangle, distance, u, v, _ = read_boundary(work.ray, work.ray_bits, scene.geometry, 0)
+        tracking.chosen[own] = count - 1
+        _set_leg(tracking, own, instance, triangle, distance, u, v)
+    if count > kept:
+        # Those that were kept may be any.
+        if mask != MASK_MEDIUM and trace_occluded(
+            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
+            time, mask & ~MASK_MEDIUM,
+        ):
+            return False
+        tracking.chosen[own] = count
+        _look_for_leg(scene, work, row, own)
+    return True
 
 
 @kernel
@@ -246,8 +337,10 @@ def begin_shadows(scene, unit, work, queue):
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
     settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
-    # Then most rays need one look only, for what is opaque and for boundaries.
+    # Then one look is enough, for what is opaque and for boundaries.
     looks_once = settles and not follows and scene.header[SCENE_HAS_BOUNDARIES] != 0
+    mask = MASK_MEDIUM | opaque if looks_once else MASK_MEDIUM
+    prepare_filters(work.ray_bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     kept = 0
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
@@ -258,20 +351,14 @@ def begin_shadows(scene, unit, work, queue):
         direction = load(shadows.direction, row)
         store(tracking.origin, own, load(shadows.origin, row))
         tracking.rest[own] = rest
-        if looks_once:
-            meets = _look_for_leg(scene, work, row, own, opaque | MASK_MEDIUM)
-            if meets and _stops_light(scene, tracking.instance[own], tracking.triangle[own]):
-                _end_ray(work, row, True)
-                continue
         # Following a ray costs far more than finding out that something hides the light.
-        if rest > 0.0 and (not looks_once or tracking.instance[own] >= 0) and trace_occluded(
+        is_hidden = not looks_once and rest > 0.0 and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, rest, paths.time[lane], opaque,
-        ):
+        )
+        if is_hidden or not _look_along(scene, work, row, own, mask):
             _end_ray(work, row, True)
             continue
-        if not looks_once:
-            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
         _leave_point(scene, work, lane, own, direction)
         tracking.step[own] = 0
         work.media.crossings[own] = 0
@@ -342,9 +429,9 @@ def find_shadow_collisions(scene, unit, work, queue):
                 scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
             tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
-            _cross(scene, work, own, direction, instance, triangle, ng)
+            _cross(scene, work, own, instance, triangle, dot(ng, direction) > 0.0)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
-            _look_for_leg(scene, work, row, own, MASK_MEDIUM)
+            _look_for_leg(scene, work, row, own)
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
             tracking.step[own] += 1

@@ -11,7 +11,7 @@ from engine.accel import (
     CATCHER_MASK_SHIFT,
     MASK_SHADOW_OPAQUE,
     MASK_SHADOW_TRANSPARENT,
-    prepare_passing,
+    prepare_filters,
     read_hit,
     trace_closest,
     trace_occluded,
@@ -69,7 +69,7 @@ def intersect_shadow(scene, unit, work, queue):
     mask = MASK_SHADOW_OPAQUE << shift
     if has_transparent:
         mask |= MASK_SHADOW_TRANSPARENT << shift
-        prepare_passing(bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
+        prepare_filters(bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     for row in range(shadow_count):
         lane = shadows.lane[row]
         ahead = shadows.lane[min(row + _ROWS_AHEAD, shadow_count - 1)]

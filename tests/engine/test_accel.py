@@ -17,7 +17,7 @@ from engine.accel import (
     RayScratch,
     build_accelerator,
     library_path,
-    prepare_passing,
+    prepare_filters,
     trace_closest,
     trace_occluded,
     trace_passing,
@@ -41,7 +41,7 @@ def _occluded(scene, ray, bits, address, ox, oy, oz, far, mask):
 
 @kernel
 def _passed(scene, masks, count, ray, bits, address, ox, oy, oz, far, mask):
-    prepare_passing(bits, masks, count)
+    prepare_filters(bits, masks, count)
     return trace_passing(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, far, 0.0, mask)
 
 

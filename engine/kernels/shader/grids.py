@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from engine.kernels.eight import absolute, choose, counted_from, larger, sum_of, words_apart, words_from
 from engine.kernels.motion import direction_to_world, point_to_object
 from engine.kernels.rounding import floor_of
 from engine.kernels.vector import add, scale, transform_point
@@ -18,6 +19,7 @@ from engine.state.grids import (
 )
 
 # Of a tile of 8 x 8 x 8 voxels.
+_TILE = 8
 _TILE_BITS = 3
 _WITHIN_TILE = 7
 _TILE_VOXELS = 512
@@ -114,30 +116,63 @@ def _sample_tile(grids, grid, i, j, k, ux, uy, uz):
 
 @kernel
 def _spline(distance):
-    """Weight of a voxel in a cubic B-spline, by its distance along an axis [voxels]."""
-    if distance < 1.0:
-        return 2.0 / 3.0 + distance * distance * (0.5 * distance - 1.0)
-    rest = max(2.0 - distance, 0.0)
-    return rest * rest * rest * (1.0 / 6.0)
+    """Weight of a voxel in a cubic B-spline, by its distance along an axis [voxels]; eight of them or one."""
+    rest = larger(2.0 - distance, 0.0)
+    return choose(
+        distance <= 1.0, distance * distance * (0.5 * distance - 1.0) + 2.0 / 3.0, rest * rest * rest * (1.0 / 6.0)
+    )
 
 
 @kernel
-def _weight(is_smooth, distance):
-    """Weight of a voxel by its distance along an axis [voxels]."""
-    return _spline(distance) if is_smooth else max(1.0 - distance, 0.0)
+def _smooth(grids, grid, component, i, j, k, ux, uy, uz):
+    """A component by a cubic spline, between a voxel and the next ones.
+
+    The 64 voxels lie in one to eight tiles; of each a whole row along z is read at once.
+    """
+    count = grids.table[grid, GRID_COMPONENTS]
+    total = counted_from(0.0) * 0.0
+    for corner in range(8):
+        x0 = (((i - 1) >> _TILE_BITS) + (corner >> 2)) << _TILE_BITS
+        y0 = (((j - 1) >> _TILE_BITS) + ((corner >> 1) & 1)) << _TILE_BITS
+        z0 = (((k - 1) >> _TILE_BITS) + (corner & 1)) << _TILE_BITS
+        if x0 > i + 2 or y0 > j + 2 or z0 > k + 2:
+            continue
+        first, row = _find_voxel(grids, grid, x0, y0, z0)
+        if first < 0:
+            continue
+        whole = 0.0
+        voxels = counted_from(0.0) * 0.0
+        for x in range(max(i - 1, x0), min(i + 3, x0 + _TILE)):
+            along_x = _spline(abs(np.float32(x - i) - ux))
+            for y in range(max(j - 1, y0), min(j + 3, y0 + _TILE)):
+                weight = along_x * _spline(abs(np.float32(y - j) - uy))
+                at = first + (((x - x0) << (2 * _TILE_BITS)) + ((y - y0) << _TILE_BITS)) * count + component
+                if count == 1:
+                    voxels = voxels + words_from(grids.voxels, at) * weight
+                else:
+                    voxels = voxels + words_apart(grids.voxels, at, count) * weight
+                whole += weight
+        along_z = _spline(absolute(counted_from(np.float32(z0 - k) - uz)))
+        lowest, step = grids.ranges[row + component, 0], grids.ranges[row + component, 1]
+        total = total + along_z * (voxels * step + lowest * whole)
+    return sum_of(total)
 
 
 @kernel
-def _smooth(grids, grid, i, j, k, ux, uy, uz):
-    """Three components by a cubic spline, between a voxel and the next ones."""
+def _smooth_values(grids, grid, i, j, k, ux, uy, uz):
+    """What `sample_grid` returns by cubic splines."""
     x, y, z = 0.0, 0.0, 0.0
-    for corner in range(64):
-        a, b, c = (corner >> 4) - 1, ((corner >> 2) & 3) - 1, (corner & 3) - 1
-        weight = _spline(abs(ux - np.float32(a))) * _spline(abs(uy - np.float32(b))) * _spline(abs(uz - np.float32(c)))
-        value = _voxel(grids, grid, i + a, j + b, k + c)
-        x += weight * value[0]
-        y += weight * value[1]
-        z += weight * value[2]
+    count = min(grids.table[grid, GRID_COMPONENTS], 3)
+    for component in range(count):
+        value = _smooth(grids, grid, component, i, j, k, ux, uy, uz)
+        if component == 0:
+            x = value
+        elif component == 1:
+            y = value
+        else:
+            z = value
+    if count < 3:
+        return x, x, x
     return x, y, z
 
 
@@ -173,13 +208,13 @@ def sample_alpha(grids, grid, p, is_smooth):
     is_near, i, j, k, ux, uy, uz = _voxel_before(grids, grid, p)
     if not is_near:
         return 0.0
+    if is_smooth:
+        return _smooth(grids, grid, 3, i, j, k, ux, uy, uz)
     total = 0.0
-    for corner in range(64):
-        a, b, c = (corner >> 4) - 1, ((corner >> 2) & 3) - 1, (corner & 3) - 1
-        weight = _weight(is_smooth, abs(ux - np.float32(a))) * _weight(is_smooth, abs(uy - np.float32(b)))
-        weight *= _weight(is_smooth, abs(uz - np.float32(c)))
-        if weight > 0.0:
-            total += weight * _alpha(grids, grid, i + a, j + b, k + c)
+    for corner in range(8):
+        a, b, c = corner >> 2, (corner >> 1) & 1, corner & 1
+        weight = (ux if a else 1.0 - ux) * (uy if b else 1.0 - uy) * (uz if c else 1.0 - uz)
+        total += weight * _alpha(grids, grid, i + a, j + b, k + c)
     return total
 
 
@@ -196,7 +231,7 @@ def sample_grid(grids, grid, p, is_smooth):
     if not is_near:
         return 0.0, 0.0, 0.0
     if is_smooth:
-        return _smooth(grids, grid, i, j, k, ux, uy, uz)
+        return _smooth_values(grids, grid, i, j, k, ux, uy, uz)
     if _is_within(grids, grid, i, j, k):
         return _sample_tile(grids, grid, i, j, k, ux, uy, uz)
     x, y, z = 0.0, 0.0, 0.0

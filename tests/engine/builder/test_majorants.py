@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from engine.builder.scene import SceneCache, build_scene
 from engine.settings import RenderSettings
@@ -35,6 +36,27 @@ def test_a_single_dense_voxel_is_found():
     around = bounds[z - 1 : z + 2, y - 1 : y + 2, x - 1 : x + 2]
     assert around.max() >= 2.0 and bounds[z, y, x] >= 2.0
     assert (bounds > 1.0).mean() < 0.02
+
+
+@pytest.mark.parametrize(("count", "reach"), [(8, 1.0), (60, 2.0)])
+def test_a_dense_voxel_bounds_no_more_than_what_is_near_it(count, reach):
+    """Of few voxels each is looked up, of more those of blocks of two."""
+    values = np.full((count, count, count, 1), 0.01, np.float32)
+    dense = np.array([count // 3, count // 2, count // 4])
+    values[tuple(dense)] = 1.0
+    bounds = bounds_of(box_of_voxels(values, 2.0))
+    cells = np.array(bounds.shape[::-1])
+    # Where a cell begins and ends along each edge, in voxels.
+    low, high = (
+        np.stack(np.meshgrid(*(np.arange(n) + k for n in cells), indexing="ij"), axis=-1) / cells * (count - 1)
+        for k in (0, 1)
+    )
+    is_near = ((high > dense - reach) & (low < dense + reach)).all(axis=-1)
+    holds = ((high > dense - 0.5) & (low < dense + 0.5)).all(axis=-1)
+    bounds = bounds.transpose(2, 1, 0)
+    assert bounds[~is_near].max() < 0.1
+    # Half a voxel away along each axis an eighth is left.
+    assert bounds[holds].min() >= 2.0 / 8.0
 
 
 def test_bounds_are_kept_while_what_they_were_looked_up_of_stays():

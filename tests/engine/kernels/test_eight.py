@@ -12,11 +12,15 @@ from engine.kernels.eight import (
     at,
     choose,
     count_of,
+    counted_from,
     last_of,
     load_eight,
     load_from,
     root,
+    sum_of,
     sums_before,
+    words_apart,
+    words_from,
 )
 from engine.runtime.jit import kernel
 
@@ -68,3 +72,25 @@ def test_those_that_are_no_more_than_a_number_are_counted_from_any_column() -> N
         for first in range(30 - WIDTH + 1):
             expected = int((rows[row, first : first + WIDTH] <= number).sum())
             assert _count(rows, row, first, number) == expected
+
+
+@kernel
+def _read_words(words, first, stride, number, out):
+    together, apart, counted = words_from(words, first), words_apart(words, first, stride), counted_from(number)
+    for k in range(WIDTH):
+        out[0, k] = at(together, k)
+        out[1, k] = at(apart, k)
+        out[2, k] = at(counted, k)
+    return sum_of(together)
+
+
+def test_words_are_read_side_by_side_and_apart() -> None:
+    words = np.random.default_rng(3).integers(0, 1 << 16, 100).astype(np.uint16)
+    out = np.zeros((3, WIDTH), np.float32)
+    for first in range(12):
+        for stride in (1, 3, 4):
+            total = _read_words(words, first, stride, np.float32(first - 0.5), out)
+            assert np.array_equal(out[0], words[first : first + WIDTH])
+            assert np.array_equal(out[1], words[first : first + WIDTH * stride : stride])
+            assert np.array_equal(out[2], first - 0.5 + np.arange(WIDTH))
+            assert total == pytest.approx(words[first : first + WIDTH].sum(dtype=np.int64), rel=1e-6)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from engine.builder.geometry import plain_instances
 from engine.render.light_passes import LIGHT_PASSES
 from engine.scene.description import Light, Link, Material, Node, NodeGraph
 from engine.state.media import MAX_MEDIA
@@ -308,6 +309,27 @@ def test_of_64_nested_media_those_that_there_is_room_for_count_and_a_message_say
     expected = np.exp(-0.05 * 0.5 * 2.0 * sizes[:MAX_MEDIA].sum())
     assert np.allclose(result.passes["Combined"][..., :3], expected, rtol=1e-3)
     assert any("more than 32 media" in notice.problem for notice in result.report.notices)
+
+
+def test_shadow_rays_are_dimmed_through_hundreds_of_boundaries():
+    """A floor below the camera, and ink between camera and lamp: in one layer, or in 150 that have gaps between."""
+    floor = Material("Floor", "Floor", NodeGraph([Node("ShaderNodeBsdfDiffuse", "White", {})], Link(0, "BSDF")))
+    lamp = Light("lamp", "Lamp", "POINT", placed(offset=(0.0, 0.0, 400.0)), (1.0, 1.0, 1.0), 1e6)
+
+    def lit(count):
+        ink = medium("Absorption", Color=(0.5, 0.2, 0.8, 1.0), Density=0.125)
+        # No two of a width: faces in one plane would be drawn apart.
+        layers = [
+            placed((5.0 + k, 5.0 + k, 6.0 / count), (0.0, 0.0, 20.0 + 15.0 * k / count)) for k in range(count)
+        ]
+        scene = media_scene([floor], [placed()], lights=[lamp], world=(0.0, 0.0, 0.0))
+        scene.instances = plain_instances(np.array([placed(), *layers]), materials=[0] + [1] * count, name="Box")
+        scene.materials = [floor, ink]
+        return picture(scene)
+
+    one = lit(1)
+    assert one.min() > 0.0
+    assert np.allclose(lit(150), one, rtol=1e-3)
 
 
 def test_a_box_a_million_times_as_large_as_what_is_in_it():
