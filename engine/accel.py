@@ -322,7 +322,6 @@ def prepare_filters(bits, masks, instance_count):
 @kernel
 def _search_through(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
     """How often a filter function was called on a segment and let the search go on; -1 if the search was ended."""
-    """
     ray[0], ray[1], ray[2] = origin
     ray[3] = near
     ray[4], ray[5], ray[6] = direction
