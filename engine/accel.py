@@ -155,9 +155,9 @@ _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
 
-# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that count what they pass, and of those
-# for boundaries of media; their context, of which Embree knows the first two words; boundaries that were found; and
-# numbers of these in the order of the distance.
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that count what they pass, and of
+# those for boundaries of media; their context, of which Embree knows the first two words; boundaries that were found;
+# and numbers of these in the order of the distance.
 _PASSING_ARGUMENTS = 32
 _BOUNDARY_ARGUMENTS = 48
 _CONTEXT = 64
