@@ -3,7 +3,7 @@
 
 The first comparison is of both together with unguided rendering (`engine.guiding.policy.choice`). Where they win, each
 is left out in turn, by half of an iteration's samples, and stays out by the rule by which a finer method is taken.
-Where they lose, media alone are guided, then surfaces alone, before guiding is given up.
+Where they lose and much of the render is left, media alone are guided, then surfaces alone, before guiding is given up.
 """
 
 from __future__ import annotations
