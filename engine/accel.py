@@ -55,6 +55,7 @@ _FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
+_DEVICE_PROPERTY_FILTER_FUNCTION = 66
 _ERROR_OUT_OF_MEMORY = 4
 _TRANSFORM_BYTES = 48
 
@@ -408,6 +409,8 @@ class _Device:
             raise RuntimeError("Embree could not create a device")
         if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_RAY_MASK):
             raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
+        if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_FILTER_FUNCTION):
+            raise RuntimeError("this Embree library has no filter functions: media would cast black shadows")
         _release_with(self, _lib.rtcReleaseDevice, self.address)
 
     def check(self) -> None:
@@ -442,7 +445,7 @@ class MeshHierarchies:
     Raises
     ------
     RuntimeError
-        When Embree has no device, or was built without ray masks.
+        When Embree has no device, or was built without ray masks or filter functions.
     """
 
     def __init__(self, threads: int = 0) -> None:
