@@ -460,7 +460,7 @@ class _Device:
         if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_RAY_MASK):
             raise RuntimeError("this Embree library has no ray masks: visibility per ray kind would be lost")
         if not _lib.rtcGetDeviceProperty(self.address, _DEVICE_PROPERTY_FILTER_FUNCTION):
-            raise RuntimeError("this Embree library has no filter functions: glass would cast black shadows")
+            raise RuntimeError("this Embree library has no filter functions: glass and media would cast black shadows")
         _release_with(self, _lib.rtcReleaseDevice, self.address)
 
     def check(self) -> None:
