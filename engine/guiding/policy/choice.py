@@ -74,6 +74,7 @@ class Choice:
         self._has_won = False
         #: Whether the newest comparison was of a part of the pixels.
         self._was_part = False
+        self._least_paying = trial.LEAST_OF_SHORT
         self._trial: GuidingTrial | None = None
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
         self._plain = SampleMoments(pixel_count)
@@ -91,6 +92,11 @@ class Choice:
     def is_settled(self) -> bool:
         """Whether guiding has been found better than unguided rendering, or nobody asks."""
         return not self._tries_plain or self._has_won or self._iteration > max(trial.LEAST_EFFICIENCY)
+
+    @property
+    def is_paying(self) -> bool:
+        """Whether the newest comparison has shown guiding to pay, by as much as such a one has to."""
+        return self.efficiency >= self._least_paying
 
     @property
     def guided_share(self) -> float:
@@ -193,6 +199,8 @@ class Choice:
         least = trial.least_efficiency(self._compared_at, next_sample, samples_left, is_part=is_part)
         self.has_lost = efficiency < least
         self._was_part = is_part
+        is_first_part = is_part and self._compared_at == min(trial.LEAST_EFFICIENCY)
+        self._least_paying = trial.SURE_OF_FIRST_PART if is_first_part else trial.LEAST_OF_SHORT
         if self.is_settled:
             self._look_from = _AGAIN * next_sample
 

@@ -522,7 +522,7 @@ class Learner:
     def _is_doubtful(self) -> bool:
         """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
         is_tried = self.settings.guiding_trial and self._source is None
-        return is_tried and not self._choice.efficiency >= trial.LEAST_OF_SHORT
+        return is_tried and not self._choice.is_paying
 
     @property
     def wants_last(self) -> bool:

@@ -33,6 +33,8 @@ LEAST_OF_SHORT = 1.25
 #: On a quarter of the pixels the first comparison knows few bright unguided samples, and shows guiding worse than it
 #: is; but to go on costs little there.
 LEAST_OF_FIRST_PART = 1.0
+#: From which it guides all pixels: below, it may be luck.
+SURE_OF_FIRST_PART = 1.5
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 1
 LAST_DOUBT = 5

@@ -99,11 +99,23 @@ def test_where_guiding_loses_only_a_quarter_of_the_pixels_was_guided(film_weight
 def test_where_guiding_wins_all_pixels_are_guided(film_weights, monkeypatch):
     outcome(monkeypatch, 0.0)
     monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
+    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", -1.0)
     assert render("VMM", 1, scene=scene, samples=32).report.guiding.stopped_at == 0
     weight, mask = film_weights(), is_tried()
     later = (2.0 * 6.0 + 2.0) + 2.0 * 16.0
     np.testing.assert_array_equal(weight[mask], 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + later)
     np.testing.assert_array_equal(weight[~mask], 0.5 + 7.0 + later)
+
+
+def test_what_a_quarter_shows_at_first_has_to_be_clear(film_weights, monkeypatch):
+    """Else the second comparison is of a quarter too."""
+    outcome(monkeypatch, 0.0)
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
+    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", 1e9)
+    render("VMM", 1, scene=scene, samples=32)
+    weight, mask = film_weights(), is_tried()
+    np.testing.assert_array_equal(weight[mask], 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0) + 2.0 * 16.0)
+    np.testing.assert_array_equal(weight[~mask], 0.5 + 15.0 + 2.0 * 16.0)
 
 
 @pytest.mark.parametrize(
@@ -216,6 +228,7 @@ def test_a_last_iteration_records_and_compares_nothing(film_weights, monkeypatch
     """Nobody would go by it, unless what was learned is kept."""
     outcome(monkeypatch, 0.0)
     monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
+    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", -1.0)
     settings = RenderSettings(samples=16, seed=1, guiding_method="VMM", max_bounces=6)
     session = Session(settings)
     session.load(scene())
