@@ -305,8 +305,10 @@ class Learner:
         if pixel_count < self._paths_per_sample:
             # Units are divided by which pixels go on.
             self._trial_share = 1.0
+        expected = expected_paths / max(self._paths_per_sample, 1)
+        self._horizon.expected_samples = expected
         if self._gate is not None:
-            self._gate.expect(expected_paths / max(self._paths_per_sample, 1))
+            self._gate.expect(expected)
 
     def rehearse(self) -> Guidance:
         """Load (or compile) the kernels of learning by learning from nothing in particular.
@@ -375,7 +377,7 @@ class Learner:
         is_last = sum(next_range) >= settings.samples and not self._keeps and self.sink is None and self._cache is None
         if self._source is None and self._cache is None:
             # Networks learn from all that there is.
-            left = self._samples_left(next_range[0]) - next_range[1]
+            left = self._horizon.samples_left(next_range[0]) - next_range[1]
             self._budget.samples_left = 0.0 if is_last else max(left, 1.0)
         # In a trial a part of the samples only, and of the pixels.
         guided_share = self._guided_share
@@ -454,12 +456,6 @@ class Learner:
             self.other_parts = [Part(*next_range, PLAIN)]
         self._learning_seconds = time.perf_counter() - started
         return self._guidance(regions, delta, ray_count, variance, weights, next_range[1] * choice.guided_share)
-
-    def _samples_left(self, next_sample: int) -> float:
-        """Samples a pixel to come, as far as it is known; of a noise threshold the most that there can be."""
-        if self.settings.use_adaptive_sampling:
-            return float(self.settings.samples - next_sample)
-        return self._horizon.samples_left(next_sample)
 
     def _plan_media(self, regions: RegionModels, next_range: tuple[int, int], *, is_last: bool) -> None:
         """Compare guiding surfaces and media apart in the next iteration, if nothing else is compared there."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.models import predictors
-from engine.guiding.policy import worth
+from engine.guiding.policy import trial, worth
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.trial import Part
 from engine.state.film import FilmTile, allocate_tile
@@ -255,3 +255,17 @@ def test_renders_of_a_few_samples_are_left_alone():
     assert np.array_equal(automatic.passes["Combined"], render("OFF", 1, scene=pit_scene, samples=8).passes["Combined"])
     assert automatic.guidance is None
     assert automatic.report.guiding.chosen == "OFF" and "few samples" in automatic.report.guiding.lines[0]
+
+
+def test_what_a_noise_threshold_leaves_counts_as_left(monkeypatch):
+    """A render that is far from its threshold is as long as one without: guiding has as much benefit of the doubt."""
+    left, least_efficiency = {}, trial.least_efficiency
+
+    def note(iteration, next_sample, samples_left, **options):
+        left[next_sample] = samples_left
+        return least_efficiency(iteration, next_sample, samples_left, **options)
+
+    monkeypatch.setattr(trial, "least_efficiency", note)
+    threshold = {"use_adaptive_sampling": True, "adaptive_threshold": 1e-4}
+    render("AUTO", 1, scene=pit_scene, deterministic=True, **SETTINGS, **threshold)
+    assert left and left == {sample: SETTINGS["samples"] - sample for sample in left}
