@@ -61,7 +61,7 @@ def with_facts(
 
 def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:
     """Whether some lobe bends light that goes through."""
-    bending = {ops_closure.opcode("GLASS"), ops_closure.opcode("REFRACTION")}
+    bending = {ops_closure.opcode(name) for name in ("GLASS", "PLAIN_GLASS", "REFRACTION")}
     principled = ops_closure.opcode("PRINCIPLED")
     return any(
         instructions[root].opcode in bending
