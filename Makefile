@@ -32,11 +32,12 @@ test: .venv/installed ## Run the tests, but for the slow ones
 slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
 	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m slow
 
-# Training is not tested there: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own, nor
-# are the benchmarks, which measure on 3.11.
+# Training is not tested there: see requirements-3.13.lock; nor are networks that have not been saved. Nor is Debian's
+# Blender, which is a program of its own, nor are the benchmarks, which measure on 3.11.
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
 	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
-		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks
+		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks \
+		--ignore tests/engine/guiding/networks --ignore tests/engine/guiding/test_guided_sources.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

@@ -400,7 +400,7 @@ def vdb_fire() -> None:
     made.scale = (0.9, 0.9, 1.1)
 
 
-@scene("media-moving-smoke", samples=128)
+@scene("media-moving-smoke", samples=64)
 def moving_smoke() -> None:
     """A ring of smoke that turns fast while the shutter is open, and a puff that is carried off as it is blown away.
 
@@ -432,7 +432,7 @@ def moving_smoke() -> None:
         made.keyframe_insert("location", frame=frame)
 
 
-@scene("media-smooth-voxels", samples=128)
+@scene("media-smooth-voxels", samples=64)
 def smooth_voxels() -> None:
     """A cloud of few voxels: by straight lines between them, by cubic splines, and by splines as something that glows.
 

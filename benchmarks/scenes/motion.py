@@ -271,7 +271,7 @@ def _room(name: str, surface: Any, half: float, height: float) -> None:
     add_object(name, mesh(name, corners, faces, surface))
 
 
-@scene("blur-tower", samples=256)
+@scene("blur-tower", samples=128)
 def tower() -> None:
     """A glowing body flies behind a tower of cubes that fall: what lights a place depends on when it is looked at."""
     resolution()
@@ -291,7 +291,7 @@ def tower() -> None:
     _shutter()
 
 
-@scene("blur-lamp", samples=256)
+@scene("blur-lamp", samples=128)
 def lamp_room() -> None:
     """A furnished room lit by what two shaded lamps throw at its ceiling; one of them is carried along a wall."""
     resolution()
@@ -326,7 +326,7 @@ def lamp_room() -> None:
     _shutter()
 
 
-@scene("blur-turning-room", samples=256)
+@scene("blur-turning-room", samples=128)
 def turning_room() -> None:
     """A lamp hidden in a drum with slits that turns: beams sweep over the room."""
     resolution()
