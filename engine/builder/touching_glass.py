@@ -30,6 +30,8 @@ _MOST_DRAWN = 0.01
 _MOST_INSTANCES, _MOST_PAIRS = 100_000_000, 4_000_000
 #: Triangles that are looked at together, and cells along each axis by which they are sorted.
 _CHUNK, _CELLS = 512, 31
+#: Of each corner of a box, whether it is the low (0) or the high side (1) along each axis.
+_BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 @dataclass(frozen=True)
@@ -92,16 +94,19 @@ def _plane_faces(mesh: Mesh) -> _Faces | None:
     ends = np.cumsum(np.bincount(group))
     members = [usable[order[ends[number - 1] if number else 0 : ends[number]]]
                for number in np.argsort(-by_group, kind="stable")[:_MOST_FACES].tolist()]  # fmt: skip
-    mean = np.array([vectors[rows].sum(axis=0) for rows in members])
+    # All faces at once, one after the other.
+    rows, starts = np.concatenate(members), np.cumsum([0, *(len(face) for face in members[:-1])])
+    own, weights = corners[rows], areas[rows]
+    mean = np.add.reduceat(vectors[rows], starts)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    boxes = [(corners[rows].min(axis=(0, 1)), corners[rows].max(axis=(0, 1))) for rows in members]
+    middles = (own.mean(axis=1) * np.repeat(mean, [len(face) for face in members], axis=0)).sum(axis=1)
+    low, high = np.minimum.reduceat(own.min(axis=1), starts), np.maximum.reduceat(own.max(axis=1), starts)
     return _Faces(
         normals=mean,
-        offsets=np.array([np.average(corners[rows].mean(axis=1) @ normal, weights=areas[rows])
-                          for rows, normal in zip(members, mean, strict=True)]),
-        corners=np.array([[(box[i][0], box[j][1], box[k][2]) for i, j, k in np.ndindex(2, 2, 2)] for box in boxes]),
+        offsets=np.add.reduceat(middles * weights, starts) / np.add.reduceat(weights, starts),
+        corners=np.stack([low, high], axis=1)[:, _BOX_CORNERS, np.arange(3)],
         members=members,
-    )  # fmt: skip
+    )
 
 
 def _place(faces: _Faces, transform: np.ndarray) -> _Placed | None:
@@ -267,6 +272,7 @@ def touching_faces(
     low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
     is_left_out |= ~np.isfinite(boxes.extent)
     touching: dict[int, list[int]] = {}
+    placed: dict[int, _Placed | None] = {}
     for row in rows.tolist():
         if int(instances.mesh[row]) not in drawn:
             continue
@@ -282,19 +288,21 @@ def touching_faces(
             world_vertices(instances, meshes, other), mesh.triangles, low[near].min(axis=0), high[near].max(axis=0)
         )
         for row in near if len(theirs.corners) else ():
-            _draw(instances, meshes, row, faces, theirs, drawn)
+            if row not in placed:
+                found = faces[int(instances.mesh[row])]
+                placed[row] = None if found is None else _place(found, instances.transform[row])
+            _draw(instances, meshes, row, faces, placed[row], theirs, drawn)
     return {mesh: _offsets(meshes[mesh], faces[mesh], distances)
             for mesh, distances in drawn.items() if (distances > 0.0).any()}  # fmt: skip
 
 
 def _draw(
-    instances: Instances, meshes: list[Mesh], row: int, faces: dict[int, _Faces | None], theirs: _Triangles,
-    drawn: dict[int, np.ndarray],
+    instances: Instances, meshes: list[Mesh], row: int, faces: dict[int, _Faces | None], placed: _Placed | None,
+    theirs: _Triangles, drawn: dict[int, np.ndarray],
 ) -> None:
     """Note in `drawn` how far the faces of an instance are to be drawn away from other triangles [m, object space]."""
     mesh = int(instances.mesh[row])
     found = faces[mesh]
-    placed = None if found is None else _place(found, instances.transform[row])
     if found is None or placed is None:
         return
     reach = APART * max(theirs.extent, float(np.abs([placed.low, placed.high]).max()))
