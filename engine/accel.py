@@ -60,7 +60,6 @@ _ERROR_OUT_OF_MEMORY = 4
 _TRANSFORM_BYTES = 48
 
 #: floats in an RTCRayHit with one level of instancing, padded to 16 bytes
-RAY_HIT_FLOATS = 24
 #: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
 MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128
@@ -240,21 +239,8 @@ def _keep_boundary(arguments):
 
 
 @kernel
-def trace_closest(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """Closest hit along one ray; `read_hit` reads the answer.
-
-    Parameters
-    ----------
-    scene, address : intp
-        Embree's scene and the address of `ray`.
-    ray, bits : float32 (RAY_HIT_FLOATS,), 16-byte aligned, and the same memory as uint32
-    origin, direction : 3-tuples, world; near, far : float32, in units of `direction`'s length
-
-    Returns
-    -------
-    bool
-        True on a hit.
-    """
+def _set_ray(ray, bits, origin, direction, near, far, time, mask):
+    """Write what Embree reads of a ray; arguments as `trace_closest`."""
     ray[0], ray[1], ray[2] = origin
     ray[3] = near
     ray[4], ray[5], ray[6] = direction
@@ -263,6 +249,25 @@ def trace_closest(scene, ray, bits, address, origin, direction, near, far, time,
     bits[9] = mask
     bits[10] = 0
     bits[11] = 0
+
+
+@kernel
+def trace_closest(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """Closest hit along one ray; `read_hit` reads the answer.
+
+    Parameters
+    ----------
+    scene, address : intp
+        Embree's scene and the address of `ray`.
+    ray, bits : float32 (_SCRATCH_WORDS,), 16-byte aligned, and the same memory as uint32
+    origin, direction : 3-tuples, world; near, far : float32, in units of `direction`'s length
+
+    Returns
+    -------
+    bool
+        True on a hit.
+    """
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
     bits[_HIT_TRIANGLE] = _NONE
     bits[_HIT_GEOMETRY] = _NONE
     bits[_HIT_INSTANCE] = _NONE
@@ -296,14 +301,7 @@ def read_hit(ray, bits, geometry):
 @kernel
 def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time, mask):
     """True if anything the mask selects lies on the segment; arguments as `trace_closest`."""
-    ray[0], ray[1], ray[2] = origin
-    ray[3] = near
-    ray[4], ray[5], ray[6] = direction
-    ray[7] = time
-    ray[_HIT_DISTANCE] = far
-    bits[9] = mask
-    bits[10] = 0
-    bits[11] = 0
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
     _rtc_occluded(scene, address, 0)
     return ray[_HIT_DISTANCE] < 0.0
 
@@ -322,14 +320,7 @@ def prepare_filters(bits, masks, instance_count):
 @kernel
 def _search_through(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
     """How often a filter function was called on a segment and let the search go on; -1 if the search was ended."""
-    ray[0], ray[1], ray[2] = origin
-    ray[3] = near
-    ray[4], ray[5], ray[6] = direction
-    ray[7] = time
-    ray[_HIT_DISTANCE] = far
-    bits[9] = mask
-    bits[10] = 0
-    bits[11] = 0
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
     bits[_CONTEXT_COUNT] = 0
     _rtc_occluded(scene, address, address + arguments * _WORD_BYTES)
     return np.int64(-1) if ray[_HIT_DISTANCE] < 0.0 else np.int64(bits[_CONTEXT_COUNT])

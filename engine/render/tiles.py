@@ -4,6 +4,7 @@ pixels are worked out when they are asked for."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import overload
@@ -26,7 +27,28 @@ def _grid(row_count: int, column_count: int) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-class FrameTiles(Sequence[Tile]):
+class _Tiles(Sequence[Tile], ABC):
+    """Tiles that are worked out one by one."""
+
+    @abstractmethod
+    def _tile(self, index: int) -> Tile:
+        """The tile of an index that there is."""
+
+    @overload
+    def __getitem__(self, index: int) -> Tile: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Tile]: ...
+
+    def __getitem__(self, index: int | slice) -> Tile | list[Tile]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(f"tile {index} of {len(self)}")
+        return self._tile(index)
+
+
+class FrameTiles(_Tiles):
     """Tiles of a frame's region, row by row: of an image of 8K all of them together would take half a gigabyte.
 
     Attributes
@@ -44,17 +66,7 @@ class FrameTiles(Sequence[Tile]):
     def __len__(self) -> int:
         return self._columns * self._rows
 
-    @overload
-    def __getitem__(self, index: int) -> Tile: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[Tile]: ...
-
-    def __getitem__(self, index: int | slice) -> Tile | list[Tile]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not 0 <= index < len(self):
-            raise IndexError(f"tile {index} of {len(self)}")
+    def _tile(self, index: int) -> Tile:
         x0, y0, x1, y1 = self._region
         row, column = divmod(index, self._columns)
         left, top = x0 + column * TILE_SIZE, y0 + row * TILE_SIZE
@@ -83,7 +95,7 @@ def _turn(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return turn ^ turn >> 12
 
 
-class TrialTiles(Sequence[Tile]):
+class TrialTiles(_Tiles):
     """The pixels of `FrameTiles` in other units: the first have an even quarter of them, on which something is tried.
 
     A unit has as many pixels as a tile at most; at the border some may have none.
@@ -110,17 +122,7 @@ class TrialTiles(Sequence[Tile]):
     def __len__(self) -> int:
         return _UNITS * self.trial_count
 
-    @overload
-    def __getitem__(self, index: int) -> Tile: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[Tile]: ...
-
-    def __getitem__(self, index: int | slice) -> Tile | list[Tile]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not 0 <= index < len(self):
-            raise IndexError(f"unit {index} of {len(self)}")
+    def _tile(self, index: int) -> Tile:
         group, unit = index, 0
         if index >= self.trial_count:
             group, unit = divmod(index - self.trial_count, _UNITS - 1)

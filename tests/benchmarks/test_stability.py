@@ -141,6 +141,16 @@ def problems(case: Case, methods: Sequence[str]) -> list[str]:
     return found
 
 
+def draw_networks_at_random(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have networks parameters drawn at random: no worker to wait for, and worse than any that was trained."""
+    make = learning.make_source_model
+    monkeypatch.setattr(
+        learning, "make_source_model",
+        lambda settings: Untrained(settings, 4.0) if SOURCES[settings.source].is_network else make(settings),
+    )  # fmt: skip
+    ask(BadNetwork("random"), monkeypatch)
+
+
 @pytest.mark.parametrize("name", FAST)
 def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str) -> None:
     assert not problems(CASES[name], STATISTICAL)
@@ -172,12 +182,7 @@ def test_bad_media_are_guided_without_a_loss(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD_MEDIA)
 def test_bad_media_are_guided_without_a_loss_by_trees_and_networks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    make = learning.make_source_model
-    monkeypatch.setattr(
-        learning, "make_source_model",
-        lambda settings: Untrained(settings, 4.0) if SOURCES[settings.source].is_network else make(settings),
-    )  # fmt: skip
-    ask(BadNetwork("random"), monkeypatch)
+    draw_networks_at_random(monkeypatch)
     assert not wrong_in_media(name, ["SDTREE", "SDTREE_VARIANCE", *NETWORKS])
 
 
@@ -213,13 +218,7 @@ def test_trees_forced_on_many_reflections_are_unbiased(method: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in IN_TIME if name != "long"])  # which is long for what learns
 def test_networks_that_know_nothing_are_unbiased(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Networks with parameters drawn at random: no worker to wait for, and worse than any that was trained."""
-    make = learning.make_source_model
-    monkeypatch.setattr(
-        learning, "make_source_model",
-        lambda settings: Untrained(settings, 4.0) if SOURCES[settings.source].is_network else make(settings),
-    )  # fmt: skip
-    ask(BadNetwork("random"), monkeypatch)
+    draw_networks_at_random(monkeypatch)
     assert not problems(CASES[name], SOME_NETWORKS[name])
 
 

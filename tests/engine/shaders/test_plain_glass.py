@@ -28,10 +28,6 @@ from engine.state.lanes import (
     CLOSURE_WEIGHT,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
-    POINT_NS,
-    POINT_RAY_FLAGS,
-    POINT_WO,
-    RAY_DIFFUSE_ANCESTOR,
     Closures,
     ShadePoints,
 )
@@ -41,7 +37,8 @@ from engine.state.shaders import (
     MODE_NO_REFRACTIVE_CAUSTICS,
     ShaderArrays,
 )
-from tests.helpers.shader_harness import Graph, compile_one, run, square_points
+from tests.helpers.folded_closures import hemisphere_points, opcodes_of
+from tests.helpers.shader_harness import Graph, compile_one, run
 
 _GLASS, _GLOSSY = "ShaderNodeBsdfGlass", "ShaderNodeBsdfAnisotropic"
 _PLAIN = {_GLASS: "PLAIN_GLASS", _GLOSSY: "PLAIN_GLOSSY"}
@@ -62,23 +59,9 @@ def _program(node: str, is_folded: bool, inputs: dict[str, Any], distribution: s
     return shaders
 
 
-def _opcodes(shaders: ShaderArrays) -> set[int]:
-    opcodes, pc = set(), int(shaders.programs[0, 0])
-    while pc < shaders.programs[0, 1]:
-        opcodes.add(int(shaders.code[pc]))
-        pc += int(shaders.code[pc + 1])
-    return opcodes
-
-
-def _points(count: int = 500) -> ShadePoints:
-    """Points of a square seen from all of the hemisphere, from either side, some about bumped normals."""
-    rng = np.random.default_rng(5)
-    points = square_points(rng.uniform(0.0, 1.0, (count, 2)))
-    for column, slope in ((POINT_WO, 4.0), (POINT_NS, 0.3)):
-        tilted = np.concatenate([rng.normal(0.0, slope, (count, 2)), np.ones((count, 1))], axis=1)
-        points.real[:, column : column + 3] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
-    points.real[: count // 2, POINT_NS : POINT_NS + 3] = (0.0, 0.0, 1.0)
-    points.integer[::3, POINT_RAY_FLAGS] |= RAY_DIFFUSE_ANCESTOR
+def _points() -> ShadePoints:
+    """Points as of `hemisphere_points`, from either side."""
+    points = hemisphere_points()
     points.integer[::2, POINT_FLAGS] |= POINT_FLAG_BACKFACING
     return points
 
@@ -114,8 +97,8 @@ def _columns(closures: Closures) -> np.ndarray:
 def test_folded_lobes_are_those_of_the_whole(node: str, inputs: dict[str, Any], distribution: str, mode: int) -> None:
     points = _points()
     folded, whole = (_program(node, is_folded, inputs, distribution) for is_folded in (True, False))
-    assert ops_closure.opcode(_PLAIN[node]) in _opcodes(folded)
-    assert ops_closure.opcode(_WHOLE[node]) in _opcodes(whole)
+    assert ops_closure.opcode(_PLAIN[node]) in opcodes_of(folded)
+    assert ops_closure.opcode(_WHOLE[node]) in opcodes_of(whole)
     ours, theirs = run(folded, points, MODE_CLOSURES | mode), run(whole, points, MODE_CLOSURES | mode)
     np.testing.assert_array_equal(ours.count, theirs.count)
     has_lobe = ours.count > 0
@@ -125,5 +108,5 @@ def test_folded_lobes_are_those_of_the_whole(node: str, inputs: dict[str, Any], 
 
 
 def test_anisotropic_glossy_is_not_folded() -> None:
-    opcodes = _opcodes(_program(_GLOSSY, True, {"Roughness": 0.3, "Anisotropy": 0.5}, "GGX"))
+    opcodes = opcodes_of(_program(_GLOSSY, True, {"Roughness": 0.3, "Anisotropy": 0.5}, "GGX"))
     assert ops_closure.opcode("GLOSSY") in opcodes and ops_closure.opcode("PLAIN_GLOSSY") not in opcodes

@@ -14,15 +14,11 @@ from engine.state.lanes import (
     CLOSURE_N,
     CLOSURE_SAMPLE_WEIGHT,
     CLOSURE_WEIGHT,
-    POINT_NS,
-    POINT_RAY_FLAGS,
-    POINT_WO,
-    RAY_DIFFUSE_ANCESTOR,
     Closures,
-    ShadePoints,
 )
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, ShaderArrays
-from tests.helpers.shader_harness import Graph, compile_one, run, square_points
+from tests.helpers.folded_closures import hemisphere_points, opcodes_of
+from tests.helpers.shader_harness import Graph, compile_one, run
 
 PLAIN, WHOLE = ops_closure.opcode("PLAIN_PRINCIPLED"), ops_closure.opcode("PRINCIPLED")
 
@@ -37,26 +33,6 @@ def _program(is_folded: bool, inputs: dict[str, Any], **properties: Any) -> Shad
         graph.surface(graph.link("ShaderNodeBsdfPrincipled", "BSDF", inputs=inputs, **properties))
     )
     return shaders
-
-
-def _opcodes(shaders: ShaderArrays) -> set[int]:
-    opcodes, pc = set(), int(shaders.programs[0, 0])
-    while pc < shaders.programs[0, 1]:
-        opcodes.add(int(shaders.code[pc]))
-        pc += int(shaders.code[pc + 1])
-    return opcodes
-
-
-def _points(count: int = 500) -> ShadePoints:
-    """Points of a square seen from all of the hemisphere, about smooth normals up to a radian off."""
-    rng = np.random.default_rng(5)
-    points = square_points(rng.uniform(0.0, 1.0, (count, 2)))
-    for column, slope in ((POINT_WO, 4.0), (POINT_NS, 0.3)):
-        tilted = np.concatenate([rng.normal(0.0, slope, (count, 2)), np.ones((count, 1))], axis=1)
-        points.real[:, column : column + 3] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
-    points.real[: count // 2, POINT_NS : POINT_NS + 3] = (0.0, 0.0, 1.0)
-    points.integer[::3, POINT_RAY_FLAGS] |= RAY_DIFFUSE_ANCESTOR
-    return points
 
 
 def _columns(closures: Closures, lobe: int) -> np.ndarray:
@@ -86,9 +62,9 @@ def _columns(closures: Closures, lobe: int) -> np.ndarray:
 )
 @pytest.mark.parametrize("distribution", ["GGX", "MULTI_GGX"])
 def test_folded_lobes_are_those_of_the_whole(inputs: dict[str, Any], distribution: str) -> None:
-    points = _points()
+    points = hemisphere_points()
     folded, whole = (_program(is_folded, inputs, distribution=distribution) for is_folded in (True, False))
-    assert PLAIN in _opcodes(folded) and WHOLE in _opcodes(whole)
+    assert PLAIN in opcodes_of(folded) and WHOLE in opcodes_of(whole)
     mode = MODE_CLOSURES | MODE_NO_REFLECTIVE_CAUSTICS
     ours, theirs = run(folded, points, mode), run(whole, points, mode)
     np.testing.assert_array_equal(ours.count, theirs.count)
@@ -118,5 +94,5 @@ def test_folded_lobes_are_those_of_the_whole(inputs: dict[str, Any], distributio
     ids=str,
 )
 def test_what_asks_for_more_is_not_folded(inputs: dict[str, Any]) -> None:
-    opcodes = _opcodes(_program(True, inputs))
+    opcodes = opcodes_of(_program(True, inputs))
     assert WHOLE in opcodes and PLAIN not in opcodes
