@@ -17,6 +17,9 @@ from typing import Any
 #: Samples asked for where only time is to stop a render.
 UNLIMITED_SAMPLES = 1 << 20
 
+#: What NEURALGUIDE is measured against.
+CYCLES_RIVALS = ("cycles", "cycles-guided")
+
 #: Behind the name of any rival: its picture is denoised.
 DENOISED = "+oidn"
 

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import environment
+from benchmarks.equal_time import CONFIDENCE, LEAST_SEEDS, Ratio, over_better_cycles, over_better_cycles_table
 from benchmarks.reference import NOTABLE_SHARE, Reference, load_reference
 from benchmarks.rendering import Failure, render_scene
 from benchmarks.rivals import Budget, Rival, denoised_label
@@ -74,6 +75,7 @@ def sweep(
     results: list[tuple[Budget, RivalResult]] = []
     failures: list[tuple[str, Failure]] = []
     remarks: list[str] = []
+    ratios: dict[tuple[str, str], dict[str, Ratio]] = {}
     for source in sources:
         reference = load_reference(references, source.name)
         if references is not None and reference is None:
@@ -87,11 +89,17 @@ def sweep(
             failures += [(source.name, failure) for failure in failed]
             found = list(evaluate(source.name, renders, reference.image if reference is not None else None).values())
             results += [(budget, result) for result in found]
+            over = over_better_cycles(renders, reference.image if reference is not None else None)
+            if over:
+                ratios[source.name, str(budget)] = over
             if reference is not None:
                 remarks += [f"{source.name}, {budget}, {text}" for text in reference_remarks(reference, found)]
     facts = environment.describe()
     print(f"\n{seed_count} seeds, {threads or facts['cores']} threads, commit {facts['commit']}, {facts['cpu']}\n")
     print(sweep_table(results))
+    if ratios:
+        print(f"\nEfficiency over the better Cycles (with intervals of {CONFIDENCE:.0%} from {LEAST_SEEDS} seeds on)\n")
+        print(over_better_cycles_table(ratios))
     for text in dict.fromkeys(remarks):
         print(text)
     for name, failure in failures:
@@ -100,6 +108,11 @@ def sweep(
     summary = {
         "environment": facts,
         "results": [{"budget": str(budget), **asdict(result)} for budget, result in results],
+        "over_better_cycles": [
+            {"scene": scene, "budget": budget, "rival": rival, **asdict(ratio)}
+            for (scene, budget), over in ratios.items()
+            for rival, ratio in over.items()
+        ],
         "failures": [{"scene": name, **asdict(failure)} for name, failure in failures],
     }
     (out / "sweep.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

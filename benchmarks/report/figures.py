@@ -14,7 +14,7 @@ from benchmarks import metrics
 from benchmarks.images import Float32Array
 from benchmarks.rendering import RenderRecord, image_stack
 from benchmarks.report.collect import Batch, SceneResults
-from benchmarks.rivals import Budget
+from benchmarks.rivals import CYCLES_RIVALS, Budget
 from benchmarks.tables import geometric_mean
 
 RELMSE, RELMSE_TRIMMED, MAPE, FLIP = "relMSE", "relMSE, trimmed", "MAPE", "FLIP"
@@ -176,7 +176,6 @@ def pareto_front(points: Sequence[Point], measure: str) -> list[Point]:
 # ---------------------------------------------------------------------------------------------------------------------
 # Efficiency
 
-CYCLES_RIVALS = ("cycles", "cycles-guided")
 BETTER_CYCLES = "better of Cycles"
 
 
