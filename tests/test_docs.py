@@ -40,6 +40,15 @@ def _anchors(page: Path) -> set[str]:
     return anchors
 
 
+def _section(page: Path, anchor: str) -> str:
+    """Text below a page's heading of the second level, down to the next one; empty for other headings."""
+    for part in re.split(r"^## ", page.read_text("utf-8"), flags=re.MULTILINE)[1:]:
+        heading, _, text = part.partition("\n")
+        if re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") == anchor:
+            return text
+    return ""
+
+
 def _is_missing(page: Path, anchor: str) -> bool:
     return not page.exists() or (anchor != "" and (page.suffix != ".md" or anchor not in _anchors(page)))
 
@@ -52,6 +61,21 @@ def _broken_links(page: Path) -> Iterator[str]:
         path, _, anchor = link.partition("#")
         if _is_missing((page.parent / path).resolve() if path else page, anchor):
             yield link
+
+
+def test_the_index_of_decisions_has_them_all() -> None:
+    folder = ROOT / "docs/decisions"
+    index = (folder / "README.md").read_text("utf-8")
+    listed = set(_LINK.findall(index))
+    pages = [page for page in sorted(folder.glob("*.md")) if page.name != "README.md"]
+    sections = {
+        f"{page.name}#{anchor}"
+        for page in pages
+        for anchor in _anchors(page)
+        if re.search(r"\*\*Decision\.\*\*", _section(page, anchor))
+    }
+    assert len(sections) > 100
+    assert not sections - listed, "docs/decisions/README.md lacks these sections"
 
 
 def test_links_point_at_what_exists() -> None:
