@@ -20,7 +20,7 @@ from engine.guiding.fields.cells.field import SUM_WEIGHT, cell_key
 from engine.guiding.fields.cells.query import first_level, is_small, look_up
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
 from engine.kernels.bsdf.evaluate import is_delta_lobe
-from engine.kernels.constants import FLOAT_MAX
+from engine.kernels.constants import FLOAT_MAX, FOUR_PI
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import NO_GROUP, add_radiance
@@ -56,7 +56,6 @@ _FAR_LIMIT = 8
 #: Surfaces that are smoother do not teach the cache: what they send back depends on where to.
 _LEAST_ROUGHNESS = np.float32(0.1)
 _LEAST_COSINE = np.float32(0.01)
-_FOUR_PI = np.float32(4.0 * math.pi)
 _ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 
 
@@ -98,7 +97,7 @@ def _arrive(scene, paths, cached, points, lane):
     cached.may_teach[lane] = 0
     cached.arriving[lane] = cached.root[lane]
     if paths.depth[lane] == 0:
-        cached.seen[lane] = footprint_root(load(cached.origin, lane), p, n, _FOUR_PI) ** 2
+        cached.seen[lane] = footprint_root(load(cached.origin, lane), p, n, FOUR_PI) ** 2
         return False
     if cached.pdf[lane] > 0.0:
         cached.arriving[lane] += footprint_root(load(cached.origin, lane), p, n, cached.pdf[lane])

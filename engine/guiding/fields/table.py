@@ -15,8 +15,8 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.guiding.fields.state import State, require, take
 from engine.guiding.fields.update import balance, make_runner
-from engine.guiding.fields.vmm.fit import SAMPLE_DIRECTION, SAMPLE_PDF, SAMPLE_RADIANCE
 from engine.guiding.fields.vmm.model import VmmModel
+from engine.guiding.fields.vmm.store import SAMPLE_DIRECTION, SAMPLE_PDF, SAMPLE_RADIANCE
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 

@@ -14,9 +14,20 @@ from engine.array_types import Float32Array, Int32Array, Int64Array
 from engine.guiding.fields.state import State
 from engine.guiding.fields.update import PIECES_PER_THREAD, Runner, balance, grown, make_runner, padded_bounds
 from engine.guiding.fields.vmm import fit, tree
+from engine.guiding.fields.vmm import store as columns
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.fields.vmm.state import VmmState
+from engine.guiding.fields.vmm.store import (
+    PARAMETER_WIDTH,
+    TOTAL_COUNT,
+    TOTAL_FLUENCE,
+    FitScratch,
+    RegionStore,
+    allocate_scratch,
+    allocate_store,
+    start_mixture,
+)
 from engine.guiding.records.light import Records
 
 #: Look-ups reach for half the distance to the neighbour of this rank.
@@ -61,9 +72,9 @@ class VmmSettings:
 
 
 def _parameters(settings: VmmSettings) -> npt.NDArray[np.float64]:
-    parameters = np.zeros(fit.PARAMETER_WIDTH)
+    parameters = np.zeros(PARAMETER_WIDTH)
     for field in fields(settings):
-        index = getattr(fit, f"PARAMETER_{field.name.upper()}", None)
+        index = getattr(columns, f"PARAMETER_{field.name.upper()}", None)
         if index is not None:
             parameters[index] = getattr(settings, field.name)
     return parameters
@@ -105,10 +116,10 @@ class VmmModel:
             max_region_count=settings.max_region_count, min_pdf=settings.min_pdf,
         )
         self._parameters = _parameters(settings)
-        self._start_lobes = fit.start_mixture(settings.initial_lobes, settings.initial_kappa)
-        self._store = fit.allocate_store(self.regions.capacity)._replace(moments=self.regions.moments)
+        self._start_lobes = start_mixture(settings.initial_lobes, settings.initial_kappa)
+        self._store = allocate_store(self.regions.capacity)._replace(moments=self.regions.moments)
         self._store.pivot[0] = padded_bounds(bounds).mean(0)
-        self._scratches: list[fit.FitScratch] = []
+        self._scratches: list[FitScratch] = []
         self.field = self._publish(None, 1) if field is None else field
 
     @classmethod
@@ -143,7 +154,7 @@ class VmmModel:
         regions, count = self.regions, self.region_count
         return VmmState(
             regions.nodes_in_use,
-            fit.RegionStore(*(array[:count] for array in self._store)),
+            RegionStore(*(array[:count] for array in self._store)),
             regions.region_leaf[:count],
             regions.report.record_count,
         ).arrays()
@@ -214,7 +225,7 @@ class VmmModel:
         """Make room for new regions, and give them what their parents know."""
         capacity = self.regions.capacity
         if capacity > self._store.lobe_count.shape[0]:
-            self._store = fit.RegionStore(*(grown(array, capacity) for array in self._store))
+            self._store = RegionStore(*(grown(array, capacity) for array in self._store))
         self._store = self._store._replace(moments=self.regions.moments)
         fit.copy_regions(self._store, self.split_log, self.settings.inherited_share)
 
@@ -228,10 +239,10 @@ class VmmModel:
         pieces = balance(sizes[busy], PIECES_PER_THREAD * thread_count)
         scratches = self._scratches
         while len(scratches) < pieces.size - 1:
-            scratches.append(fit.allocate_scratch(largest))
+            scratches.append(allocate_scratch(largest))
         for index, scratch in enumerate(scratches):
             if scratch.samples.shape[0] < largest:
-                scratches[index] = fit.allocate_scratch(2 * largest)
+                scratches[index] = allocate_scratch(2 * largest)
 
         def work(piece: int) -> None:
             fit.fit_regions(
@@ -258,7 +269,7 @@ class VmmModel:
 
             run(work, pieces.size - 1)
         totals = store.totals[:count]
-        fluence = totals[:, fit.TOTAL_FLUENCE] / np.maximum(totals[:, fit.TOTAL_COUNT], 1.0)
+        fluence = totals[:, TOTAL_FLUENCE] / np.maximum(totals[:, TOTAL_COUNT], 1.0)
         return VmmField(
             nodes.node_split,
             nodes.node_link,

@@ -28,11 +28,9 @@ from engine.guiding.fields.vmm.field import (
     NEIGHBOR_COUNT,
 )
 from engine.guiding.fields.vmm.numeric import UNIFORM_KAPPA, exp_nonpositive, spread
-from engine.kernels.constants import ONE_MINUS_EPSILON, TWO_PI
+from engine.kernels.constants import FOUR_PI, ONE_MINUS_EPSILON, TWO_PI
 from engine.kernels.vector import orthonormal_basis
 from engine.runtime.jit import kernel
-
-_FOUR_PI = np.float32(4.0 * np.pi)
 
 #: The lobe closest to max(cos, 0) / pi, and its density at its centre.
 COSINE_LOBE_KAPPA = np.float32(2.18853)
@@ -124,7 +122,7 @@ def multiply_lobe(mean, kappa_a, coefficient_a, n, kappa_b, norm_b, squared_chor
     # kappa' - kappa_a - kappa_b without its cancellation.
     exponent = -deficit / max(kappa + kappa_sum, 1e-6)
     coefficient = coefficient_a * norm_b * exp_nonpositive(exponent)
-    weight = coefficient * (_FOUR_PI * spread(kappa))
+    weight = coefficient * (FOUR_PI * spread(kappa))
     x = n[0] if is_uniform else x * inverse_length
     y = n[1] if is_uniform else y * inverse_length
     z = n[2] if is_uniform else z * inverse_length
@@ -311,5 +309,5 @@ def predict_vmm(guide, row, wi, guide_pdf):
     z = wi[2] - guide.cosine[row, COSINE_NORMAL + 2]
     exponent = -0.5 * guide.cosine[row, COSINE_KAPPA] * (x * x + y * y + z * z)
     density = guide_pdf * guide.cosine[row, COSINE_RADIANCE] / exp_nonpositive(exponent)
-    even = guide.cosine[row, COSINE_FLUENCE] / _FOUR_PI
+    even = guide.cosine[row, COSINE_FLUENCE] / FOUR_PI
     return (1.0 - EVEN_SHARE) * density + EVEN_SHARE * even

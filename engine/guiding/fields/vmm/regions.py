@@ -20,7 +20,7 @@ from engine.guiding.fields.update import (
     run_chunks,
 )
 from engine.guiding.fields.vmm import tree
-from engine.guiding.fields.vmm.fit import MOMENT_WIDTH, SAMPLE_WIDTH
+from engine.guiding.fields.vmm.store import MOMENT_WIDTH, SAMPLE_WIDTH
 from engine.guiding.records.light import Records
 from engine.kernels.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 from engine.runtime.bundle import Bundle

@@ -23,7 +23,7 @@ from engine.guiding.fields.vmm.field import (
     LOBE_Z,
     MAX_LOBES,
 )
-from engine.guiding.fields.vmm.fit import MOMENT_WIDTH, SPLIT_ROWS, STAT_ROWS, TOTAL_WIDTH, RegionStore
+from engine.guiding.fields.vmm.store import MOMENT_WIDTH, SPLIT_ROWS, STAT_ROWS, TOTAL_WIDTH, RegionStore
 from engine.guiding.fields.vmm.tree import TreeNodes
 from engine.kernels.binary_tree import LEAF, NODE_AXIS, NODE_CHILD
 

@@ -12,7 +12,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array
 from engine.guiding.fields.update import REJECT_NOT_FINITE, REJECT_OUTSIDE
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT
-from engine.guiding.fields.vmm.fit import (
+from engine.guiding.fields.vmm.store import (
     MOMENT_COUNT,
     MOMENT_MEAN,
     MOMENT_SQUARED,
