@@ -236,6 +236,11 @@ class RegionModels:
         selection = self._light_selection.selection(self.mixture.regions)
         return None if self._light_selection.is_over else selection
 
+    @property
+    def lights_share(self) -> float:
+        """Of the regions that choose lights by what they have learned."""
+        return 0.0 if self._light_selection is None else self._light_selection.share
+
     def variance_deltas(self) -> Float32Array:
         """Mean of the deltas by region and by kind of vertex, float32 (R or 2 R,); NaN where there are too few."""
         means = [self._mean_deltas(self._deltas)]

@@ -443,8 +443,7 @@ class Learner:
             )
         if self._light_clusters is not None:
             self._lights = regions.choose_lights()
-            selected_count = 0 if self._lights is None else len(self._lights.cumulative)
-            self.report.lights_share = selected_count / regions.mixture.region_count
+            self.report.lights_share = regions.lights_share
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:

@@ -63,7 +63,7 @@ class LightsByRegion:
     @property
     def share(self) -> float:
         """Of the regions that choose by what they have learned."""
-        return len(self.selection.cumulative) / (1 if self._regions is None else self._regions.region_count)
+        return self._model.share
 
     def learn(self, records: VertexRecords, row_count: int) -> None:
         """Take an iteration's records."""

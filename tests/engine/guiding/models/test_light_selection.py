@@ -9,6 +9,7 @@ from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.records.vertices import allocate_vertex_records, as_records
+from engine.state.lights import SELECTION_FACINGS
 
 COUNT, CLUSTERS = 4000, 6
 
@@ -43,7 +44,8 @@ def learn(moment_below, moment_above, *, pmf=None):
     if len(selection.cumulative) == 0:
         return [None, None]
     probability = np.diff(selection.cumulative, axis=1)
-    return [probability[selection.table[r]] if selection.table[r] >= 0 else None for r in region]
+    row = selection.table[SELECTION_FACINGS * region + 4]
+    return [probability[r] if r >= 0 else None for r in row]
 
 
 def test_each_region_samples_the_lights_it_sees() -> None:
