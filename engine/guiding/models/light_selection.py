@@ -16,6 +16,8 @@ Sampling"; moments instead of means as in Rath et al. 2020, "Variance-Aware Path
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -142,17 +144,21 @@ class LightSelectionModel:
         #: Nothing is learned any more.
         self.is_over = False
 
-    def update(self, regions: RegionTree, records: VertexRecords, leaf: Int32Array) -> None:
-        """Learn from the records that the regions' last update took.
+    def update(
+        self, regions: RegionTree, records: VertexRecords, leaf: Int32Array, *, are_updated: bool = True
+    ) -> None:
+        """Learn from records.
 
         Parameters
         ----------
         leaf : int32 (R,)
             Region of each record, -1 = none.
+        are_updated : bool
+            Whether the records are those of the regions' last update; else it has been followed before.
         """
         if self.is_over:
             return
-        self._carry_over(regions)
+        self._carry_over(regions, regions.split_log if are_updated else ())
         found = np.empty(len(leaf), np.int32)
         row_count = int(_find_rows(leaf, records.normal, self.row_of, len(self.known), found))
         for name in ("sums", "drawn", "tree_moment", "known"):
@@ -160,12 +166,12 @@ class LightSelectionModel:
         total = np.zeros(regions.region_count)
         _add_records(records, leaf, found, total, self.sums, self.drawn, self.tree_moment, self.known)
 
-    def _carry_over(self, regions: RegionTree) -> None:
+    def _carry_over(self, regions: RegionTree, split_log: Iterable[npt.NDArray[np.int32]]) -> None:
         """Let earlier records count for less, and halves of regions that were cut have half of them each."""
         row_of = np.full((regions.region_count, SELECTION_FACINGS), -1, np.int32)
         row_of.reshape(-1)[: len(self.row_of)] = self.row_of
         source, share = list(range(len(self.known))), [DECAY] * len(self.known)
-        for region, parent in regions.split_log:
+        for region, parent in split_log:
             for facing in np.flatnonzero(row_of[parent] >= 0):
                 row = row_of[parent, facing]
                 share[row] *= 0.5

@@ -229,6 +229,12 @@ class RegionModels:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
 
+    def learn_lights(self, records: VertexRecords, row_count: int) -> None:
+        """Learn light selection alone, in the regions that there are."""
+        if self._light_selection is not None:
+            leaf = self._leaves(records.position[:row_count])
+            self._light_selection.update(self.mixture.regions, records, leaf, are_updated=False)
+
     def choose_lights(self) -> LightSelection | None:
         """How likely regions choose each cluster of lights; None once nothing is learned about lights any more."""
         if self._light_selection is None:
