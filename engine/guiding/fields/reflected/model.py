@@ -25,9 +25,10 @@ from engine.runtime.jit import kernel
 _SMALLEST_SHARE = 1.0 / 32.0
 #: Records that the larger cell around a cell counts for.
 _PRIOR = 16.0
-#: Largest share of an iteration's sum of squares that a single record may have: one bright path must not make all others
-#: long that meet its cells, or, by what all cells have in common, any.
+#: Largest share of an iteration's sum of squares that a single record may have, and so many times the mean where there
+#: are few: one bright path must not make all others long that meet its cells, or, by what cells have in common, any.
 _OUTLIER_SHARE = 0.01
+_OUTLIER_MEANS = 8.0
 #: About so many records of an iteration are looked at, for all threads wait meanwhile.
 _MOST_RECORDS = 1 << 16
 
@@ -92,7 +93,8 @@ class ReflectedModel:
             self._sums = np.zeros((slot_count, _WIDTH))
             self._level, self._parent = np.full(slot_count, -1, np.int64), np.full(slot_count, -1, np.int64)
         step = max(row_count // _MOST_RECORDS, 1)
-        most = _OUTLIER_SHARE * float(np.square(records.reflected[:row_count:step], dtype=np.float64).sum())
+        squares = np.square(records.reflected[:row_count:step], dtype=np.float64)
+        most = max(_OUTLIER_SHARE * float(squares.sum()), _OUTLIER_MEANS * float(squares.mean()))
         self.lost_count += int(_add(self.field, self._sums, self._level, self._parent, records, row_count, step, most))
         self._estimate(self.field)
 
