@@ -229,12 +229,23 @@ class RegionModels:
             records.light_squared[:row_count] = np.nan
         self.light_share.update(self.mixture, records, leaf, variance=variance, ray_count=ray_count)
 
+    def learn_lights(self, records: VertexRecords, row_count: int) -> None:
+        """Learn light selection alone, in the regions that there are."""
+        if self._light_selection is not None:
+            leaf = self._leaves(records.position[:row_count])
+            self._light_selection.update(self.mixture.regions, records, leaf, are_updated=False)
+
     def choose_lights(self) -> LightSelection | None:
         """How likely regions choose each cluster of lights; None once nothing is learned about lights any more."""
         if self._light_selection is None:
             return None
         selection = self._light_selection.selection(self.mixture.regions)
         return None if self._light_selection.is_over else selection
+
+    @property
+    def lights_share(self) -> float:
+        """Of the regions that choose lights by what they have learned."""
+        return 0.0 if self._light_selection is None else self._light_selection.share
 
     def variance_deltas(self) -> Float32Array:
         """Mean of the deltas by region and by kind of vertex, float32 (R or 2 R,); NaN where there are too few."""

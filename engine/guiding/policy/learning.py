@@ -37,6 +37,7 @@ from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.roulette_learning import RouletteElsewhere, RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
+from engine.guiding.policy.unguided_learning import learns_after, unguided_budget
 from engine.guiding.policy.worth import ResamplingWorth
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, compensate, join_records
@@ -136,9 +137,12 @@ class Learner:
         #: Whether paths of the iteration in work end by what was learned.
         self._ends_by_learned = False
         self._newest = NewestVariance(paths_per_sample)
-        self._budget = RecordBudget(paths_per_sample, unit_pixels or paths_per_sample)
+        self._unit_pixels = unit_pixels or paths_per_sample
+        self._budget = RecordBudget(paths_per_sample, self._unit_pixels)
         self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
         self._iteration = 0
+        #: Whether roulette or lights are learned from the iteration in work, though guiding has lost.
+        self._learns_on = False
         #: Whether the iteration in work is guided.
         self._is_guiding = False
         self._is_over = False
@@ -261,7 +265,7 @@ class Learner:
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
         is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
-        return self._is_over and not is_trying and (self._cache is None or self._cache.is_over)
+        return self._is_over and not (is_trying or self._learns_on) and (self._cache is None or self._cache.is_over)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration: what the render starts from, else none, but record."""
@@ -276,8 +280,37 @@ class Learner:
             np.full(self._paths_per_sample, weight[0], np.float32), 1.0,
         )
 
+    def _learn_unguided(
+        self, units: Sequence[UnitRecords], path_count: float, sums: FilmTile, weights: np.ndarray,
+        costs: IterationCosts,
+    ) -> None:
+        """Learn what unguided paths go by too, once guiding has lost: from what so many paths have recorded."""
+        records, row_count = join_records([unit.vertices for unit in units])
+        if not row_count:
+            return
+        self.report.record_count += row_count
+        self._budget.count(row_count + costs.dropped_records, path_count)
+        if self._roulette is not None:
+            self._roulette.learn(records, row_count, sums, weights, costs)
+        if self._lights is not None and self._regions is not None:
+            self._regions.learn_lights(records, row_count)
+            self._lights = self._regions.choose_lights()
+            self.report.lights_share = self._regions.lights_share
+
     def _unguided(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
         """What a render goes by once guiding has lost; whether roulette by what was learned pays is tried first."""
+        guidance = self._without_guiding(weights, next_range)
+        is_trying = self._roulette_trial is not None and self._roulette_trial.is_running
+        lights_pay = self._lights is not None and self.report.lights_share > 0.0
+        has_use = self.sink is None and sum(next_range) < self.settings.samples
+        has_use &= guidance.reflected is not None or lights_pay
+        self._learns_on = has_use and not is_trying and learns_after(next_range[0], lights_pay=lights_pay)
+        if not self._learns_on:
+            return guidance
+        return replace(guidance, record_threshold=self._budget.threshold(next_range[1]))
+
+    def _without_guiding(self, weights: np.ndarray, next_range: tuple[int, int]) -> Guidance:
+        """The same, without records."""
         plain = Guidance(self.settings, 0, lights=self._lights)
         if self._roulette is None:
             return plain
@@ -398,6 +431,7 @@ class Learner:
             self._is_guiding = False
             choice.plan(*next_range, (), knows_something=False)
             if self._cache is None:
+                self._learn_unguided(units, recorded_share * guided_share * costs.path_count, sums, weights, costs)
                 return self._unguided(weights, next_range)
             guidance = self._cache.learn(units, recorded_share, sums, size, costs, next_range, is_whole=is_whole)
             return replace(guidance, lights=self._lights)
@@ -443,8 +477,7 @@ class Learner:
             )
         if self._light_clusters is not None:
             self._lights = regions.choose_lights()
-            selected_count = 0 if self._lights is None else len(self._lights.cumulative)
-            self.report.lights_share = selected_count / regions.mixture.region_count
+            self.report.lights_share = regions.lights_share
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
@@ -595,6 +628,9 @@ class Learner:
             choice.restart(trial.LAST_DOUBT)
         else:
             self._is_over = True
+            self._budget = unguided_budget(
+                self.settings, self._budget.paths_per_sample, self._unit_pixels, learns_lights=self._lights is not None
+            )
             self.report.stopped_at = next_sample
             self.report.chosen = "OFF"
             self._stop_training()

@@ -40,6 +40,28 @@ _RECORDS_SHARE = 1.0 / 32.0
 _REHEARSED_RECORDS = 16
 
 
+def learns_after(samples: int, *, lights_pay: bool) -> bool:
+    """Whether more is to be learned once so many samples a pixel have been rendered.
+
+    Parameters
+    ----------
+    samples : int
+    lights_pay : bool
+        Whether lights are sampled by what was learned.
+    """
+    return samples < (_LIGHTS_SAMPLES if lights_pay else _LEARNED_SAMPLES)
+
+
+def unguided_budget(
+    settings: RenderSettings, paths_per_sample: int, unit_pixels: int, *, learns_lights: bool
+) -> RecordBudget:
+    """How many records iterations take that guide nothing; parameters are those of `RecordBudget`."""
+    wanted = _RECORDS
+    if learns_lights:
+        wanted = min(int(_RECORDS_SHARE * paths_per_sample * settings.samples) + 1, _RECORDS)
+    return RecordBudget(paths_per_sample, unit_pixels, wanted)
+
+
 class LightsByRegion:
     """Which lights regions sample, where there are no regions but those for it.
 
@@ -63,7 +85,7 @@ class LightsByRegion:
     @property
     def share(self) -> float:
         """Of the regions that choose by what they have learned."""
-        return len(self.selection.cumulative) / (1 if self._regions is None else self._regions.region_count)
+        return self._model.share
 
     def learn(self, records: VertexRecords, row_count: int) -> None:
         """Take an iteration's records."""
@@ -116,10 +138,9 @@ class UnguidedLearner:
         self._roulette = RouletteModel() if settings.learns_roulette else None
         self._lights = None if light_clusters is None else LightsByRegion(light_clusters)
         self.is_over = False
-        wanted = _RECORDS
-        if self._lights is not None:
-            wanted = min(int(_RECORDS_SHARE * paths_per_sample * settings.samples) + 1, _RECORDS)
-        self._budget = RecordBudget(paths_per_sample, unit_pixels, wanted)
+        self._budget = unguided_budget(
+            settings, paths_per_sample, unit_pixels, learns_lights=self._lights is not None
+        )
 
     def weight(self, _first_sample: int, _arm: int) -> float:
         """Weight in the image of each sample of an iteration."""
@@ -168,7 +189,7 @@ class UnguidedLearner:
         self.report.field_seconds += time.perf_counter() - started
         self.parts = [Part(*next_range, CURRENT)]
         has_lights = self._lights is not None and self._lights.share > 0.0
-        self.is_over = next_range[0] >= (_LIGHTS_SAMPLES if has_lights else _LEARNED_SAMPLES)
+        self.is_over = not learns_after(next_range[0], lights_pay=has_lights)
         return self._guidance(0 if self.is_over else self._budget.threshold(next_range[1]), weights)
 
     def keep(self, units: Sequence[UnitRecords]) -> None:

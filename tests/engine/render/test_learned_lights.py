@@ -17,9 +17,9 @@ from tests.helpers.small_scenes import corner_scene
 SEEDS, SAMPLES = 6, 31
 
 
-def split_scene():
+def split_scene(radius=0.0):
     """A floor with a wall across it: one lamp before it, and seven brighter ones behind it."""
-    before = lamp("POINT", (0.0, -1.0, 2.0), energy=60.0, radius=0.0)
+    before = lamp("POINT", (0.0, -1.0, 2.0), energy=60.0, radius=radius)
     behind = [lamp("POINT", (0.5 * k - 1.5, 6.0, 0.5), energy=400.0, radius=0.0) for k in range(7)]
     return replace(corner_scene((32, 24)), lights=[before, *behind])
 
@@ -27,7 +27,7 @@ def split_scene():
 def images(method, first, choice, count=SEEDS, **settings):
     """float32 (seeds, height, width, 3)"""
     asked = {"samples": SAMPLES, "light_selection": choice} | settings
-    renders = [render(method, first + seed, scene=split_scene, **asked) for seed in range(count)]
+    renders = [render(method, first + seed, **{"scene": split_scene} | asked) for seed in range(count)]
     return np.stack([result.passes["Combined"][..., :3] for result in renders])
 
 
@@ -58,6 +58,26 @@ def test_the_mean_is_right_whatever_was_learned(wrong, plain, monkeypatch):
     assert z_score(found, plain.mean(axis=(1, 2, 3))) < Z_LIMIT
     # The test can see a bias of 2%.
     assert z_score(1.02 * found, plain.mean(axis=(1, 2, 3))) > Z_LIMIT
+
+
+def test_the_mean_is_right_whatever_each_direction_chooses(monkeypatch):
+    """Also of light that scattering finds: a hit is weighed by what the surface that it was found from would choose."""
+
+    def large_lamp():
+        return split_scene(radius=0.6)
+
+    def uneven(model):
+        found, pays = probabilities(model)
+        rng = np.random.default_rng(len(found))
+        found = rng.random(found.shape) ** 6 + 0.02
+        return found / found.sum(axis=1)[:, None], np.ones_like(pays)
+
+    probabilities = light_selection.LightSelectionModel.probabilities
+    plain = images("OFF", 100, "TREE", scene=large_lamp).mean(axis=(1, 2, 3))
+    monkeypatch.setattr(light_selection.LightSelectionModel, "probabilities", uneven)
+    found = images("OFF", 0, "LEARNED", scene=large_lamp).mean(axis=(1, 2, 3))
+    assert z_score(found, plain) < Z_LIMIT
+    assert z_score(1.02 * found, plain) > Z_LIMIT
 
 
 def test_the_image_does_not_depend_on_threads():

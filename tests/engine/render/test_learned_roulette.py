@@ -107,6 +107,33 @@ def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least, monkeypatc
         assert (guidance.reflected is not None) == (by == "AUTO")
 
 
+def test_it_is_learned_on_once_guiding_has_lost(monkeypatch):
+    """As without guiding: from the first sixteen samples."""
+
+    def large():
+        # Guiding is tried on a part of the pixels, and what the others have had judges roulette.
+        return pit_scene((64, 64))
+
+    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 1e9))
+    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 1e9)
+    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", 0.0)
+    learn, counts = RouletteModel.learn, []
+
+    def counted(model, records, row_count, *others):
+        counts.append(row_count)
+        learn(model, records, row_count, *others)
+
+    monkeypatch.setattr(RouletteModel, "learn", counted)
+    one, two = (
+        render("AUTO", 1, **PIT | {"scene": large, "samples": 32, "deterministic": True, "threads": threads})
+        for threads in (1, 2)
+    )
+    assert one.report.guiding.stopped_at == 8
+    # After 1, 4, 8 and 16 samples, by either.
+    assert len(counts) == 8 and min(counts) > 0
+    assert np.array_equal(one.passes["Combined"], two.passes["Combined"])
+
+
 def test_the_image_does_not_depend_on_threads():
     one, three = (
         render("OFF", 1, **PIT, roulette="LEARNED", threads=threads).passes["Combined"] for threads in (1, 3)

@@ -25,6 +25,10 @@ from engine.runtime.jit import kernel
 _SMALLEST_SHARE = 1.0 / 32.0
 #: Records that the larger cell around a cell counts for.
 _PRIOR = 16.0
+#: Largest share of an iteration's sum of squares that a single record may have, and so many times the mean where there
+#: are few: one bright path must not make all others long that meet its cells, or, by what cells have in common, any.
+_OUTLIER_SHARE = 0.01
+_OUTLIER_MEANS = 8.0
 #: About so many records of an iteration are looked at, for all threads wait meanwhile.
 _MOST_RECORDS = 1 << 16
 
@@ -34,13 +38,14 @@ _WIDTH = 3
 
 
 @kernel
-def _add(field, sums, level_of, parent_of, records, row_count, step):
+def _add(field, sums, level_of, parent_of, records, row_count, step, most):
     """Add every `step`-th record to its cells of all sizes; returns how often there was no room.
 
     Parameters
     ----------
     sums : float64 (S, _WIDTH)
     level_of, parent_of : int64 (S,), of each cell: its level, and the larger cell around it, -1 = none
+    most : float64, squares are cut off here
     """
     lost_count = 0
     for row in range(0, row_count, step):
@@ -57,7 +62,7 @@ def _add(field, sums, level_of, parent_of, records, row_count, step):
             parent_of[slot] = parent
             parent = slot
             sums[slot, _COUNT] += 1.0
-            sums[slot, _SQUARE] += records.reflected[row] * records.reflected[row]
+            sums[slot, _SQUARE] += min(np.float64(records.reflected[row]) ** 2, most)
             sums[slot, _COST] += records.cost[row]
     return lost_count
 
@@ -88,17 +93,23 @@ class ReflectedModel:
             self._sums = np.zeros((slot_count, _WIDTH))
             self._level, self._parent = np.full(slot_count, -1, np.int64), np.full(slot_count, -1, np.int64)
         step = max(row_count // _MOST_RECORDS, 1)
-        self.lost_count += int(_add(self.field, self._sums, self._level, self._parent, records, row_count, step))
+        squares = np.square(records.reflected[:row_count:step], dtype=np.float64)
+        most = max(_OUTLIER_SHARE * float(squares.sum()), _OUTLIER_MEANS * float(squares.mean()))
+        self.lost_count += int(_add(self.field, self._sums, self._level, self._parent, records, row_count, step, most))
         self._estimate(self.field)
 
     def _estimate(self, field: ReflectedField) -> None:
         """Make importances of the sums, those of the largest cells first."""
-        largest = self._level == LEVEL_COUNT - 1
-        total = self._sums[largest].sum(axis=0)
-        moments = np.tile(total / max(total[_COUNT], 1.0), (len(self._sums), 1))
-        for level in reversed(range(LEVEL_COUNT)):
-            cells = np.flatnonzero(self._level == level)
-            # A cell without a larger one around it still has the moments of all.
-            around = moments[np.where(self._parent[cells] >= 0, self._parent[cells], cells)]
-            moments[cells] = (self._sums[cells] + _PRIOR * around) / (self._sums[cells, :1] + _PRIOR)
-        field.importance[:] = np.sqrt(moments[:, _SQUARE] / np.maximum(moments[:, _COST], 1.0))
+        known = np.flatnonzero(self._level >= 0)
+        level, parent, sums = self._level[known], self._parent[known], self._sums[known]
+        total = sums[level == LEVEL_COUNT - 1].sum(axis=0)
+        moments = np.empty_like(sums)
+        # A cell without a larger one around it has the moments of all.
+        by_slot = np.empty_like(self._sums)
+        by_slot[known] = moments[:] = total / max(total[_COUNT], 1.0)
+        for size in reversed(range(LEVEL_COUNT)):
+            cells = np.flatnonzero(level == size)
+            around = by_slot[np.where(parent[cells] >= 0, parent[cells], known[cells])]
+            moments[cells] = (sums[cells] + _PRIOR * around) / (sums[cells, :1] + _PRIOR)
+            by_slot[known[cells]] = moments[cells]
+        field.importance[known] = np.sqrt(moments[:, _SQUARE] / np.maximum(moments[:, _COST], 1.0))

@@ -73,6 +73,18 @@ def test_a_single_record_does_not_make_a_cell_dark():
     assert importance_at(model.field, 100.0, 100.0) == pytest.approx(1.0 / np.sqrt(2.0), rel=0.1)
 
 
+def test_a_single_record_does_not_make_others_bright():
+    """Of cells that have never met the like: paths would be long there for nothing."""
+    records = floor_records(1 << 12)
+    records.reflected[:] = 1.0
+    records.reflected[0] = 100.0
+    records.position[0] = (8.0, 8.0, 0.0)
+    model = ReflectedModel()
+    model.learn(records, len(records.cost))
+    assert importance_at(model.field, 1.0, 1.0) == pytest.approx(1.0 / np.sqrt(2.0), rel=0.1)
+    assert importance_at(model.field, 7.99, 7.99) > 0.8
+
+
 def test_what_the_table_has_no_room_for_is_counted():
     rng = np.random.default_rng(1)
     records = allocate_vertex_records(4 * SLOT_COUNT)
