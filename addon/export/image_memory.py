@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Memory that byte images are exported into, one after the other as the engine's pool has them, so that it need not copy
-them."""
+"""Memory that byte images are exported into, one after the other as in the engine's pool, which then copies none."""
 
 from __future__ import annotations
 

@@ -65,9 +65,9 @@ class ImagePool:
 def build_image_pool(images: Sequence[Image]) -> ImagePool:
     """Table of images and the two pools; an image without pixels becomes one transparent black texel.
 
-    Images that stand in a pool as they are get their pixels from there, so that they are in memory once. Images that lie
-    one after the other as in a pool, and stay as they are, become that pool. Where pixels of any lie in a file, so do
-    the pools.
+    Images that stand in a pool as they are get their pixels from there, so that they are in memory once. Images that
+    lie one after the other as in a pool, and stay as they are, become that pool. Where pixels of any lie in a file, so
+    do the pools.
 
     Raises
     ------
