@@ -13,6 +13,13 @@ import pytest
 os.environ.setdefault("NEURALGUIDE_KERNEL_LIBRARIES", "")
 
 
+def pytest_configure() -> None:
+    """Compile as sessions do, in tests that have none."""
+    from engine.render.uncollected import collect_nothing_while_compiling
+
+    collect_nothing_while_compiling()
+
+
 @pytest.fixture
 def blender() -> Iterator[Any]:
     """The module `bpy` with NeuralGuide registered and an empty file: no objects, no camera, one scene."""

@@ -18,12 +18,11 @@ from engine.scene.texel_file import TexelFile, check_room
 from .colorspaces import DATA_SPACES, to_scene_linear
 from .context import CachedImage, ExportContext
 from .image_headers import expected_bytes
+from .image_memory import ImageMemory
 
 _PINK = "Blender's pink"
-#: Rows of pixels converted at a time.
-_ROWS = 64
-#: Floats that byte images of up to so many channel values are read into, one after the other.
-_SCRATCH_SIZE = 1 << 26
+#: Up to so many bytes of images that Blender had not decoded stay decoded, for the next render.
+MOST_LEFT = 1 << 27
 
 
 @dataclass
@@ -40,8 +39,9 @@ class ImageExporter:
     #: Of the pixels so far, in memory and in files [bytes].
     _in_memory: int = 0
     _in_files: int = 0
-    #: Touching fresh memory takes longer than reading pixels into it. What images do not reach is never touched.
-    _scratch: Float32Array = field(default_factory=lambda: np.empty(_SCRATCH_SIZE, np.float32))
+    _memory: ImageMemory = field(default_factory=ImageMemory)
+    #: Of images that Blender has decoded for this export and is left with [bytes].
+    _left: int = 0
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
         """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
@@ -107,9 +107,7 @@ class ImageExporter:
             kept.last_used = context.cache.export_count
             self._in_memory += kept.image.pixels.nbytes
             return kept.image
-        exported = (
-            _read(context, image, self._scratch) if frame is None else _read_sequence(context, image, frame)
-        )
+        exported = self._read(image) if frame is None else _read_sequence(context, image, frame)
         if exported is None:
             return None
         if kept is not None and _is_equal(kept.image, exported):
@@ -117,8 +115,26 @@ class ImageExporter:
         else:
             exported.key = (*identity, context.cache.new_version())
         self._make_room(exported)
+        self._memory.keep(exported)
         context.cache.images[identity] = CachedImage(exported, state, context.cache.export_count)
         return exported
+
+    def _read(self, image: bpy.types.Image) -> Image | None:
+        """Read pixels, and leave Blender without its copy if it had none before and images are many."""
+        was_loaded = image.has_data or image.is_dirty
+        try:
+            return _read_loaded(self.context, image, self._memory)
+        finally:
+            if not was_loaded:
+                size = _decoded_size(image)
+                if self._left + size > MOST_LEFT:
+                    image.buffers_free()
+                else:
+                    self._left += size
+
+    def close(self) -> None:
+        """There are no more images."""
+        self._memory.close()
 
     def _make_room(self, image: Image) -> None:
         """Put pixels into a file where those in memory would be too many.
@@ -154,31 +170,16 @@ def _is_equal(a: Image, b: Image) -> bool:
     return np.array_equal(a.pixels.view(np.uint8), b.pixels.view(np.uint8))
 
 
-def _read(context: ExportContext, image: bpy.types.Image, scratch: Float32Array | None = None) -> Image | None:
-    """Read pixels, and leave Blender without its copy if it had none before.
-
-    Parameters
-    ----------
-    scratch : float32 (N,), optional
-        Where the pixels of a byte image may lie until they are converted.
-    """
-    was_loaded = image.has_data or image.is_dirty
-    try:
-        return _read_loaded(context, image, scratch)
-    finally:
-        if not was_loaded:
-            image.buffers_free()
-
-
-def _read_loaded(context: ExportContext, image: bpy.types.Image, scratch: Float32Array | None) -> Image | None:
+def _read_loaded(context: ExportContext, image: bpy.types.Image, memory: ImageMemory) -> Image | None:
     """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
     width, height = image.size
     if width < 1 or height < 1:
         return None
     channels = image.channels
     size = width * height * channels
-    fits = scratch is not None and not image.is_float and size <= len(scratch)
-    flat = scratch[:size] if scratch is not None and fits else np.empty(size, np.float32)
+    flat = None if image.is_float else memory.floats(size)
+    if flat is None:
+        flat = np.empty(size, np.float32)
     try:
         image.pixels.foreach_get(flat)
     except (RuntimeError, TypeError, SystemError):
@@ -207,8 +208,16 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image, scratch: Float3
             return exported
         context.notice(image.name, f"colour space {space!r} is not supported", "read as sRGB")
         exported.encoding = "SRGB"
-    exported.pixels = _bytes(raw)
+    exported.pixels = memory.converted(raw)
     return exported
+
+
+def _decoded_size(image: bpy.types.Image) -> int:
+    """Of Blender's copy of the pixels [bytes]."""
+    if not image.has_data:
+        return 0
+    width, height = image.size
+    return width * height * image.channels * (4 if image.is_float else 1)
 
 
 def _converted_by_blender(pixels: Float32Array, space: str) -> Float32Array | None:
@@ -232,15 +241,6 @@ def _converted_by_blender(pixels: Float32Array, space: str) -> Float32Array | No
         bpy.data.images.remove(carrier, do_unlink=False)
     result = result.reshape(pixels.shape)
     result[..., 3] = pixels[..., 3]
-    return result
-
-
-def _bytes(pixels: Float32Array) -> np.ndarray:
-    """Blender hands byte images out as multiples of 1/255. By rows: an image is large enough once as floats."""
-    result = np.empty(pixels.shape, np.uint8)
-    for row in range(0, len(pixels), _ROWS):
-        part = slice(row, row + _ROWS)
-        result[part] = pixels[part] * np.float32(255.0) + np.float32(0.5)
     return result
 
 
@@ -337,7 +337,7 @@ def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None =
         if like is not None:
             single.colorspace_settings.name = like.colorspace_settings.name
             single.alpha_mode = like.alpha_mode
-        return _read(context, single)
+        return _read_loaded(context, single, ImageMemory())
     finally:
         # Nobody uses it. Unlinking it all the same rebuilds view layers, and Blender 5.2 crashes at the next frame.
         bpy.data.images.remove(single, do_unlink=False)

@@ -123,6 +123,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     appearances = gather_appearances(context, materials)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
     lights = _export_lights(context, graphs, appearances)
+    images.close()
     notice_scene(context)
     description = SceneDescription(
         camera=camera,

@@ -25,6 +25,8 @@ TOUCHING = 0.5
 _MOST_PLANES = 64
 #: Vertices of a mesh that are looked at, and pairs of boundaries and instances.
 MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
+#: Of each corner of a box, whether it is the low (0) or the high side (1) along each axis.
+BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,10 @@ def instance_boxes(instances: Instances, meshes: list[Mesh]) -> Boxes:
     corners = np.full((max(len(meshes), 1), 8, 4), np.nan)
     for index, mesh in enumerate(meshes):
         if len(mesh.vertices):
-            limits = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-            corners[index] = [(limits[i, 0], limits[j, 1], limits[k, 2], 1.0) for i, j, k in np.ndindex(2, 2, 2)]
+            columns = [mesh.vertices[:, axis] for axis in range(3)]  # numpy takes long for short axes
+            limits = np.array([[column.min() for column in columns], [column.max() for column in columns]])
+            corners[index, :, :3] = limits[BOX_CORNERS, np.arange(3)]
+            corners[index, :, 3] = 1.0
     matrices = instances.transform[:, :3].astype(np.float64)
     placed = np.einsum("nij,nkj->nki", matrices, corners[instances.mesh])
     low, high = placed.min(axis=1, initial=np.inf), placed.max(axis=1, initial=-np.inf)

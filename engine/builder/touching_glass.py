@@ -8,13 +8,14 @@ there is air, as there is under a glass that stands a tenth of a millimetre high
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
-from engine.builder.boundaries import APART, MOST_VERTICES, TOUCHING, instance_boxes, world_vertices
+from engine.builder.boundaries import APART, BOX_CORNERS, MOST_VERTICES, TOUCHING, instance_boxes, world_vertices
 from engine.scene.description import Instances, Mesh, SceneDescription
 
 #: Plane faces of a mesh that are looked at, the largest ones.
@@ -30,8 +31,6 @@ _MOST_DRAWN = 0.01
 _MOST_INSTANCES, _MOST_PAIRS = 100_000_000, 4_000_000
 #: Triangles that are looked at together, and cells along each axis by which they are sorted.
 _CHUNK, _CELLS = 512, 31
-#: Of each corner of a box, whether it is the low (0) or the high side (1) along each axis.
-_BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,44 @@ def _is_sound(mesh: Mesh) -> bool:
     return len(mesh.triangles) > 0 and int(mesh.triangles.max()) < len(mesh.vertices)
 
 
+def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner of the box around points (N, 3), N > 0. Numpy takes long for short axes."""
+    columns = [points[:, axis] for axis in range(3)]
+    return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
+
+
+def _boxes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corners, (N, 3) each, of the boxes around triangles (N, 3, 3)."""
+    first, second, third = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    return np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
+
+
+def _meet(low: np.ndarray, high: np.ndarray, of_low: np.ndarray, of_high: np.ndarray) -> np.ndarray:
+    """Which of the boxes (N, 3) meet a box: bool (N,)."""
+    meets = (low[:, 0] <= of_high[0]) & (high[:, 0] >= of_low[0])
+    for axis in (1, 2):
+        meets &= (low[:, axis] <= of_high[axis]) & (high[:, axis] >= of_low[axis])
+    return meets
+
+
+def _sorted_groups(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equal keys as groups, in ascending order: the group of each row, and the rows, which ascend within a group."""
+    order = np.argsort(keys)
+    keys = keys[order]
+    group = np.concatenate([[0], np.cumsum(keys[1:] != keys[:-1])])
+    # Sorting numbers once more is a tenth of the time of a stable sort of rows.
+    rows = np.sort(group * len(keys) + order) - group * len(keys)
+    return group, rows
+
+
+def _largest(values: np.ndarray) -> list[int]:
+    """Indices of the `_MOST_FACES` largest values, in descending order, and ascending where values are equal."""
+    rows = np.arange(len(values))
+    if len(values) > _MOST_FACES:
+        rows = np.flatnonzero(values >= np.partition(values, -_MOST_FACES)[-_MOST_FACES])
+    return rows[np.argsort(-values[rows], kind="stable")][:_MOST_FACES].tolist()
+
+
 def _plane_faces(mesh: Mesh) -> _Faces | None:
     """A mesh's largest plane faces, None where it has none.
 
@@ -79,7 +116,8 @@ def _plane_faces(mesh: Mesh) -> _Faces | None:
     total = areas.sum()
     if not np.isfinite(total) or not total > 0.0:
         return None
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    low, high = _box(vertices)
+    middle = 0.5 * (low + high)
     size = float(np.abs(vertices - middle).max())
     is_closed = np.linalg.norm(vectors.sum(axis=0)) <= _LEAST_OPEN * total
     if is_closed and (vectors * (corners[:, 0] - middle)).sum() < 0.0:
@@ -88,23 +126,22 @@ def _plane_faces(mesh: Mesh) -> _Faces | None:
     normals = vectors[usable] / areas[usable, None]
     heights = (normals * (corners[usable, 0] - middle)).sum(axis=1)
     cells = np.rint(np.concatenate([normals, heights[:, None] / size], axis=1) / _SAME_PLANE).astype(np.int64)
-    _, group = np.unique(cells @ np.array([1, 1 << 21, 1 << 42, 0x9E3779B97F4A7C1], np.int64), return_inverse=True)
-    by_group = np.bincount(group, areas[usable])
-    order = np.argsort(group, kind="stable")
+    group, order = _sorted_groups(cells @ np.array([1, 1 << 21, 1 << 42, 0x9E3779B97F4A7C1], np.int64))
+    by_group = np.bincount(group, areas[usable[order]])
     ends = np.cumsum(np.bincount(group))
-    members = [usable[order[ends[number - 1] if number else 0 : ends[number]]]
-               for number in np.argsort(-by_group, kind="stable")[:_MOST_FACES].tolist()]  # fmt: skip
+    members = [usable[order[ends[number - 1] if number else 0 : ends[number]]] for number in _largest(by_group)]
     # All faces at once, one after the other.
     rows, starts = np.concatenate(members), np.cumsum([0, *(len(face) for face in members[:-1])])
     own, weights = corners[rows], areas[rows]
     mean = np.add.reduceat(vectors[rows], starts)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     middles = (own.mean(axis=1) * np.repeat(mean, [len(face) for face in members], axis=0)).sum(axis=1)
-    low, high = np.minimum.reduceat(own.min(axis=1), starts), np.maximum.reduceat(own.max(axis=1), starts)
+    low, high = _boxes(own)
+    low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
     return _Faces(
         normals=mean,
         offsets=np.add.reduceat(middles * weights, starts) / np.add.reduceat(weights, starts),
-        corners=np.stack([low, high], axis=1)[:, _BOX_CORNERS, np.arange(3)],
+        corners=np.stack([low, high], axis=1)[:, BOX_CORNERS, np.arange(3)],
         members=members,
     )
 
@@ -127,9 +164,9 @@ def _overlap(first: np.ndarray, second: np.ndarray, normal: np.ndarray, toleranc
     """Whether two sets of triangles in a plane, float64 (M, 3, 3) and (K, 3, 3), overlap by more than an edge."""
     if len(first) * len(second) > _MOST_PAIRS:
         return True
-    low, high = first.min(axis=1), first.max(axis=1)
-    for triangle in second:
-        near = first[((low <= triangle.max(axis=0)) & (high >= triangle.min(axis=0))).all(axis=1)]
+    low, high = _boxes(first)
+    for triangle, of_low, of_high in zip(second, *_boxes(second), strict=True):
+        near = first[_meet(low, high, of_low, of_high)]
         if not len(near):
             continue
         edges = np.broadcast_to(np.roll(triangle, -1, axis=0) - triangle, near.shape)
@@ -163,10 +200,10 @@ class _Triangles:
 
     def near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Triangles, float64 (M, 3, 3), whose boxes meet a box."""
-        chunks = np.flatnonzero(((self.chunk_low <= high) & (self.chunk_high >= low)).all(axis=1))
+        chunks = np.flatnonzero(_meet(self.chunk_low, self.chunk_high, low, high))
         rows = (chunks[:, None] * _CHUNK + np.arange(_CHUNK)).ravel()
         rows = rows[rows < len(self.corners)]
-        return self.corners[rows[((self.low[rows] <= high) & (self.high[rows] >= low)).all(axis=1)]]
+        return self.corners[rows[_meet(self.low[rows], self.high[rows], low, high)]]
 
 
 def _triangles_within(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> _Triangles:
@@ -179,9 +216,11 @@ def _triangles_within(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarr
     is_far = beyond[triangles[:, 0]] & beyond[triangles[:, 1]] & beyond[triangles[:, 2]]
     kept = triangles[is_far == 0]
     cells = np.clip((vertices[kept[:, 0]] - low) / np.maximum(high - low, 1e-300), 0.0, 1.0) * _CELLS
-    corners = vertices[kept[np.argsort(cells.astype(np.int64) @ np.array([1, 1 << 10, 1 << 20]), kind="stable")]]
+    # Numbers of 16 bits are sorted by radix.
+    cell = (cells.astype(np.int64) @ np.array([1, _CELLS + 1, (_CELLS + 1) ** 2])).astype(np.uint16)
+    corners = vertices[kept[np.argsort(cell, kind="stable")]]
     starts = np.arange(0, len(corners), _CHUNK)
-    at_low, at_high = corners.min(axis=1), corners.max(axis=1)
+    at_low, at_high = _boxes(corners)
     if not len(starts):
         return _Triangles(corners, at_low, at_high, at_low, at_high)
     return _Triangles(
@@ -191,17 +230,23 @@ def _triangles_within(vertices: np.ndarray, triangles: np.ndarray, low: np.ndarr
 
 def _extents(triangles: np.ndarray) -> np.ndarray:
     """The largest coordinate of each triangle."""
-    return np.abs(triangles).max(axis=(1, 2), initial=0.0)
+    rows = np.abs(triangles.reshape(-1, 9))
+    extents = rows[:, 0].copy()
+    for column in range(1, 9):
+        np.maximum(extents, rows[:, column], out=extents)
+    return extents
 
 
 def _touched(
-    faces: _Faces, placed: _Placed, own: np.ndarray, others: np.ndarray, drawn: np.ndarray
+    faces: _Faces, placed: _Placed, own: Callable[[], np.ndarray], others: np.ndarray, drawn: np.ndarray
 ) -> Iterator[tuple[int, float]]:
     """Faces that lie in some other triangle, and the largest coordinate there.
 
     Parameters
     ----------
-    own, others : float64 (M, 3, 3) and (K, 3, 3), triangles
+    own : callable
+        Gives the mesh's triangles, float64 (M, 3, 3): few are asked for.
+    others : float64 (K, 3, 3), triangles
     drawn : float64 (P,), how far faces are drawn already
     """
     reach = TOUCHING * APART * np.maximum(_extents(others), np.abs([placed.low, placed.high]).max())
@@ -218,13 +263,14 @@ def _touched(
         normal, found = placed.normals[face], at[in_face == face]
         triangles, slack = others[found], reach[found, None]
         is_on = (np.abs(triangles @ normal - placed.offsets[face]) <= slack).all(axis=1)
-        is_on &= (triangles.min(axis=1) <= placed.high[face] + slack).all(axis=1)
-        is_on &= (triangles.max(axis=1) >= placed.low[face] - slack).all(axis=1)
+        at_low, at_high = _boxes(triangles)
+        is_on &= (at_low <= placed.high[face] + slack).all(axis=1)
+        is_on &= (at_high >= placed.low[face] - slack).all(axis=1)
         if not is_on.any():
             continue
         triangles = triangles[is_on]
         tolerance = float(slack[is_on].max())
-        members = own[faces.members[face]]
+        members = own()[faces.members[face]]
         members = members[(np.abs(members @ normal - placed.offsets[face]) <= tolerance).all(axis=1)]
         if len(members) and _overlap(members, triangles, normal, tolerance):
             yield face, float(max(_extents(members).max(), _extents(triangles).max()))
@@ -276,7 +322,7 @@ def touching_faces(
     for row in rows.tolist():
         if int(instances.mesh[row]) not in drawn:
             continue
-        is_near = (low <= high[row]).all(axis=1) & (high >= low[row]).all(axis=1) & ~is_left_out
+        is_near = _meet(low, high, low[row], high[row]) & ~is_left_out
         is_near[row] = False
         for other in np.flatnonzero(is_near).tolist():
             touching.setdefault(other, []).append(row)
@@ -309,11 +355,11 @@ def _draw(
     others = theirs.near(placed.low.min(axis=0) - reach, placed.high.max(axis=0) + reach)
     if not len(others):
         return
-    own = world_vertices(instances, meshes, row)[meshes[mesh].triangles]
+    own = cache(lambda: world_vertices(instances, meshes, row)[meshes[mesh].triangles])
     linear = instances.transform[row, :3, :3].astype(np.float64)
     for face, extent in _touched(found, placed, own, others, drawn[mesh]):
         distance, normal = APART * extent, placed.normals[face]
-        if distance <= _MOST_DRAWN * np.ptp(own @ normal):
+        if distance <= _MOST_DRAWN * np.ptp(own() @ normal):
             # Along the normal of the object's space, so far that the plane moves by the distance in the world's.
             drawn[mesh][face] = distance * np.linalg.norm(found.normals[face] @ np.linalg.inv(linear))
 

@@ -30,6 +30,7 @@ from engine.render.report import Progress, RenderReport, RenderResult, peak_memo
 from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
+from engine.render.uncollected import collect_nothing_while_compiling
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
@@ -109,6 +110,7 @@ class Session:
     """
 
     def __init__(self, settings: RenderSettings, *, expects_moves: bool = False) -> None:
+        collect_nothing_while_compiling()
         self.settings = settings
         self.scene: Scene | None = None
         self._expects_moves = expects_moves

@@ -65,8 +65,9 @@ class ImagePool:
 def build_image_pool(images: Sequence[Image]) -> ImagePool:
     """Table of images and the two pools; an image without pixels becomes one transparent black texel.
 
-    Images that stand in a pool as they are get their pixels from there, so that they are in memory once. Where pixels
-    of any lie in a file, so do the pools.
+    Images that stand in a pool as they are get their pixels from there, so that they are in memory once. Images that
+    lie one after the other as in a pool, and stay as they are, become that pool. Where pixels of any lie in a file, so
+    do the pools.
 
     Raises
     ------
@@ -96,13 +97,17 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
         files = [TexelFile(size, dtype, folder) for size, dtype in zip(sizes, _POOL_TYPES, strict=True)]
         pools = [file.values for file in files]
     else:
-        pools = [np.zeros(size, dtype) for size, dtype in zip(sizes, _POOL_TYPES, strict=True)]
+        found = [_pool_at_hand([image for image in images if image.pixels.dtype == dtype]) for dtype in _POOL_TYPES]
+        pools = [np.zeros(size, dtype) if pool is None or len(pool) != size else pool
+                 for size, dtype, pool in zip(sizes, _POOL_TYPES, found, strict=True)]  # fmt: skip
 
     def place(row: int) -> None:
         # Not kept from above: what is in the pool must be free before the next is.
         image, pixels = images[row], _usable(images[row], [])
         is_float = pixels.dtype != np.uint8
         start = int(table[row, IMAGE_OFFSET])
+        if np.shares_memory(pixels[:1, :1], pools[is_float][start : start + 1]):
+            return
         view = pools[is_float][start : start + pixels.size].reshape(pixels.shape)
         if files:
             written = np.empty_like(pixels)
@@ -118,6 +123,38 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
     with ThreadPoolExecutor(1 if files else None, thread_name_prefix="images") as threads:
         list(threads.map(place, range(len(images))))
     return ImagePool(table, pools[0], pools[1], notices, tuple(files))
+
+
+def _pool_at_hand(images: Sequence[Image]) -> np.ndarray | None:
+    """The memory that images of one type lie in, if they do so one after the other and none is to be changed."""
+    if not images or not images[0].pixels.size:
+        return None
+    first = images[0].pixels
+    # What is no part of something larger is its maker's, who may write into it.
+    memory = first.base
+    if not isinstance(memory, np.ndarray) or memory.dtype != first.dtype or not memory.flags.c_contiguous:
+        return None
+    at = begin = (first.ctypes.data - memory.ctypes.data) // memory.itemsize
+    for image in images:
+        pixels = image.pixels
+        is_next = pixels.ctypes.data == memory.ctypes.data + at * memory.itemsize and pixels.flags.c_contiguous
+        if not is_next or not pixels.flags.writeable or pixels.ndim != 3 or pixels.shape[2] != 4:
+            return None
+        at += pixels.size
+    with ThreadPoolExecutor(thread_name_prefix="images") as threads:
+        if not all(threads.map(_stays, images)):
+            return None
+    return memory.reshape(-1)[begin:at]
+
+
+def _stays(image: Image) -> bool:
+    """Whether pixels are in the pool as they are in the image."""
+    pixels = image.pixels
+    if image.alpha_mode == "NONE":
+        return _is_opaque(pixels)
+    if pixels.dtype != np.uint8 and not np.isfinite(pixels).all():
+        return False
+    return image.is_associated == is_associated(image) or _is_opaque(pixels)
 
 
 class ImagePoolCache:

@@ -189,9 +189,31 @@ def test_external_packed_and_relative_files(node: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(image.pixels, stored)
 
 
-def test_blender_keeps_the_pixels_only_if_it_had_them(node: Any, tmp_path: Path) -> None:
+def test_blender_keeps_pixels_it_had_not_up_to_a_number_of_bytes(
+    node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import bpy
 
+    from addon.export import images
+
+    write(tmp_path / "first.png", gradient() / 255.0)
+    write(tmp_path / "second.png", gradient() / 255.0)
+    first, second = (bpy.data.images.load(str(tmp_path / f"{name}.png")) for name in ("first", "second"))
+    monkeypatch.setattr(images, "MOST_LEFT", gradient().nbytes)
+    exporter = images.ImageExporter(export_context())
+    exporter.export(first, None, "Material")
+    exporter.export(second, None, "Material")
+    assert first.has_data and not second.has_data
+
+
+def test_of_many_pixels_blender_keeps_only_those_it_had(
+    node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import bpy
+
+    from addon.export import images
+
+    monkeypatch.setattr(images, "MOST_LEFT", 0)
     stored = gradient()
     write(tmp_path / "texture.png", stored / 255.0)
     node.image = bpy.data.images.load(str(tmp_path / "texture.png"))
@@ -201,6 +223,55 @@ def test_blender_keeps_the_pixels_only_if_it_had_them(node: Any, tmp_path: Path)
     assert node.image.pixels[0] == pytest.approx(stored[0, 0, 0] / 255.0), "read again when asked for"
     shown()
     assert node.image.has_data, "somebody looks at it"
+
+
+def test_byte_images_lie_as_in_the_pool_which_is_no_copy(node: Any) -> None:
+    from addon.export.images import ImageExporter
+    from engine.shaders.image_pool import build_image_pool
+
+    rng = np.random.default_rng(1)
+    stored = [rng.integers(0, 256, (height, 5, 4), np.uint8) for height in (3, 40_000, 7)]
+    for pixels in stored:
+        pixels[..., 3] = 255
+    exporter = ImageExporter(export_context())
+    for pixels in stored:
+        exporter.export(make_image(pixels / 255.0), None, "Material")
+    exporter.close()
+    pool = build_image_pool(exporter.images)
+    for image, pixels in zip(exporter.images, stored, strict=True):
+        np.testing.assert_array_equal(image.pixels, pixels)
+        assert np.shares_memory(image.pixels, pool.pixels_byte)
+    np.testing.assert_array_equal(pool.pixels_byte, np.concatenate([pixels.ravel() for pixels in stored]))
+    assert pool.pixels_byte.base is not None, "the memory that they were read into"
+
+
+def test_a_pool_changes_no_pixels_that_it_was_not_made_for(node: Any) -> None:
+    from addon.export.images import ImageExporter
+    from engine.shaders.image_pool import build_image_pool
+
+    opaque, clear = np.full((2, 3, 4), 255, np.uint8), np.full((2, 3, 4), 100, np.uint8)
+    exporter = ImageExporter(export_context())
+    for pixels in (opaque, clear):
+        exporter.export(make_image(pixels / 255.0), None, "Material")
+    exporter.close()
+    pool = build_image_pool(exporter.images)
+    np.testing.assert_array_equal(exporter.images[1].pixels, clear)
+    assert pool.pixels_byte[opaque.size :].reshape(-1, 4)[0].tolist() == [39, 39, 39, 100]
+
+
+def test_images_without_room_side_by_side_have_memory_of_their_own(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from addon.export import image_memory
+    from addon.export.images import ImageExporter
+
+    stored = [gradient(), gradient(8, 4), gradient(2, 2)]
+    monkeypatch.setattr(image_memory, "SIZE", 4 * stored[1].size + 8)
+    exporter = ImageExporter(export_context())
+    for pixels in stored:
+        exporter.export(make_image(pixels / 255.0), None, "Material")
+    exporter.close()
+    for image, pixels in zip(exporter.images, stored, strict=True):
+        np.testing.assert_array_equal(image.pixels, pixels)
+    assert not any(np.shares_memory(stored[0], image.pixels) for image in exporter.images)
 
 
 def test_half_and_grey_files_have_four_channels(node: Any, tmp_path: Path) -> None:
