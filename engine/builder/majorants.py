@@ -338,21 +338,23 @@ def _largest_of_corners(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _bend(corners: np.ndarray) -> np.ndarray:
-    """How much more may be within a cell than at its corners, by what bends along each axis there.
+def _bulge(corners: np.ndarray) -> np.ndarray:
+    """How much more may be within a cell than at its corners, by how what is there bends along each axis.
 
-    A line with one bend between two corners rises above the straight one by a quarter of what the second differences at
-    both come to, at the most; a smooth curve by less.
+    A line that bends down once between two corners leaves second differences at both, of d and e, and rises above what
+    is straight between them by no more than d e / (d + e). A cubic spline rises by no more than (d + e) / 16.
     """
     total = np.zeros(np.array(corners.shape) - 1)
     for axis, count in enumerate(total.shape):
         if count < 2:
             continue
-        second = np.zeros(corners.shape)
+        bend = np.zeros(corners.shape)
         inner = [slice(None)] * 3
         inner[axis] = slice(1, -1)
-        second[tuple(inner)] = np.abs(np.diff(corners.astype(np.float64), n=2, axis=axis))
-        along = 0.25 * (second.take(range(count), axis) + second.take(range(1, count + 1), axis))
+        bend[tuple(inner)] = np.maximum(-np.diff(corners.astype(np.float64), n=2, axis=axis), 0.0)
+        first, second = bend.take(range(count), axis), bend.take(range(1, count + 1), axis)
+        both = first + second
+        along = np.maximum(first * second / np.maximum(both, 1e-30), both / 16.0)
         for other in {0, 1, 2} - {axis}:
             size = along.shape[other] - 1
             along = np.maximum(along.take(range(size), other), along.take(range(1, size + 1), other))
@@ -383,7 +385,7 @@ def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int], *, has_splines:
             np.minimum(smallest, extinction[part], out=smallest)
             np.maximum(bright, emission[part], out=bright)
         if has_short_cells:
-            np.maximum(largest, _largest_of_corners(extinction) + _bend(extinction), out=largest)
+            np.maximum(largest, _largest_of_corners(extinction) + _bulge(extinction), out=largest)
     if filled.grids and not has_short_cells:
         reach = _SMOOTH_REACH if has_splines else _REACH
         _meet_voxels(filled, lookup, rays, cells, largest, bright, reach)
