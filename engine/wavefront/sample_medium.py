@@ -113,10 +113,9 @@ def _take_tracked(scene, unit, work, lane):
 
 
 @kernel
-def _collide_for_sure(paths, media, lane, distance):
+def _collide_for_sure(paths, media, lane, distance, u_channel, u):
     """Draw where the path collides before `distance`, by the part of each channel that does; as `_collide`."""
     sums, channels = media.coefficients, paths.channels
-    u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
     total = 0.0
     for c in range(len(channels)):
         weight = abs(paths.throughput[lane, c]) * sums[SCATTERING, c] * emitted_length(sums[EXTINCTION, c], distance)
@@ -212,9 +211,9 @@ def _collide(paths, media, lane, distance, is_dark):
     sampling.
     """
     sums = media.coefficients
-    if is_dark:
-        return _collide_for_sure(paths, media, lane, distance)
     u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
+    if is_dark:
+        return _collide_for_sure(paths, media, lane, distance, u_channel, u)
     total, _ = weigh_channels(paths, media, lane, distance)
     if not total > 0.0:
         for c in range(len(paths.channels)):
