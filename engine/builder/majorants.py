@@ -53,6 +53,8 @@ _LOOKS_AT_EMISSION, _FEWEST_LOOKS = 16.0, 4.0
 #: the first of these edges, in voxels, by which they are no more than the second number, else of the last.
 _MOST_VOXELS, _MOST_EXTREMES = 1 << 17, 1 << 18
 _BLOCKS = 2, 4
+#: Where cells are no longer than this, in voxels, their corners and how these bend tell what is between them.
+_SHORT_CELL = 0.5
 #: How many voxels around it one matters to, by straight lines and by cubic splines.
 _REACH, _SMOOTH_REACH = 1.0, 2.0
 
@@ -319,12 +321,54 @@ def _moved(filled: Filled, bound: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return bound
 
 
+def _has_short_cells(filled: Filled, cells: np.ndarray) -> bool:
+    """Whether every grid's voxels are much larger than the cells of bounds."""
+    size = (filled.upper - filled.lower) / cells
+    return all(
+        np.linalg.norm(grid.to_index[:3, :3].astype(np.float64) * size, axis=0).max() <= _SHORT_CELL
+        for grid in filled.grids
+    )
+
+
+def _largest_of_corners(values: np.ndarray) -> np.ndarray:
+    """Of each cell the largest of what is at its corners."""
+    for axis in range(values.ndim):
+        count = values.shape[axis] - 1
+        values = np.maximum(values.take(range(count), axis), values.take(range(1, count + 1), axis))
+    return values
+
+
+def _bulge(corners: np.ndarray) -> np.ndarray:
+    """How much more may be within a cell than at its corners, by how what is there bends along each axis.
+
+    A line that bends down once between two corners leaves second differences at both, of d and e, and rises above what
+    is straight between them by no more than d e / (d + e). A cubic spline rises by no more than (d + e) / 16.
+    """
+    total = np.zeros(np.array(corners.shape) - 1)
+    for axis, count in enumerate(total.shape):
+        if count < 2:
+            continue
+        bend = np.zeros(corners.shape)
+        inner = [slice(None)] * 3
+        inner[axis] = slice(1, -1)
+        bend[tuple(inner)] = np.maximum(-np.diff(corners.astype(np.float64), n=2, axis=axis), 0.0)
+        first, second = bend.take(range(count), axis), bend.take(range(1, count + 1), axis)
+        both = first + second
+        along = np.maximum(first * second / np.maximum(both, 1e-30), both / 16.0)
+        for other in {0, 1, 2} - {axis}:
+            size = along.shape[other] - 1
+            along = np.maximum(along.take(range(size), other), along.take(range(1, size + 1), other))
+        total += along
+    return total
+
+
 def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int], *, has_splines: bool) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
     shape = tuple(cells[::-1])
     largest, smallest, bright = np.zeros(shape), np.full(shape, np.inf), np.zeros(shape)
+    has_short_cells = bool(filled.grids) and _has_short_cells(filled, cells)
     for flags in rays:
         for slab in range(cells[2]):
             extinction, emission = _at_times(filled, lookup, _points_of(filled, cells, slab, random), flags, random)
@@ -340,7 +384,9 @@ def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int], *, has_splines:
             np.maximum(largest, extinction[part], out=largest)
             np.minimum(smallest, extinction[part], out=smallest)
             np.maximum(bright, emission[part], out=bright)
-    if filled.grids:
+        if has_short_cells:
+            np.maximum(largest, _largest_of_corners(extinction) + _bulge(extinction), out=largest)
+    if filled.grids and not has_short_cells:
         reach = _SMOOTH_REACH if has_splines else _REACH
         _meet_voxels(filled, lookup, rays, cells, largest, bright, reach)
     bound = largest + (_SPREAD_OF_GRIDS if filled.grids else _SPREAD) * (largest - smallest)

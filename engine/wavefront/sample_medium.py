@@ -6,8 +6,10 @@ Runs only in scenes that have media, and behind `shade_lights`, which sees lamps
 
 import math
 
+from engine.accel import trace_closest
 from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices
+from engine.kernels.lights import lamp_hit
 from engine.kernels.media import (
     cross_boundary,
     emitted_length,
@@ -21,7 +23,7 @@ from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_media, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
-from engine.kernels.surface import offset_origin, prepare_point, program_of
+from engine.kernels.surface import offset_origin, prepare_point, program_of, surface_point
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
@@ -35,17 +37,27 @@ from engine.state.lanes import (
     RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
 )
+from engine.state.lights import HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
 from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, MOST_CROSSINGS, SCATTERING
-from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY
+from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, VALUE_EMISSION
 from engine.wavefront.columns import (
     MEDIA_DROPPED,
+    SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_WORLD_GROUP,
+    SCENE_WORLD_IS_CONSTANT,
+    SCENE_WORLD_PROGRAM,
+    UNIT_CATCHES,
     UNIT_FOLLOWS,
     UNIT_USE_DENOISING,
     UNIT_USE_FEATURES,
 )
+
+#: Mask of rays that meet whatever any path may see.
+_SEEN_BY_ANY = 31
+#: Lamps that are looked at one by one.
+_MOST_LAMPS = 8
 
 
 @kernel
@@ -101,11 +113,92 @@ def _take_tracked(scene, unit, work, lane):
 
 
 @kernel
-def _collide(paths, media, lane, distance):
+def _collide_for_sure(paths, media, lane, distance, u_channel, u):
+    """Draw where the path collides before `distance`, by the part of each channel that does; as `_collide`."""
+    sums, channels = media.coefficients, paths.channels
+    total = 0.0
+    for c in range(len(channels)):
+        weight = abs(paths.throughput[lane, c]) * sums[SCATTERING, c] * emitted_length(sums[EXTINCTION, c], distance)
+        sums[CHANNEL_WEIGHT, c] = weight
+        total += weight
+    if not total > 0.0:
+        for c in range(len(channels)):
+            paths.throughput[lane, c] = 0.0
+        return -1.0
+    rest = u_channel * total
+    extinction = sums[EXTINCTION, 0]
+    for c in range(len(channels)):
+        if sums[CHANNEL_WEIGHT, c] > 0.0:
+            extinction = sums[EXTINCTION, c]
+            if rest < sums[CHANNEL_WEIGHT, c]:
+                break
+            rest -= sums[CHANNEL_WEIGHT, c]
+    t = min(-math.log1p(-u * extinction * emitted_length(extinction, distance)) / extinction, distance)
+    pdf = 0.0
+    for c in range(len(channels)):
+        if sums[CHANNEL_WEIGHT, c] > 0.0:
+            seen = transmittance(sums[EXTINCTION, c], t)
+            pdf += sums[CHANNEL_WEIGHT, c] * seen / emitted_length(sums[EXTINCTION, c], distance)
+    factor = total / pdf if pdf > 0.0 else 0.0
+    for c in range(len(channels)):
+        paths.throughput[lane, c] *= sums[SCATTERING, c] * transmittance(sums[EXTINCTION, c], t) * factor
+    return t
+
+
+@kernel
+def _is_world_black(scene):
+    """Whether nothing comes from where rays leave the scene, as far as that is the same everywhere; suns aside."""
+    program = scene.header[SCENE_WORLD_PROGRAM]
+    if program < 0:
+        return True
+    values = scene.shaders.program_values
+    largest = max(values[program, VALUE_EMISSION], values[program, VALUE_EMISSION + 1])
+    largest = max(largest, values[program, VALUE_EMISSION + 2])
+    return scene.header[SCENE_WORLD_IS_CONSTANT] != 0 and not largest > 0.0
+
+
+@kernel
+def _may_see_nothing(scene, unit):
+    """Whether camera rays that leave a medium may find nothing that a picture shows, in a scene of few lamps."""
+    header = scene.lights.header
+    is_bounded = scene.header[SCENE_HAS_BOUNDARIES] != 0 and scene.media.world[0] < 0
+    is_seen = scene.options.film_transparent != 0 or unit.header[UNIT_CATCHES] != 0
+    has_few = header[HEADER_HITTABLE] <= _MOST_LAMPS and header[HEADER_FIRST_SUN] == header[HEADER_LAST_SUN]
+    return is_bounded and has_few and not is_seen and _is_world_black(scene)
+
+
+@kernel
+def _sees_nothing_behind(scene, work, lane):
+    """Whether there is neither a surface, nor a medium, nor light behind the boundary that a camera ray has met."""
+    geometry, lights, paths = scene.geometry, scene.lights, work.paths
+    instance, triangle = paths.hit_instance[lane], paths.hit_triangle[lane]
+    if instance < 0 or paths.depth[lane] > 0 or work.log.is_recording[lane] != 0:
+        return False
+    if scene.shaders.programs[program_of(geometry, instance, triangle), PROGRAM_FLAGS] & PROGRAM_IS_BOUNDARY == 0:
+        return False
+    origin, direction, time = load(paths.origin, lane), load(paths.direction, lane), paths.time[lane]
+    for lamp in range(lights.header[HEADER_HITTABLE]):
+        if lamp_hit(lights, lamp, origin, direction, 0.0, INFINITY) >= 0.0:
+            return False
+    p, ng, _ns, error = surface_point(geometry, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], time)
+    # From where the path would go on.
+    return not trace_closest(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0],
+        offset_origin(p, ng, direction, error), direction, 0.0, INFINITY, time, _SEEN_BY_ANY,
+    )
+
+
+@kernel
+def _collide(paths, media, lane, distance, is_dark):
     """Draw where the path collides, before `distance` or not at all, and update its throughput.
 
     One channel draws: the density is the mean over all, by what each has to expect of scattering and of passing, which
     is the balance heuristic. Every channel's throughput is divided by it.
+
+    Parameters
+    ----------
+    is_dark : bool
+        There is no light behind `distance`: the path collides for sure.
 
     Returns
     -------
@@ -119,6 +212,8 @@ def _collide(paths, media, lane, distance):
     """
     sums = media.coefficients
     u_channel, u, _, _ = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_MEDIUM)
+    if is_dark:
+        return _collide_for_sure(paths, media, lane, distance, u_channel, u)
     total, _ = weigh_channels(paths, media, lane, distance)
     if not total > 0.0:
         for c in range(len(paths.channels)):
@@ -182,7 +277,7 @@ def _cross(scene, work, lane, instance, triangle, program):
 
 
 @kernel
-def _pass_uniform(scene, unit, work, lane, distance):
+def _pass_uniform(scene, unit, work, lane, distance, may_see_nothing):
     """Take a path through media that are the same everywhere, before `distance`; see `_take_tracked`."""
     paths, media = work.paths, work.media
     sum_coefficients(scene, paths, media, lane, lane, paths.hit_instance[lane] < 0)
@@ -191,7 +286,7 @@ def _pass_uniform(scene, unit, work, lane, distance):
     for c in range(len(paths.channels)):
         scattering = max(scattering, media.coefficients[SCATTERING, c])
     if scattering > 0.0 and not paths.flags[lane] & RAY_ENDS:
-        return _collide(paths, media, lane, distance)
+        return _collide(paths, media, lane, distance, may_see_nothing and _sees_nothing_behind(scene, work, lane))
     for c in range(len(paths.channels)):
         paths.throughput[lane, c] *= transmittance(media.coefficients[EXTINCTION, c], distance)
     return -1.0
@@ -211,7 +306,7 @@ def sample_medium(scene, unit, work, queue):
     """
     geometry, programs, paths, media = scene.geometry, scene.shaders.programs, work.paths, work.media
     follows, varies = unit.header[UNIT_FOLLOWS] != 0, scene.header[SCENE_HAS_VARYING_MEDIA] != 0
-    has_boundaries = scene.header[SCENE_HAS_BOUNDARIES] != 0
+    has_boundaries, may_see_nothing = scene.header[SCENE_HAS_BOUNDARIES] != 0, _may_see_nothing(scene, unit)
     lanes, lane_count, collided = queue.lanes, queue.count[0], work.collided.lanes
     kept = 0
     collided_count = 0
@@ -241,7 +336,7 @@ def sample_medium(scene, unit, work, queue):
             if varies and work.tracking.is_tracked[lane] != 0:
                 collision = _take_tracked(scene, unit, work, lane)
             else:
-                collision = _pass_uniform(scene, unit, work, lane, distance)
+                collision = _pass_uniform(scene, unit, work, lane, distance, may_see_nothing)
             largest = 0.0
             for c in range(len(paths.channels)):
                 largest = max(largest, abs(paths.throughput[lane, c]))

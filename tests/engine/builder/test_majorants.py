@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from engine.builder.scene import SceneCache, build_scene
 from engine.settings import RenderSettings
@@ -111,3 +112,22 @@ def test_bounds_by_splines_are_those_of_the_voxels_two_away():
     at = (10.5 - np.array([0.0, 1.9])) / 23.0 * bounds.shape[2]
     middle, beside = (bounds[:, :, int(x)].min() for x in at)
     assert middle >= 2.0 * 23.0 / 24.0 and beside > 0.0
+
+
+@pytest.mark.parametrize("is_smooth", [False, True])
+def test_voxels_larger_than_cells_are_bounded_everywhere_and_closely(is_smooth):
+    values = np.random.default_rng(5).random((7, 7, 7)).astype(np.float32)
+    scene = box_of_voxels(values[..., None], 2.0)
+    scene.materials[0].has_smooth_voxels = is_smooth
+    bounds = bounds_of(scene).transpose(2, 1, 0)
+    # Nine points along each edge of a cell.
+    count = 8 * len(bounds) + 1
+    place = np.stack(np.meshgrid(*[np.linspace(0.0, 6.0, count)] * 3, indexing="ij"))
+    # There is nothing around the voxels.
+    padded, order = np.pad(values, 4), 3 if is_smooth else 1
+    found = 2.0 * ndimage.map_coordinates(padded, place + 4.0, order=order, prefilter=False)
+    for axis in range(3):
+        rows = [found.take(range(start, count - 8 + start, 8), axis) for start in range(9)]
+        found = np.max(rows, axis=0)
+    assert (bounds >= found * (1.0 - 1e-3)).all()
+    assert bounds.mean() < 1.1 * found.mean()

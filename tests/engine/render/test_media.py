@@ -208,6 +208,39 @@ def test_surfaces_in_fog_weigh_their_light_by_their_own_densities():
     assert (error < 0.005 * both.mean(axis=0)).all()
 
 
+def test_camera_rays_collide_for_sure_where_nothing_lies_behind_a_medium():
+    """A sky that is not quite black has some of them pass."""
+    fog = medium("Coefficients", **{
+        "Absorption Coefficients": (0.0, 0.1, 0.0), "Scatter Coefficients": (0.6, 0.2, 0.1), "Anisotropy": 0.2,
+    })  # fmt: skip
+    lamp = Light("lamp", "Lamp", "AREA", placed(offset=(3.0, 0.0, 2.0)), (1.0, 1.0, 1.0), 100.0, size_x=1.0)
+    images = [
+        np.array([picture(scene, seed=seed, samples=32, volume_bounces=8) for seed in range(8)])
+        for scene in (media_scene([fog], [placed()], lights=[lamp], world=(sky,) * 3) for sky in (0.0, 1e-7))
+    ]
+    sure, likely = (image.mean(axis=(1, 2), dtype=np.float64) for image in images)
+    error = np.sqrt((sure.var(axis=0, ddof=1) + likely.var(axis=0, ddof=1)) / len(sure))
+    assert (np.abs(sure.mean(axis=0) - likely.mean(axis=0)) <= SIGMAS * error).all()
+    assert (error < 0.02 * likely.mean(axis=0)).all()
+    variances = [image.var(axis=0, ddof=1).mean(axis=(0, 1)) for image in images]
+    assert (variances[0] < 0.8 * variances[1]).all()
+
+
+def test_what_lies_behind_a_medium_is_seen_through_it():
+    """Under a black sky a lamp or something that glows is met by the camera rays that pass."""
+    thin = medium("Scatter", name="Thin", Color=(0.9, 0.9, 0.9, 1.0), Density=1e-3)
+    below, black = placed(offset=(0.0, 0.0, -4.0)), (0.0, 0.0, 0.0)
+    upwards = (below @ np.diag((1.0, -1.0, -1.0, 1.0))).astype(np.float32)
+    lamp = Light("lamp", "Lamp", "AREA", upwards, (1.0, 1.0, 1.0), 100.0, size_x=2.0)
+    seen = picture(media_scene([thin], [placed()], lights=[lamp], world=black), samples=16).mean()
+    alone = picture(media_scene([], np.zeros((0, 4, 4)), lights=[lamp], world=black), samples=16).mean()
+    assert alone > 0.0 and np.allclose(seen, alone, rtol=1e-2)
+    glow = medium("Absorption", "ShaderNodeEmission", name="Glow", Density=0.0)
+    alone = picture(media_scene([glow], [below], world=black), samples=16).mean()
+    seen = picture(media_scene([thin, glow], [placed(), below], world=black), samples=16).mean()
+    assert alone > 0.0 and np.allclose(seen, alone, rtol=1e-2)
+
+
 def test_volume_bounces_count_scatterings_after_the_first():
     fog = medium("Scatter", Color=(1.0, 1.0, 1.0, 1.0), Density=3.0)
     scene = media_scene([fog], [placed()])
