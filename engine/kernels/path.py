@@ -14,6 +14,7 @@ from engine.state.lanes import (
     POINT_NS,
     POINT_P,
     POINT_RADIUS,
+    RAY_CAMERA,
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_GLOSSY,
@@ -52,20 +53,29 @@ def real_3(points, lane, column):
 
 
 @kernel
+def go_on(paths, lane, origin):
+    """Let the ray begin anew at `origin`, behind what it has met: it stays the same ray, and the camera's ends where
+    the camera sees no farther."""
+    distance = paths.hit_distance[lane]
+    paths.mis_distance[lane] += distance
+    paths.radius[lane] += distance * paths.spread[lane]
+    is_cameras = paths.flags[lane] & RAY_CAMERA
+    left = paths.mis_pdf[lane] - paths.mis_distance[lane]
+    paths.hit_distance[lane] = max(left, 0.0) if is_cameras else _INFINITE
+    store(paths.origin, lane, origin)
+
+
+@kernel
 def pass_through(options, paths, points, lane):
     """Go on behind a transparent surface as the same ray: kind, MIS density and origin stay the last scattering's."""
-    distance = paths.hit_distance[lane]
-    paths.hit_distance[lane] = _INFINITE
     flags = paths.flags[lane] | RAY_TRANSPARENT
     if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
-    paths.mis_distance[lane] += distance
-    paths.radius[lane] += distance * paths.spread[lane]
     origin = offset_origin(
         real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), load(paths.direction, lane), paths.offset[lane]
     )
-    store(paths.origin, lane, origin)
+    go_on(paths, lane, origin)
 
 
 @kernel

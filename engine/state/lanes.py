@@ -272,7 +272,8 @@ class PathState(Bundle):
     origin, direction : float32 (L, 3), world; time : float32
     throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
     unguided : float32, factor that makes of the throughput what BSDF sampling would have, for roulette
-    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter
+    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
+        camera's rays, which have none, how far the camera sees [m], as `mis_distance` counts
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
     min_pdf : float32, smallest scattering density so far (filter_glossy)

@@ -137,7 +137,7 @@ def init_from_camera(scene, unit, work, queue):
             start_wavelengths(spectrum, paths, lane, hero)
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
-        paths.mis_pdf[lane] = 0.0
+        paths.mis_pdf[lane] = far
         store(paths.mis_origin, lane, origin)
         store(paths.mis_normal, lane, direction)
         paths.mis_distance[lane] = near

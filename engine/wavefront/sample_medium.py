@@ -19,12 +19,12 @@ from engine.kernels.media import (
     transmittance,
     weigh_channels,
 )
-from engine.kernels.path import real_3
+from engine.kernels.path import go_on, real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_media, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
 from engine.kernels.surface import offset_origin, prepare_point, program_of, surface_point
-from engine.kernels.vector import load, store
+from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
 from engine.state.geometry import INSTANCE_LIGHT_GROUP
@@ -263,12 +263,7 @@ def _cross(scene, work, lane, instance, triangle, program):
     is_back = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0
     if medium >= 0 and not cross_boundary(media, lane, instance, medium, is_back):
         work.counts[MEDIA_DROPPED] += 1
-    distance = paths.hit_distance[lane]
-    origin = offset_origin(real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), direction, error)
-    store(paths.origin, lane, origin)
-    paths.mis_distance[lane] += distance
-    paths.radius[lane] += distance * paths.spread[lane]
-    paths.hit_distance[lane] = INFINITY
+    go_on(paths, lane, offset_origin(real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), direction, error))
     paths.dimension[lane] += SETS_PER_VERTEX
     for c in range(len(paths.channels)):
         paths.throughput[lane, c] /= paths.survival[lane]
