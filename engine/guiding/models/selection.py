@@ -147,8 +147,8 @@ class SelectionModel:
 
     @property
     def promise(self) -> float:
-        """Second moment of all regions without guiding over that with their probabilities: an estimate, 1 where there is
-        none."""
+        """Second moment of all regions without guiding over that with their probabilities: an estimate, 1 where there
+        is none."""
         unguided = self.sums[:, 0]
         guided = float((unguided / np.maximum(self.benefit, np.float32(1e-20))).sum())
         return float(unguided.sum()) / guided if guided > 0.0 else 1.0

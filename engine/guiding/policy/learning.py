@@ -64,7 +64,8 @@ _CAUTIOUS_SAMPLES = 4
 #: What regions have to promise for guiding to be tried on where a comparison has shown it to lose: where it pays they
 #: promise 1.2 to 3.7, where it does not 1 to 1.06 (docs/decisions/guiding-in-media.md).
 _LEAST_PROMISE = 1.1
-#: And from which on all pixels are guided, though a comparison of a part of them has shown little or nothing.
+#: And what both surfaces and media have to promise for all pixels to be guided, though a comparison of a part of them
+#: has shown little.
 _SURE_PROMISE = 1.4
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
@@ -164,7 +165,7 @@ class Learner:
         self._is_guiding = False
         self._is_over = False
         self._learning_seconds = 0.0
-        #: Whether regions promise so much, where guiding is tried cautiously and has not lost, that all pixels are guided.
+        #: Where guiding is tried cautiously and has not lost: whether regions promise enough to guide all pixels.
         self._is_promising = False
         self._gate = self._make_gate()
         self._start = start
@@ -501,7 +502,7 @@ class Learner:
             self._lose(next_range[0])
         if self._is_cautious:
             has_not_lost = choice.efficiency >= trial.LEAST_OF_CAUTIOUS_PART
-            self._is_promising = has_not_lost and self._promised(regions) >= _SURE_PROMISE
+            self._is_promising = has_not_lost and min(self._promised(regions)) >= _SURE_PROMISE
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:
             self._is_guiding = False
@@ -679,12 +680,12 @@ class Learner:
         """Whether a comparison has shown guiding to lose, and regions promise nothing of what would be guided now."""
         if self._is_over or not (self._is_cautious and self._is_doubtful and self._choice.efficiency < 1.0):
             return False
-        return self._promised(regions) < _LEAST_PROMISE
+        return max(self._promised(regions)) < _LEAST_PROMISE
 
-    def _promised(self, regions: RegionModels) -> float:
-        """What regions promise of guiding what would be guided now."""
+    def _promised(self, regions: RegionModels) -> tuple[float, ...]:
+        """What regions promise of guiding what would be guided now, by kind of vertex."""
         surfaces, media = regions.promises
-        return {SURFACES: surfaces, MEDIA: media}.get(self._media_trial.guided, max(surfaces, media))
+        return {SURFACES: (surfaces,), MEDIA: (media,)}.get(self._media_trial.guided, (surfaces, media))
 
     @property
     def _may_guide_less(self) -> bool:

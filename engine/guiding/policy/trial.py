@@ -34,8 +34,9 @@ LEAST_OF_SHORT = 1.25
 #: is; but to go on costs little there.
 LEAST_OF_FIRST_PART = 1.0
 #: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
-#: pays later had 0.87 and more of the efficiency in them, what does not 0.39 and less (docs/decisions/trial-and-choice.md).
-LEAST_OF_CAUTIOUS_PART = 0.6
+#: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less
+#: (docs/decisions/guiding-in-media.md).
+LEAST_OF_CAUTIOUS_PART = 0.75
 #: From which it guides all pixels: below, it may be luck.
 SURE_OF_FIRST_PART = 1.5
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
