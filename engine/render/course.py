@@ -38,9 +38,8 @@ from engine.settings import RenderSettings
 from engine.state.film import FilmTile, rows_of
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
-#: With fewer pixels guiding is tried on all of them: a quarter would say too little. In scenes with media less is asked
-#: of it, and more is to lose.
-_LEAST_TRIAL_PIXELS, _LEAST_TRIAL_PIXELS_OF_MEDIA = 1 << 12, 1 << 9
+#: With fewer pixels guiding is tried on all of them: a quarter would say too little.
+_LEAST_TRIAL_PIXELS = 1 << 12
 
 
 class Course:
@@ -117,14 +116,12 @@ class Course:
         self._trial_tiles: TrialTiles | None = None
         if settings.is_guided:
             trial_share = 1.0
-            has_media = film.layout.has_media
-            least_pixels = _LEAST_TRIAL_PIXELS_OF_MEDIA if has_media else _LEAST_TRIAL_PIXELS
-            if pixel_count >= least_pixels and self.strata == 1:
+            if pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1:
                 self._trial_tiles = TrialTiles(frame)
                 trial_share = self._trial_tiles.trial_pixels / pixel_count
             self.learner = Learner(
                 settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters,
-                trial_share, has_media,
+                trial_share, film.layout.has_media and self.strata == 1,
             )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, tiles.largest)

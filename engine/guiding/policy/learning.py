@@ -107,8 +107,8 @@ class Learner:
         Share of the pixels that units of a trial can have. Until guiding has been found to pay, it is tried on these
         alone.
     has_media : bool
-        Whether the scene has media. Guiding seldom pays there: on a part of the pixels it is tried cautiously, from the
-        fifth sample on, by what four unguided ones have left.
+        Whether the scene has media. Guiding seldom pays there: it is tried cautiously, from the fifth sample on, by
+        what four unguided ones have left.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class Learner:
         #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
         is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
         self._trial_share = trial_share if is_apart else 1.0
-        self._is_cautious = has_media and self._trial_share < 1.0
+        self._is_cautious = has_media and is_apart
         #: What came of iterations that nothing was learned from yet, and their samples.
         self._held = _Held() if self._is_cautious else None
         if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
@@ -260,7 +260,7 @@ class Learner:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
         if self._weighs_arms:
             is_guided = self._is_guiding and arm != PLAIN
-            is_cautious = self._is_cautious and bool(self.other_parts)
+            is_cautious = self._is_cautious and (bool(self.other_parts) or first_sample == _CAUTIOUS_SAMPLES)
             return trial.tried_weight(first_sample, is_guided=is_guided, is_cautious=is_cautious)
         return self._grown_weight(first_sample, arm)
 
@@ -501,7 +501,7 @@ class Learner:
         while self._is_hopeless(regions):
             self._lose(next_range[0])
         if self._is_cautious:
-            has_not_lost = choice.efficiency >= trial.LEAST_OF_CAUTIOUS_PART
+            has_not_lost = choice.efficiency >= trial.LEAST_OF_CAUTIOUS
             self._is_promising = has_not_lost and min(self._promised(regions)) >= _SURE_PROMISE
             self._budget.is_frugal = self._is_doubtful
         if self._is_over:

@@ -36,7 +36,7 @@ LEAST_OF_FIRST_PART = 1.0
 #: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
 #: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less
 #: (docs/decisions/guiding-in-media.md).
-LEAST_OF_CAUTIOUS_PART = 0.75
+LEAST_OF_CAUTIOUS = 0.75
 #: From which it guides all pixels: below, it may be luck.
 SURE_OF_FIRST_PART = 1.5
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
@@ -53,8 +53,8 @@ PLAIN_WEIGHT = 0.5
 GUIDED_WEIGHT = 2.0
 _GUIDED_WEIGHT_FROM = 4
 _FIRST_WEIGHT = 0.5
-#: Weight of guided samples where guiding is tried cautiously, on a part of the pixels: where it loses they have two to
-#: four times the variance of others, and where it wins they are few.
+#: Weight of guided samples where guiding is tried cautiously: where it loses they have two to four times the variance
+#: of others, and where it wins they are few.
 _CAUTIOUS_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
@@ -101,16 +101,16 @@ def least_efficiency(
     least = LEAST_EFFICIENCY[iteration]
     if not is_short(next_sample, samples_left):
         return least
-    if iteration > min(LEAST_EFFICIENCY) or not is_part:
+    if iteration > min(LEAST_EFFICIENCY) or not (is_part or is_cautious):
         return max(least, LEAST_OF_SHORT)
-    return max(least, LEAST_OF_CAUTIOUS_PART if is_cautious else LEAST_OF_FIRST_PART)
+    return max(least, LEAST_OF_CAUTIOUS if is_cautious else LEAST_OF_FIRST_PART)
 
 
 def tried_weight(first_sample: int, *, is_guided: bool, is_cautious: bool = False) -> float:
     """Weight in the image of each sample of an iteration that begins with `first_sample`, where guiding is tried.
 
     It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
-    trial-and-choice.md). `is_cautious`: on a part of the pixels, with few samples of guides that know little.
+    trial-and-choice.md). `is_cautious`: by guides that know little, or on a part of the pixels.
     """
     if first_sample == 0:
         return _FIRST_WEIGHT
