@@ -121,7 +121,7 @@ class Course:
                 trial_share = self._trial_tiles.trial_pixels / pixel_count
             self.learner = Learner(
                 settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters,
-                trial_share,
+                trial_share, film.layout.has_media and self.strata == 1,
             )
         elif settings.radiance_cache != "OFF":
             self.learner = CacheLearner(settings, pixel_count, tiles.largest)

@@ -166,12 +166,12 @@ def pixel_weights(mean: np.ndarray) -> np.ndarray:
     value = mean.mean(axis=2, dtype=np.float64)
     scale = max(float(value.mean()), 1e-20)
     value = value / scale
-    padded = np.pad(value, 2, mode="edge")
+    padded = np.pad(value, 2, mode="edge") / 25.0
     height, width = value.shape
     smooth = np.zeros_like(value)
     for row in range(5):
         for column in range(5):
-            smooth += padded[row : row + height, column : column + width] / 25.0
+            smooth += padded[row : row + height, column : column + width]
     return (1.0 / (smooth**2 + RELATIVE_EPSILON) / scale**2).astype(np.float32).ravel()
 
 

@@ -179,6 +179,12 @@ class RegionModels:
         return self._collisions is not None
 
     @property
+    def promises(self) -> tuple[float, float]:
+        """Second moment without guiding over that with the regions' probabilities, on surfaces and within media: an
+        estimate, 1 where nothing is known."""
+        return self.selection.promise, 1.0 if self._collisions is None else self._collisions.selection.promise
+
+    @property
     def field(self) -> VmmField:
         """The mixture field."""
         return self.mixture.field

@@ -145,6 +145,14 @@ class SelectionModel:
         """All that it knows, as arrays."""
         return {"sums": self.sums.copy(), "probability": self.probability.copy(), "benefit": self.benefit.copy()}
 
+    @property
+    def promise(self) -> float:
+        """Second moment of all regions without guiding over that with their probabilities: an estimate, 1 where there
+        is none."""
+        unguided = self.sums[:, 0]
+        guided = float((unguided / np.maximum(self.benefit, np.float32(1e-20))).sum())
+        return float(unguided.sum()) / guided if guided > 0.0 else 1.0
+
     def update(
         self, model: VmmModel, records: VertexRecords, leaf: Int32Array, *, variance: float, ray_count: float
     ) -> None:

@@ -155,7 +155,7 @@ class Choice:
 
     def judge(
         self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf, *,
-        is_part: bool = False,
+        is_part: bool = False, is_cautious: bool = False,
     ) -> None:
         """After an iteration: draw the conclusion, if it compared.
 
@@ -169,6 +169,8 @@ class Choice:
             Samples a pixel to come, as far as it is known.
         is_part : bool
             Whether a part of the pixels was compared.
+        is_cautious : bool
+            As of `engine.guiding.policy.trial.least_efficiency`.
         """
         self._iteration += 1
         self.has_lost = False
@@ -196,7 +198,9 @@ class Choice:
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
         # Written so that NaN, nothing compared, goes on.
-        least = trial.least_efficiency(self._compared_at, next_sample, samples_left, is_part=is_part)
+        least = trial.least_efficiency(
+            self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious
+        )
         self.has_lost = efficiency < least
         self._was_part = is_part
         is_first_part = is_part and self._compared_at == min(trial.LEAST_EFFICIENCY)
@@ -227,6 +231,11 @@ class Choice:
         if is_taken:
             self.rung = self.challenger
         self.challenger = ""
+
+    def skip(self, first: int, count: int) -> None:
+        """After an iteration that nothing is learned from: the next, of so many samples from `first` on, is alike."""
+        self._iteration += 1
+        self.plan(first, count, (), knows_something=False)
 
     def plan(
         self, first: int, count: int, offers: Sequence[str], *, knows_something: bool = True, is_whole: bool = True,

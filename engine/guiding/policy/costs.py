@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from engine.ris.orca import CandidateCosts
 from engine.state.unit import PLAIN, UnitCosts
@@ -33,6 +33,9 @@ class IterationCosts:
     dropped_records: int = 0
     #: Rays that looked for the next surface.
     closest_count: int = 0
+
+    def __add__(self, other: IterationCosts) -> IterationCosts:
+        return IterationCosts(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
 
 
 class MethodCosts:

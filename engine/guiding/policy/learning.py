@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -59,8 +59,26 @@ _AUTO_CAUTION = 5.0
 #: Of larger pictures the samples that nothing guides, while guiding is tried on others, are not kept to judge roulette
 #: by: their moments take forty bytes a pixel.
 _MOST_ELSEWHERE = 1 << 22
+#: Samples before anything is learned where guiding is tried cautiously. To learn twice costs twice as much, and samples
+#: guided by what the first one has left are worth little.
+_CAUTIOUS_SAMPLES = 4
+#: What regions have to promise for guiding to be tried on where a comparison has shown it to lose: where it pays they
+#: promise 1.2 to 3.7, where it does not 1 to 1.06 (docs/decisions/guiding-in-media.md).
+_LEAST_PROMISE = 1.1
+#: And what both surfaces and media have to promise for all pixels to be guided, though a comparison of a part of them
+#: has shown little.
+_SURE_PROMISE = 1.4
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
+
+
+@dataclass
+class _Held:
+    """What iterations have left that nothing was learned from yet."""
+
+    units: list[UnitRecords] = field(default_factory=list)
+    samples: float = 0.0
+    costs: IterationCosts | None = None
 
 
 class Learner:
@@ -89,6 +107,9 @@ class Learner:
     trial_share : float
         Share of the pixels that units of a trial can have. Until guiding has been found to pay, it is tried on these
         alone.
+    has_media : bool
+        Whether the scene has media. Guiding seldom pays there: it is tried cautiously, from the fifth sample on, by
+        what four unguided ones have left.
 
     Attributes
     ----------
@@ -100,6 +121,7 @@ class Learner:
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
         source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
         keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None, trial_share: float = 1.0,
+        has_media: bool = False,
     ) -> None:
         self.settings = settings
         self._light_clusters = light_clusters
@@ -147,6 +169,8 @@ class Learner:
         self._is_guiding = False
         self._is_over = False
         self._learning_seconds = 0.0
+        #: Where guiding is tried cautiously and has not lost: whether regions promise enough to guide all pixels.
+        self._is_promising = False
         self._gate = self._make_gate()
         self._start = start
         self._keeps = keeps
@@ -168,6 +192,9 @@ class Learner:
         #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
         is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
         self._trial_share = trial_share if is_apart else 1.0
+        self._is_cautious = has_media and is_apart
+        #: What came of iterations that nothing was learned from yet, and their samples.
+        self._held = _Held() if self._is_cautious else None
         if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
             self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock)
         self.other_parts: list[Part] = []
@@ -236,7 +263,9 @@ class Learner:
     def weight(self, first_sample: int, arm: int) -> float:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
         if self._weighs_arms:
-            return trial.tried_weight(first_sample, is_guided=self._is_guiding and arm != PLAIN)
+            is_guided = self._is_guiding and arm != PLAIN
+            is_cautious = self._is_cautious and (bool(self.other_parts) or first_sample == _CAUTIOUS_SAMPLES)
+            return trial.tried_weight(first_sample, is_guided=is_guided, is_cautious=is_cautious)
         return self._grown_weight(first_sample, arm)
 
     def _grown_weight(self, first_sample: int, arm: int) -> float:
@@ -261,6 +290,30 @@ class Learner:
         """Share of the samples of the iteration in work that are guided."""
         return self._choice.guided_share * self._pixel_share
 
+    def _hold(
+        self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
+        costs: IterationCosts, next_range: tuple[int, int],
+    ) -> Guidance:
+        """Keep what an unguided iteration has left for the next to learn from, and go on alike."""
+        held = self._held
+        assert held is not None
+        self._iteration += 1
+        held.units += units
+        held.samples += sum(part.sample_count for part in self.parts)
+        held.costs = costs if held.costs is None else held.costs + costs
+        self._choice.skip(*next_range)
+        # What guides directions learns nothing from the weights of unguided paths.
+        weights = None if self._lights is None else self._weights(sums, size)
+        guidance = Guidance(self.settings, int(recorded_share * 2**32), pixel_weight=weights, lights=self._lights)
+        return self._completed(guidance, weights)
+
+    def _weights(self, sums: FilmTile, size: tuple[int, int]) -> np.ndarray:
+        """Of the pixels' variances, float32 (P,)."""
+        if self._weighs_arms and not self._is_over:
+            return self._compared_values.weights(size)
+        mean = sums.radiance / np.maximum(sums.weight, 1e-20)[:, None]
+        return pixel_weights(mean.reshape(*size, -1))
+
     @property
     def is_over(self) -> bool:
         """Whether guiding has been given up: there is nothing more to learn."""
@@ -272,7 +325,8 @@ class Learner:
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            return self._completed(Guidance(self.settings, self._budget.threshold(1), lights=self._lights))
+            samples = 1 if self._held is None else _CAUTIOUS_SAMPLES
+            return self._completed(Guidance(self.settings, self._budget.threshold(samples), lights=self._lights))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
         return self._guidance(
@@ -404,6 +458,8 @@ class Learner:
         is_whole : bool
             Whether the next iteration's samples lie in all of u, not in a stratum.
         """
+        if self._held is not None and next_range[0] < _CAUTIOUS_SAMPLES:
+            return self._hold(units, recorded_share, sums, size, costs, next_range)
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
@@ -415,13 +471,13 @@ class Learner:
         # In a trial a part of the samples only, and of the pixels.
         guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
+        if self._held is not None:
+            held, self._held = self._held, None
+            units = [*held.units, *units]
+            samples += held.samples
+            costs = costs if held.costs is None else held.costs + costs
         self._samples += samples
-        weight = np.maximum(sums.weight, 1e-20)[:, None]
-        mean = sums.radiance / weight
-        if self._weighs_arms and not self._is_over:
-            weights = self._compared_values.weights(size)
-        else:
-            weights = pixel_weights(mean.reshape(*size, -1))
+        weights = self._weights(sums, size)
         if not self._is_over:
             # What learning costs is compared with what guiding all pixels would.
             self._judge(weights, next_range[0], choice.guided_share * sum(costs.stage_seconds.values()))
@@ -441,6 +497,7 @@ class Learner:
         if self._start is not None and self._iteration == 1:
             # One sample a pixel has none.
             variance = max(variance, self._variance)
+        mean = sums.radiance / np.maximum(sums.weight, 1e-20)[:, None]
         self._ray_count, self._variance, self._brightness = ray_count, variance, float(mean.mean())
         records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
@@ -475,9 +532,18 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
+        while self._is_hopeless(regions):
+            self._lose(next_range[0])
+        if self._is_cautious:
+            has_not_lost = choice.efficiency >= trial.LEAST_OF_CAUTIOUS
+            self._is_promising = has_not_lost and min(self._promised(regions)) >= _SURE_PROMISE
+            self._budget.is_frugal = self._is_doubtful
         if self._light_clusters is not None:
             self._lights = regions.choose_lights()
             self.report.lights_share = regions.lights_share
+        if self._is_over:
+            choice.plan(*next_range, (), knows_something=False)
+            return self._unguided(weights, next_range)
         delta = regions.variance_deltas()
         # Costs of an iteration that compares are those of two methods.
         if len(self.parts) == 1:
@@ -551,7 +617,7 @@ class Learner:
     def _is_doubtful(self) -> bool:
         """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
         is_tried = self.settings.guiding_trial and self._source is None
-        return is_tried and not self._choice.is_paying
+        return is_tried and not (self._choice.is_paying or self._is_promising)
 
     @property
     def wants_last(self) -> bool:
@@ -566,6 +632,8 @@ class Learner:
 
     def take_last(self, units: Sequence[UnitRecords]) -> None:
         """Take the records of the last iteration, which nothing in this render can be guided by."""
+        if self._held is not None:
+            units = [*self._held.units, *units]
         records, row_count = join_records([unit.vertices for unit in units])
         if self.sink is not None:
             self.sink.take(records, row_count)
@@ -613,7 +681,9 @@ class Learner:
         if said:
             choice.trials.append(said)
         left = self._horizon.samples_left(next_sample)
-        choice.judge(weights, next_sample, overhead, left, is_part=bool(self.other_parts))
+        choice.judge(
+            weights, next_sample, overhead, left, is_part=bool(self.other_parts), is_cautious=self._is_cautious
+        )
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
             return
@@ -624,16 +694,33 @@ class Learner:
             self.report.source_stopped_at = next_sample
             # What stands in for it has long been learning: no more benefit of the doubt.
             choice.restart(trial.LAST_DOUBT)
-        elif self._may_guide_less and not trial.is_short(next_sample, left) and self._media_trial.fall_back():
-            choice.restart(trial.LAST_DOUBT)
         else:
-            self._is_over = True
-            self._budget = unguided_budget(
-                self.settings, self._budget.paths_per_sample, self._unit_pixels, learns_lights=self._lights is not None
-            )
-            self.report.stopped_at = next_sample
-            self.report.chosen = "OFF"
-            self._stop_training()
+            self._lose(next_sample)
+
+    def _lose(self, next_sample: int) -> None:
+        """Guide less, where that may pay; else give guiding up."""
+        is_short = trial.is_short(next_sample, self._horizon.samples_left(next_sample))
+        if self._may_guide_less and not is_short and self._media_trial.fall_back():
+            self._choice.restart(trial.LAST_DOUBT)
+            return
+        self._is_over = True
+        self._budget = unguided_budget(
+            self.settings, self._budget.paths_per_sample, self._unit_pixels, learns_lights=self._lights is not None
+        )
+        self.report.stopped_at = next_sample
+        self.report.chosen = "OFF"
+        self._stop_training()
+
+    def _is_hopeless(self, regions: RegionModels) -> bool:
+        """Whether a comparison has shown guiding to lose, and regions promise nothing of what would be guided now."""
+        if self._is_over or not (self._is_cautious and self._is_doubtful and self._choice.efficiency < 1.0):
+            return False
+        return max(self._promised(regions)) < _LEAST_PROMISE
+
+    def _promised(self, regions: RegionModels) -> tuple[float, ...]:
+        """What regions promise of guiding what would be guided now, by kind of vertex."""
+        surfaces, media = regions.promises
+        return {SURFACES: (surfaces,), MEDIA: (media,)}.get(self._media_trial.guided, (surfaces, media))
 
     @property
     def _may_guide_less(self) -> bool:

@@ -33,6 +33,10 @@ LEAST_OF_SHORT = 1.25
 #: On a quarter of the pixels the first comparison knows few bright unguided samples, and shows guiding worse than it
 #: is; but to go on costs little there.
 LEAST_OF_FIRST_PART = 1.0
+#: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
+#: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less
+#: (docs/decisions/guiding-in-media.md).
+LEAST_OF_CAUTIOUS = 0.75
 #: From which it guides all pixels: below, it may be luck.
 SURE_OF_FIRST_PART = 1.5
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
@@ -49,6 +53,9 @@ PLAIN_WEIGHT = 0.5
 GUIDED_WEIGHT = 2.0
 _GUIDED_WEIGHT_FROM = 4
 _FIRST_WEIGHT = 0.5
+#: Weight of guided samples where guiding is tried cautiously: where it loses they have two to four times the variance
+#: of others, and where it wins they are few.
+_CAUTIOUS_WEIGHT = 0.5
 #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
 #: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
 _DECAY = 0.4
@@ -74,7 +81,9 @@ def is_short(next_sample: int, samples_left: float) -> bool:
     return samples_left <= SHORT_REST * next_sample
 
 
-def least_efficiency(iteration: int, next_sample: int, samples_left: float, *, is_part: bool = False) -> float:
+def least_efficiency(
+    iteration: int, next_sample: int, samples_left: float, *, is_part: bool = False, is_cautious: bool = False
+) -> float:
     """Efficiency over unguided rendering from which on guiding goes on after an iteration that compared.
 
     Parameters
@@ -86,22 +95,27 @@ def least_efficiency(iteration: int, next_sample: int, samples_left: float, *, i
     samples_left : float
     is_part : bool
         Whether a part of the pixels was compared.
+    is_cautious : bool
+        Whether guides have learned from unguided samples alone.
     """
     least = LEAST_EFFICIENCY[iteration]
     if not is_short(next_sample, samples_left):
         return least
-    is_first = iteration == min(LEAST_EFFICIENCY)
-    return max(least, LEAST_OF_FIRST_PART if is_first and is_part else LEAST_OF_SHORT)
+    if iteration > min(LEAST_EFFICIENCY) or not (is_part or is_cautious):
+        return max(least, LEAST_OF_SHORT)
+    return max(least, LEAST_OF_CAUTIOUS if is_cautious else LEAST_OF_FIRST_PART)
 
 
-def tried_weight(first_sample: int, *, is_guided: bool) -> float:
+def tried_weight(first_sample: int, *, is_guided: bool, is_cautious: bool = False) -> float:
     """Weight in the image of each sample of an iteration that begins with `first_sample`, where guiding is tried.
 
     It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
-    trial-and-choice.md).
+    trial-and-choice.md). `is_cautious`: by guides that know little, or on a part of the pixels.
     """
     if first_sample == 0:
         return _FIRST_WEIGHT
+    if is_guided and is_cautious:
+        return _CAUTIOUS_WEIGHT
     return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
 
 

@@ -55,6 +55,19 @@ def learn(behaviours, **update):
     return model, model.probability[leaf], leaf
 
 
+def test_regions_promise_what_they_expect_to_save():
+    peak = INTEGRAND / INTEGRAND.sum()
+    assert SelectionModel(0.5).promise == 1.0
+    useless, *_ = learn([(INTEGRAND, EVEN, peak), (INTEGRAND, EVEN, peak)])
+    assert useless.promise == 1.0
+    half, *_ = learn([(INTEGRAND, peak, EVEN), (INTEGRAND, EVEN, peak)])
+    both, *_ = learn([(INTEGRAND, peak, EVEN), (INTEGRAND, peak, EVEN)])
+    assert 2.0 < half.promise < both.promise
+    # Costs decide where to guide, and what is not guided saves nothing.
+    costly, *_ = learn([(INTEGRAND, peak, EVEN), (INTEGRAND, peak, EVEN)], variance=1e9)
+    assert costly.promise == 1.0
+
+
 def test_each_region_goes_by_the_better_of_guide_and_bsdf():
     peak = INTEGRAND / INTEGRAND.sum()
     _, chosen, _ = learn([(INTEGRAND, peak, EVEN), (INTEGRAND, EVEN, peak)])
