@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import SourceModel, TrainedSource
 from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
+from engine.guiding.policy.cautious import CAUTIOUS_SAMPLES, CautiousTrial
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.gate import Gate
@@ -59,26 +60,8 @@ _AUTO_CAUTION = 5.0
 #: Of larger pictures the samples that nothing guides, while guiding is tried on others, are not kept to judge roulette
 #: by: their moments take forty bytes a pixel.
 _MOST_ELSEWHERE = 1 << 22
-#: Samples before anything is learned where guiding is tried cautiously. To learn twice costs twice as much, and samples
-#: guided by what the first one has left are worth little.
-_CAUTIOUS_SAMPLES = 4
-#: What regions have to promise for guiding to be tried on where a comparison has shown it to lose: where it pays they
-#: promise 1.2 to 3.7, where it does not 1 to 1.06 (docs/decisions/guiding-in-media.md).
-_LEAST_PROMISE = 1.1
-#: And what both surfaces and media have to promise for all pixels to be guided, though a comparison of a part of them
-#: has shown little.
-_SURE_PROMISE = 1.4
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
-
-
-@dataclass
-class _Held:
-    """What iterations have left that nothing was learned from yet."""
-
-    units: list[UnitRecords] = field(default_factory=list)
-    samples: float = 0.0
-    costs: IterationCosts | None = None
 
 
 class Learner:
@@ -169,8 +152,8 @@ class Learner:
         self._is_guiding = False
         self._is_over = False
         self._learning_seconds = 0.0
-        #: Where guiding is tried cautiously and has not lost: whether regions promise enough to guide all pixels.
-        self._is_promising = False
+        #: Where guiding is tried cautiously.
+        self._cautious: CautiousTrial | None = None
         self._gate = self._make_gate()
         self._start = start
         self._keeps = keeps
@@ -192,9 +175,8 @@ class Learner:
         #: Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
         is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
         self._trial_share = trial_share if is_apart else 1.0
-        self._is_cautious = has_media and is_apart
-        #: What came of iterations that nothing was learned from yet, and their samples.
-        self._held = _Held() if self._is_cautious else None
+        if has_media and is_apart:
+            self._cautious = CautiousTrial()
         if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
             self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock)
         self.other_parts: list[Part] = []
@@ -264,7 +246,7 @@ class Learner:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
         if self._weighs_arms:
             is_guided = self._is_guiding and arm != PLAIN
-            is_cautious = self._is_cautious and (bool(self.other_parts) or first_sample == _CAUTIOUS_SAMPLES)
+            is_cautious = self._cautious is not None and (bool(self.other_parts) or first_sample == CAUTIOUS_SAMPLES)
             return trial.tried_weight(first_sample, is_guided=is_guided, is_cautious=is_cautious)
         return self._grown_weight(first_sample, arm)
 
@@ -290,17 +272,11 @@ class Learner:
         """Share of the samples of the iteration in work that are guided."""
         return self._choice.guided_share * self._pixel_share
 
-    def _hold(
-        self, units: Sequence[UnitRecords], recorded_share: float, sums: FilmTile, size: tuple[int, int],
-        costs: IterationCosts, next_range: tuple[int, int],
+    def _go_on_alike(
+        self, recorded_share: float, sums: FilmTile, size: tuple[int, int], next_range: tuple[int, int]
     ) -> Guidance:
-        """Keep what an unguided iteration has left for the next to learn from, and go on alike."""
-        held = self._held
-        assert held is not None
+        """Learn nothing from an unguided iteration yet, and go on as before."""
         self._iteration += 1
-        held.units += units
-        held.samples += sum(part.sample_count for part in self.parts)
-        held.costs = costs if held.costs is None else held.costs + costs
         self._choice.skip(*next_range)
         # What guides directions learns nothing from the weights of unguided paths.
         weights = None if self._lights is None else self._weights(sums, size)
@@ -325,7 +301,7 @@ class Learner:
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            samples = 1 if self._held is None else _CAUTIOUS_SAMPLES
+            samples = 1 if self._cautious is None else CAUTIOUS_SAMPLES
             return self._completed(Guidance(self.settings, self._budget.threshold(samples), lights=self._lights))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
@@ -458,8 +434,9 @@ class Learner:
         is_whole : bool
             Whether the next iteration's samples lie in all of u, not in a stratum.
         """
-        if self._held is not None and next_range[0] < _CAUTIOUS_SAMPLES:
-            return self._hold(units, recorded_share, sums, size, costs, next_range)
+        if self._cautious is not None and self._cautious.is_early(next_range[0]):
+            self._cautious.hold(units, sum(part.sample_count for part in self.parts), costs)
+            return self._go_on_alike(recorded_share, sums, size, next_range)
         started = time.perf_counter()
         self._iteration += 1
         choice, settings = self._choice, self.settings
@@ -471,11 +448,9 @@ class Learner:
         # In a trial a part of the samples only, and of the pixels.
         guided_share = self._guided_share
         samples = sum(part.sample_count for part in self.parts) * guided_share
-        if self._held is not None:
-            held, self._held = self._held, None
-            units = [*held.units, *units]
-            samples += held.samples
-            costs = costs if held.costs is None else held.costs + costs
+        if self._cautious is not None:
+            units, earlier_samples, costs = self._cautious.release(units, costs)
+            samples += earlier_samples
         self._samples += samples
         weights = self._weights(sums, size)
         if not self._is_over:
@@ -532,11 +507,12 @@ class Learner:
             regions.learn_shares(
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
-        while self._is_hopeless(regions):
-            self._lose(next_range[0])
-        if self._is_cautious:
-            has_not_lost = choice.efficiency >= trial.LEAST_OF_CAUTIOUS
-            self._is_promising = has_not_lost and min(self._promised(regions)) >= _SURE_PROMISE
+        if self._cautious is not None:
+            while self._is_doubtful and self._cautious.is_hopeless(self._promised(regions), choice.efficiency):
+                self._lose(next_range[0])
+                if self._is_over:
+                    break
+            self._cautious.weigh(self._promised(regions), choice.efficiency)
             self._budget.is_frugal = self._is_doubtful
         if self._light_clusters is not None:
             self._lights = regions.choose_lights()
@@ -617,7 +593,8 @@ class Learner:
     def _is_doubtful(self) -> bool:
         """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
         is_tried = self.settings.guiding_trial and self._source is None
-        return is_tried and not (self._choice.is_paying or self._is_promising)
+        is_promising = self._cautious is not None and self._cautious.is_promising
+        return is_tried and not (self._choice.is_paying or is_promising)
 
     @property
     def wants_last(self) -> bool:
@@ -632,8 +609,8 @@ class Learner:
 
     def take_last(self, units: Sequence[UnitRecords]) -> None:
         """Take the records of the last iteration, which nothing in this render can be guided by."""
-        if self._held is not None:
-            units = [*self._held.units, *units]
+        if self._cautious is not None:
+            units = [*self._cautious.held, *units]
         records, row_count = join_records([unit.vertices for unit in units])
         if self.sink is not None:
             self.sink.take(records, row_count)
@@ -682,7 +659,7 @@ class Learner:
             choice.trials.append(said)
         left = self._horizon.samples_left(next_sample)
         choice.judge(
-            weights, next_sample, overhead, left, is_part=bool(self.other_parts), is_cautious=self._is_cautious
+            weights, next_sample, overhead, left, is_part=bool(self.other_parts), is_cautious=self._cautious is not None
         )
         self.report.efficiency = choice.efficiency
         if not choice.has_lost:
@@ -710,12 +687,6 @@ class Learner:
         self.report.stopped_at = next_sample
         self.report.chosen = "OFF"
         self._stop_training()
-
-    def _is_hopeless(self, regions: RegionModels) -> bool:
-        """Whether a comparison has shown guiding to lose, and regions promise nothing of what would be guided now."""
-        if self._is_over or not (self._is_cautious and self._is_doubtful and self._choice.efficiency < 1.0):
-            return False
-        return max(self._promised(regions)) < _LEAST_PROMISE
 
     def _promised(self, regions: RegionModels) -> tuple[float, ...]:
         """What regions promise of guiding what would be guided now, by kind of vertex."""
