@@ -155,22 +155,13 @@ HEADER_WIDTH = 15
 #: Steps of `map_guide`; a power of two, so that finding one's own does not round.
 MAP_GUIDE_SIZE = 64
 
-#: Directions that a region's surfaces are told apart by where they choose among lights; and steps of
-#: `LightSelection.guide`, a power of two likewise.
-SELECTION_FACINGS = 6
-SELECTION_GUIDE_SIZE = 64
-
 
 class LightSelection(Bundle):
     """How likely regions of space choose each cluster of lights, as learned: N nodes of a binary tree, R regions.
 
-    Surfaces of a region that face different ways (`engine.kernels.directions.axis_faced`) choose apart.
-
     node_split, node_link, bounds, grid, grid_scale : as `engine.kernels.binary_tree` reads them
-    table : int32 (SELECTION_FACINGS R,), row of `cumulative` by region and direction; -1: the light tree alone chooses
+    table : int32 (R,), row of `cumulative`; -1: the region chooses by the light tree alone
     cumulative : float32 (S, clusters + 1), cumulative probability, 0 first and 1 last; S = 0: nothing has been learned
-    guide : int32 (S, SELECTION_GUIDE_SIZE + 1), where to look: the last cluster whose cumulative probability is not
-        above k / SELECTION_GUIDE_SIZE
     """
 
     _dynamic = frozenset({"cumulative"})
@@ -182,15 +173,13 @@ class LightSelection(Bundle):
     grid_scale: Float32Array
     table: Int32Array
     cumulative: Float32Array
-    guide: Int32Array
 
 
 def no_selection() -> LightSelection:
     """Nothing learned: all regions choose by the light tree."""
     return LightSelection(
         np.zeros(1, np.float32), np.zeros((1, 2), np.int32), np.zeros((2, 3), np.float32), np.zeros(1, np.int32),
-        np.zeros(3, np.float32), np.zeros(SELECTION_FACINGS, np.int32), np.zeros((0, 1), np.float32),
-        np.zeros((0, SELECTION_GUIDE_SIZE + 1), np.int32),
+        np.zeros(3, np.float32), np.zeros(1, np.int32), np.zeros((0, 1), np.float32),
     )
 
 

@@ -100,7 +100,7 @@ def _share_of_scattering(lights, collision_share, sample, p, normal):
     pdf, emitter, kind, wi, _, _, _, _, _, _, _, _, _, _, _, _, use_mis, _, pmf = sample
     if not use_mis:
         return 0.0 * pmf
-    row = selection_row(lights, p, normal)
+    row = selection_row(lights, p)
     if kind == LIGHT_BACKGROUND and row >= 0:
         known = background_pdf(lights, p, normal, True, False, wi)
     else:

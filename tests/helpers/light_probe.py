@@ -11,7 +11,6 @@ from engine.builder.emission import ProgramInfo
 from engine.builder.environment import build_environment_map
 from engine.builder.geometry import build_geometry, empty_instances, plain_instances
 from engine.builder.lights import build_lights
-from engine.guiding.models.light_selection import selection_guide
 from engine.kernels.binary_tree import GRID_SIDE, LEAF
 from engine.kernels.lights import (
     background_pdf,
@@ -27,7 +26,7 @@ from engine.kernels.lights.tree import emitter_pmf, pick_emitter, selection_row
 from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
 from engine.state.geometry import GeometryArrays
-from engine.state.lights import LIGHT_SUN, SELECTION_FACINGS, LightArrays, LightSelection
+from engine.state.lights import LIGHT_SUN, LightArrays, LightSelection
 
 # Columns of what `draw` writes.
 PDF, EMITTER, WI, DISTANCE, RADIANCE, NG, PROGRAM, USE_MIS, POINT, U, V, INSTANCE, TRIANGLE = (
@@ -208,9 +207,9 @@ def triangle_pdf(
 def _pmfs(lights, p, n, has_transmission, out):
     for i in range(p.shape[0]):
         for emitter in range(out.shape[1]):
-            at, normal = (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2])
+            at = (p[i, 0], p[i, 1], p[i, 2])
             out[i, emitter] = emitter_pmf(
-                lights, selection_row(lights, at, normal), emitter, at, normal, has_transmission
+                lights, selection_row(lights, at), emitter, at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission
             )
 
 
@@ -224,9 +223,9 @@ def pmfs(lights: LightArrays, p: np.ndarray, n: np.ndarray, has_transmission: bo
 @kernel
 def _picks(lights, p, n, has_transmission, u, emitters, pmf):
     for i in range(u.shape[0]):
-        at, normal = (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2])
+        at = (p[i, 0], p[i, 1], p[i, 2])
         emitters[i], pmf[i], _patch = pick_emitter(
-            lights, selection_row(lights, at, normal), at, normal, has_transmission, u[i]
+            lights, selection_row(lights, at), at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission, u[i]
         )
 
 
@@ -241,11 +240,10 @@ def picks(
 
 def with_selection(lights: LightArrays, probability: Any) -> LightArrays:
     """The same lights, clusters chosen with these probabilities (C,) wherever the receiver is within 100 m."""
-    cumulative = (np.concatenate([[0.0], np.cumsum(probability)]) / np.sum(probability)).astype(np.float32)[None]
+    cumulative = np.concatenate([[0.0], np.cumsum(probability)]) / np.sum(probability)
     bounds = np.array([[-100.0] * 3, [100.0] * 3], np.float32)
     selection = LightSelection(
         np.zeros(1, np.float32), np.array([[LEAF, 0]], np.int32), bounds, np.zeros(GRID_SIDE**3, np.int32),
-        np.full(3, GRID_SIDE / 200.0, np.float32), np.zeros(SELECTION_FACINGS, np.int32), cumulative,
-        selection_guide(cumulative),
+        np.full(3, GRID_SIDE / 200.0, np.float32), np.zeros(1, np.int32), cumulative[None].astype(np.float32),
     )  # fmt: skip
     return lights._replace(selection=selection)

@@ -14,10 +14,10 @@ Binder et al. 2019, "Massively Parallel Path Space Filtering" (cells in a hash t
 import numpy as np
 
 from engine.array_types import Float32Array
-from engine.kernels.directions import DIRECTION_COUNT, axis_faced
 from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 
+_DIRECTION_COUNT = 6
 _OUTERMOST_PERCENT = 2.0
 
 
@@ -25,6 +25,17 @@ def extent_of(position: Float32Array) -> float:
     """Extent of where all but the outermost of these points, float32 (N, 3) [m], lie; above 0."""
     low, high = np.percentile(position, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT), axis=0)
     return max(float((high - low).max()), 1e-6 * float(np.abs(position).max()), 1e-30)
+
+
+@kernel
+def _facing(n):
+    """Which of six directions a unit normal is nearest to: int in [0, 6)."""
+    x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
+    if x >= y and x >= z:
+        return 0 if n[0] >= 0.0 else 1
+    if y >= z:
+        return 2 if n[1] >= 0.0 else 3
+    return 4 if n[2] >= 0.0 else 5
 
 
 @kernel
@@ -40,7 +51,7 @@ def grid_cell(p, n, kind, inverse_size):
     x = np.uint32(floor_of(p[0] * inverse_size) & 0xFFFFFFFF)
     y = np.uint32(floor_of(p[1] * inverse_size) & 0xFFFFFFFF)
     z = np.uint32(floor_of(p[2] * inverse_size) & 0xFFFFFFFF)
-    return x, y, z, np.uint32(kind * DIRECTION_COUNT + axis_faced(n))
+    return x, y, z, np.uint32(kind * _DIRECTION_COUNT + _facing(n))
 
 
 @kernel

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which lights each region samples: learned, so that lamps in other rooms and sky behind walls are left alone.
 
-Surfaces of a region that face different ways see different lights, so each of six directions has moments of its own, a
-*row*. It has few records, so what the whole region has found stands for some more.
-
 A light sample chooses a cluster k with probability P_k, then a point on its lights. With M_k the second moment of what
 the point brings to the image, visibility included, the sample has the second moment sum of M_k / P_k, which is least
 where P_k is in proportion to the square root of M_k. A record of contribution c, its cluster chosen with P_k, adds
@@ -16,27 +13,20 @@ Sampling"; moments instead of means as in Rath et al. 2020, "Variance-Aware Path
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.update import grown
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.records.vertices import VertexRecords
-from engine.kernels.directions import axis_faced
-from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.state.lights import SELECTION_FACINGS, SELECTION_GUIDE_SIZE, LightSelection, no_selection
+from engine.state.lights import LightSelection, no_selection
 
 #: What an iteration's sums count for in the next.
 DECAY = 0.8
-#: Records with a contribution that the mean shape of all regions stands for in each, and of all records; and that a
-#: region's shape stands for in each of its rows.
-_PRIOR_COUNT = 1.0
+#: Records with a contribution that the mean shape of all regions stands for in each, and of all records.
+_PRIOR_COUNT = 4.0
 _PRIOR_DRAWN = 16.0
-_PRIOR_OF_REGION = 8.0
 #: Share of the probability that goes by the tree, as the region's records have met it, where much is known, and number
 #: of records with a contribution until which it is larger.
 _TREE_SHARE = 0.1
@@ -56,37 +46,21 @@ _LAST_UPDATE = 6
 
 
 @kernel
-def _find_rows(leaf, normal, row_of, row_count, found):
-    """Say which row each record belongs to, -1 = none, and number those that are new; returns how many there are."""
-    for record in range(leaf.shape[0]):
-        region = leaf[record]
-        found[record] = -1
-        if region < 0:
-            continue
-        key = region * SELECTION_FACINGS + axis_faced(load(normal, record))
-        if row_of[key] < 0:
-            row_of[key] = row_count
-            row_count += 1
-        found[record] = row_of[key]
-    return row_count
-
-
-@kernel
-def _add_records(records, leaf, found, total, sums, drawn, tree_moment, known):
-    """Add records to their rows' sums, none with more than its share of the region's.
+def _add_records(records, leaf, total, sums, drawn, tree_moment, known):
+    """Add records to their regions' sums, none with more than its share.
 
     Parameters
     ----------
-    leaf, found : int32 (N,), region and row, -1 = none
+    leaf : int32 (N,), -1 = none
     total : float64 (R,), scratch, zeroed
     sums, drawn, tree_moment, known : see `LightSelectionModel`
     """
     for adds in range(2):
-        for record in range(leaf.shape[0]):
-            region, row = leaf[record], found[record]
-            cluster = records.light_cluster[record]
-            pmf = np.float64(records.light_pmf[record])
-            squared = np.float64(records.light_squared[record])
+        for row in range(leaf.shape[0]):
+            region = leaf[row]
+            cluster = records.light_cluster[row]
+            pmf = np.float64(records.light_pmf[row])
+            squared = np.float64(records.light_squared[row])
             # Written so that NaN fails.
             if region < 0 or cluster < 0 or not pmf > 0.0 or not squared < 1e30:
                 continue
@@ -95,21 +69,12 @@ def _add_records(records, leaf, found, total, sums, drawn, tree_moment, known):
                 total[region] += moment
                 continue
             moment = min(moment, _OUTLIER_SHARE * total[region])
-            tree_pmf = np.float64(records.tree_pmf[record])
-            sums[row, cluster] += moment
-            drawn[row, cluster] += tree_pmf / pmf
+            tree_pmf = np.float64(records.tree_pmf[row])
+            sums[region, cluster] += moment
+            drawn[region, cluster] += tree_pmf / pmf
             # What the tree would have left to scattering costs what it costs here.
-            tree_moment[row] += moment / (tree_pmf if tree_pmf > 0.0 else pmf)
-            known[row] += 1.0 if moment > 0.0 else 0.0
-
-
-def selection_guide(cumulative: Float32Array) -> Int32Array:
-    """`LightSelection.guide` of its cumulative probabilities."""
-    steps = np.arange(SELECTION_GUIDE_SIZE + 1, dtype=np.float32) / np.float32(SELECTION_GUIDE_SIZE)
-    guide = np.zeros((len(cumulative), len(steps)), np.int32)
-    for line, row in zip(guide, cumulative, strict=True):
-        line[:] = np.clip(np.searchsorted(row, steps, side="right") - 1, 0, len(row) - 2)
-    return guide
+            tree_moment[region] += moment / (tree_pmf if tree_pmf > 0.0 else pmf)
+            known[region] += 1.0 if moment > 0.0 else 0.0
 
 
 class LightSelectionModel:
@@ -124,21 +89,19 @@ class LightSelectionModel:
 
     Attributes
     ----------
-    row_of : int32 (SELECTION_FACINGS R,), row of what a region knows of surfaces that face one way, -1 = nothing
-    sums : float64 (N, C), estimates of M_k, by row
-    drawn : float64 (N, C), how often the tree would have chosen each cluster
-    tree_moment : float64 (N,), second moment of the light samples had they gone by the tree
-    known : float64 (N,), number of records with a contribution
+    sums : float64 (R, C), estimates of M_k, by region
+    drawn : float64 (R, C), how often the tree would have chosen each cluster
+    tree_moment : float64 (R,), second moment of the light samples had they gone by the tree
+    known : float64 (R,), number of records with a contribution
     share : float, of the regions that choose by what they have learned
     """
 
     def __init__(self, is_possible: npt.NDArray[np.bool_], region_count: int = 1) -> None:
         self._even = is_possible / max(int(is_possible.sum()), 1)
-        self.row_of: Int32Array = np.full(region_count * SELECTION_FACINGS, -1, np.int32)
-        self.sums = np.zeros((0, len(is_possible)))
-        self.drawn = np.zeros((0, len(is_possible)))
-        self.tree_moment = np.zeros(0)
-        self.known = np.zeros(0)
+        self.sums = np.zeros((region_count, len(is_possible)))
+        self.drawn = np.zeros((region_count, len(is_possible)))
+        self.tree_moment = np.zeros(region_count)
+        self.known = np.zeros(region_count)
         self.share = 0.0
         self._update_count = 0
         #: Nothing is learned any more.
@@ -158,63 +121,31 @@ class LightSelectionModel:
         """
         if self.is_over:
             return
-        self._carry_over(regions, regions.split_log if are_updated else ())
-        found = np.empty(len(leaf), np.int32)
-        row_count = int(_find_rows(leaf, records.normal, self.row_of, len(self.known), found))
         for name in ("sums", "drawn", "tree_moment", "known"):
-            setattr(self, name, grown(getattr(self, name), row_count))
-        total = np.zeros(regions.region_count)
-        _add_records(records, leaf, found, total, self.sums, self.drawn, self.tree_moment, self.known)
-
-    def _carry_over(self, regions: RegionTree, split_log: Iterable[npt.NDArray[np.int32]]) -> None:
-        """Let earlier records count for less, and halves of regions that were cut have half of them each."""
-        row_of = np.full((regions.region_count, SELECTION_FACINGS), -1, np.int32)
-        row_of.reshape(-1)[: len(self.row_of)] = self.row_of
-        source, share = list(range(len(self.known))), [DECAY] * len(self.known)
-        for region, parent in split_log:
-            for facing in np.flatnonzero(row_of[parent] >= 0):
-                row = row_of[parent, facing]
-                share[row] *= 0.5
-                row_of[region, facing] = len(source)
-                source.append(source[row])
-                share.append(share[row])
-        self.row_of = row_of.reshape(-1)
-        rows, shares = np.array(source, np.int64), np.array(share)
-        self.sums, self.drawn = self.sums[rows] * shares[:, None], self.drawn[rows] * shares[:, None]
-        self.tree_moment, self.known = self.tree_moment[rows] * shares, self.known[rows] * shares
+            faded = DECAY * getattr(self, name)
+            setattr(self, name, regions.inherited(faded, share=0.5) if are_updated else faded)
+        total = np.zeros(len(self.sums))
+        _add_records(records, leaf, total, self.sums, self.drawn, self.tree_moment, self.known)
 
     def probabilities(self) -> tuple[Float32Array, np.ndarray]:
-        """Probability of each cluster, (N, C), and which rows it pays for, bool (N,): all of a region, or none."""
-        keys = np.flatnonzero(self.row_of >= 0)
-        # Rows by region, where each region's begin, and which of these a row belongs to.
-        rows = self.row_of[keys]
-        _, begin, place = np.unique(keys // SELECTION_FACINGS, return_index=True, return_inverse=True)
-        region_of = np.empty(len(rows), np.int64)
-        region_of[rows] = place
-
-        def by_region(sums: np.ndarray) -> np.ndarray:
-            return np.add.reduceat(sums[rows], begin, axis=0) if len(rows) else sums
-
-        sums, drawn, known = by_region(self.sums), by_region(self.drawn), by_region(self.known)
-        mean_shape = sums.sum(axis=0) / max(sums.sum(), 1e-300)
-        mean_drawn = drawn.sum(axis=0) / max(drawn.sum(), 1e-300)
-        one_record = sums.sum(axis=1) / np.maximum(known, 1.0)
-        sums = _normalized(sums + _PRIOR_COUNT * one_record[:, None] * mean_shape)
-        drawn = _normalized(drawn + _PRIOR_DRAWN * mean_drawn)
-        doubt = (_TREE_SHARE + (1.0 - _TREE_SHARE) * _DOUBT_COUNT / (known + _DOUBT_COUNT))[region_of, None]
-        total = self.sums.sum(axis=1)
-        one_record = np.where(total > 0.0, total / np.maximum(self.known, 1e-300), 1.0)
-        learned = _normalized(np.sqrt(self.sums + _PRIOR_OF_REGION * one_record[:, None] * sums[region_of]))
-        drawn = _normalized(self.drawn + _PRIOR_DRAWN * drawn[region_of])
+        """Probability of each cluster, (R, C), and which regions it pays in, bool (R,)."""
+        total, known = self.sums.sum(axis=1), self.known
+        mean_shape = self.sums.sum(axis=0) / max(self.sums.sum(), 1e-300)
+        mean_drawn = self.drawn.sum(axis=0) / max(self.drawn.sum(), 1e-300)
+        one_record = total / np.maximum(known, 1.0)
+        learned = np.sqrt(self.sums + _PRIOR_COUNT * one_record[:, None] * mean_shape)
+        learned /= np.maximum(learned.sum(axis=1), 1e-300)[:, None]
+        drawn = (self.drawn + _PRIOR_DRAWN * mean_drawn) / (self.drawn.sum(axis=1)[:, None] + _PRIOR_DRAWN)
+        drawn /= np.maximum(drawn.sum(axis=1), 1e-300)[:, None]
+        doubt = (_TREE_SHARE + (1.0 - _TREE_SHARE) * _DOUBT_COUNT / (known + _DOUBT_COUNT))[:, None]
         mixed = (1.0 - _EVEN_SHARE) * ((1.0 - doubt) * learned + doubt * drawn) + _EVEN_SHARE * self._even
-        mixed = _normalized(mixed)
-        moment = by_region((self.sums / np.maximum(mixed, 1e-300)).sum(axis=1))
-        tree_moment = by_region(self.tree_moment)
-        pays = (known >= _LEAST_COUNT) & (tree_moment >= _LEAST_BENEFIT * moment)
-        saved = (tree_moment - moment)[pays].sum()
-        if not saved > _LEAST_SAVED * tree_moment.sum():
+        mixed /= mixed.sum(axis=1)[:, None]
+        moment = (self.sums / np.maximum(mixed, 1e-300)).sum(axis=1)
+        pays = (known >= _LEAST_COUNT) & (self.tree_moment >= _LEAST_BENEFIT * moment)
+        saved = (self.tree_moment - moment)[pays].sum()
+        if not saved > _LEAST_SAVED * self.tree_moment.sum():
             pays[:] = False
-        return mixed, pays[region_of]
+        return mixed, pays
 
     def selection(self, regions: RegionTree) -> LightSelection:
         """What kernels choose by; ask once an update."""
@@ -226,20 +157,10 @@ class LightSelectionModel:
         if not pays.any():
             self.is_over = self._update_count >= _LAST_UPDATE
             return no_selection()
-        # By row, and of keys without one.
-        place = np.full(len(pays) + 1, -1, np.int32)
-        place[:-1][pays] = np.arange(int(pays.sum()))
-        table = place[self.row_of]
+        table = np.full(len(pays), -1, np.int32)
+        table[pays] = np.arange(int(pays.sum()))
         cumulative = np.zeros((int(pays.sum()), probability.shape[1] + 1), np.float32)
         cumulative[:, 1:] = np.cumsum(probability[pays], axis=1)
         cumulative[:, -1] = 1.0
-        self.share = float((table.reshape(-1, SELECTION_FACINGS) >= 0).any(axis=1).mean())
-        return LightSelection(
-            **regions.published._asdict(), table=table, cumulative=cumulative, guide=selection_guide(cumulative)
-        )
-
-
-def _normalized(weights: np.ndarray) -> np.ndarray:
-    """The same rows with a sum of one."""
-    total: np.ndarray = np.maximum(weights.sum(axis=1), 1e-300)[:, None]
-    return weights / total
+        self.share = float(pays.mean())
+        return LightSelection(**regions.published._asdict(), table=table, cumulative=cumulative)

@@ -33,6 +33,10 @@ LEAST_OF_SHORT = 1.25
 #: On a quarter of the pixels the first comparison knows few bright unguided samples, and shows guiding worse than it
 #: is; but to go on costs little there.
 LEAST_OF_FIRST_PART = 1.0
+#: Where more than so many times the samples taken are left, going on on a quarter of the pixels costs a fiftieth of
+#: the render at most, and the first comparisons have shown 0.4 where guiding came to 6 and 9 (docs/decisions/trial-and-choice.md).
+LONG_REST = 23
+LEAST_OF_LONG_PART = 0.25
 #: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
 #: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less
 #: (docs/decisions/guiding-in-media.md).
@@ -100,7 +104,8 @@ def least_efficiency(
     """
     least = LEAST_EFFICIENCY[iteration]
     if not is_short(next_sample, samples_left):
-        return least
+        has_time = samples_left > LONG_REST * next_sample
+        return min(least, LEAST_OF_LONG_PART) if is_part and not is_cautious and has_time else least
     if iteration > min(LEAST_EFFICIENCY) or not (is_part or is_cautious):
         return max(least, LEAST_OF_SHORT)
     return max(least, LEAST_OF_CAUTIOUS if is_cautious else LEAST_OF_FIRST_PART)

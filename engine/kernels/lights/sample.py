@@ -145,7 +145,7 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
 @kernel(forceinline=True)
 def choose_emitter(lights, p, n, has_transmission, u):
     """The emitter that `sample_light` chooses; returns as `pick_emitter` does."""
-    return pick_emitter(lights, selection_row(lights, p, n), p, n, has_transmission, u)
+    return pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u)
 
 
 @kernel(forceinline=True)
@@ -363,7 +363,7 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     pdf = triangle_pdf(v0, edge1, edge2, p, wi, distance)
     if not pdf > 0.0:
         return pdf
-    return pdf * emitter_pmf(lights, selection_row(lights, p, n), emitter, p, n, has_transmission)
+    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
 
 
 @kernel
@@ -372,7 +372,7 @@ def background_pdf(lights, p, n, has_transmission, leaves_dim, direction):
     emitter = lights.header[HEADER_BACKGROUND_EMITTER]
     if emitter < 0:
         return 0.0 * p[0]
-    row = selection_row(lights, p, n)
+    row = selection_row(lights, p)
     if row >= 0:
         patch, pdf = patch_pdf(
             lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
@@ -411,7 +411,7 @@ def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi)
             whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
             part = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi)
             ratio = part / whole if whole > 0.0 else 0.0 * whole
-    row = selection_row(lights, p, n)
+    row = selection_row(lights, p)
     cluster, chosen_pmf = cluster_of(lights, emitter, patch, pmf, p, n, has_transmission)
     if row < 0:
         chosen_pmf *= ratio
@@ -450,7 +450,7 @@ def lamp_pdf(lights, row, p, n, has_transmission, wi, distance):
     else:
         pdf = sphere_pdf(lights.lamps, lights.lamp_table, row, p, n, has_transmission, wi, distance)
     emitter = lights.lamp_table[row, LAMP_EMITTER]
-    return pdf * emitter_pmf(lights, selection_row(lights, p, n), emitter, p, n, has_transmission)
+    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
 
 
 @kernel
@@ -466,5 +466,5 @@ def sun_pdf(lights, row, p, n, has_transmission):
     """Density [sr^-1] with which `sample_light` proposes directions of sun `row`'s disc."""
     emitter = lights.lamp_table[row, LAMP_EMITTER]
     return (INV_TWO_PI / lights.lamps[row, LAMP_ONE_MINUS_COS]) * emitter_pmf(
-        lights, selection_row(lights, p, n), emitter, p, n, has_transmission
+        lights, selection_row(lights, p), emitter, p, n, has_transmission
     )

@@ -6,9 +6,8 @@ Every choice is made in proportion to one estimate, the irradiance a receiver co
 emitter is found by walking up. Both take the importances of a whole group at once.
 `has_transmission` receivers count light from both sides.
 
-Regions that have learned which lights they see choose a cluster by what they know of surfaces that face as the receiver
-does (`LightSelection`), and an emitter below it by the tree. `row` is what `selection_row` says of the receiver: both
-directions must use the same.
+Regions that have learned which lights they see choose a cluster by what they know (`LightSelection`), and an emitter
+below it by the tree. `row` is what `selection_row` says of the receiver: both directions must use the same.
 
 References: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting", Eq. (3);
 Vevoda, Kondapaneni and Krivanek 2018, "Bayesian Online Regression for Adaptive Direct Illumination Sampling".
@@ -20,7 +19,6 @@ import numpy as np
 
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.constants import FLOAT_MAX, ONE_MINUS_EPSILON
-from engine.kernels.directions import axis_faced
 from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, store_eight, sums_before
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -54,8 +52,6 @@ from engine.state.lights import (
     NODE_SIN_NORMALS,
     NODE_SPREAD,
     NODE_TWO_SIDED,
-    SELECTION_FACINGS,
-    SELECTION_GUIDE_SIZE,
 )
 
 # Of a group, and as a node: int64, not literals, since each type of index would compile `group_importances` again.
@@ -190,17 +186,15 @@ def _local_and_total(nodes, distant, p, n, has_transmission):
 
 
 @kernel
-def selection_row(lights, p, n):
-    """Row of `LightSelection.cumulative` of the region that holds p, of surfaces that face as n does (any length); -1:
-    they choose by the light tree.
-    """
+def selection_row(lights, p):
+    """Row of `LightSelection.cumulative` of the region that holds p, -1: it chooses by the light tree."""
     selection = lights.selection
     if selection.cumulative.shape[0] == 0:
         return np.int64(-1)
     leaf = locate_leaf(selection, p)
     if leaf < 0:
         return np.int64(-1)
-    return np.int64(selection.table[leaf * SELECTION_FACINGS + axis_faced(n)])
+    return np.int64(selection.table[leaf])
 
 
 @kernel
@@ -213,10 +207,9 @@ def cluster_pmf(lights, row, cluster):
 @kernel
 def _pick_cluster(lights, row, u):
     """Cluster that a region chooses, its probability, and a number that is uniform again."""
-    cumulative, guide = lights.selection.cumulative, lights.selection.guide
-    step = int(u * np.float32(SELECTION_GUIDE_SIZE))
-    low = np.int64(guide[row, step])
-    high = np.int64(guide[row, step + 1]) + 1
+    cumulative = lights.selection.cumulative
+    low = np.int64(0)
+    high = np.int64(cumulative.shape[1] - 1)
     while high - low > 1:
         middle = (low + high) >> 1
         if cumulative[row, middle] <= u:

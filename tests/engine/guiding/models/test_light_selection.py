@@ -9,18 +9,12 @@ from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.models.light_selection import LightSelectionModel
 from engine.guiding.records.vertices import allocate_vertex_records, as_records
-from engine.state.lights import SELECTION_FACINGS
 
 COUNT, CLUSTERS = 4000, 6
 
 
-UP, DOWN = 4, 5
-
-
-def learn(moment_below, moment_above, *, pmf=None, moment_facing_down=None, facing=UP):
-    """Probabilities of two regions, below and above x = 0, whose records find so much light by cluster (M_k), on
-    surfaces that face one way. Half of the surfaces face down if they find something else.
-    """
+def learn(moment_below, moment_above, *, pmf=None):
+    """Probabilities of two regions, below and above x = 0, whose records find so much light by cluster (M_k)."""
     rng = np.random.default_rng(7)
     records = allocate_vertex_records(2 * COUNT)
     records.position[:] = rng.uniform(-1, 1, (2 * COUNT, 3)) * (1.0, 0.1, 0.1)
@@ -32,10 +26,6 @@ def learn(moment_below, moment_above, *, pmf=None, moment_facing_down=None, faci
     cluster = rng.choice(CLUSTERS, 2 * COUNT, p=chosen)
     is_above = records.position[:, 0] > 0.0
     moment = np.where(is_above[:, None], moment_above, moment_below)[np.arange(2 * COUNT), cluster]
-    if moment_facing_down is not None:
-        faces_down = np.arange(2 * COUNT) % 2 == 0
-        records.normal[faces_down] = (0.0, 0.0, -1.0)
-        moment = np.where(faces_down, np.asarray(moment_facing_down)[cluster], moment)
     records.light_cluster[:] = cluster
     records.light_pmf[:], records.tree_pmf[:] = chosen[cluster], tree[cluster]
     # A contribution in proportion to 1 / P_k, whose expected square times P_k^2 is the moment.
@@ -53,8 +43,7 @@ def learn(moment_below, moment_above, *, pmf=None, moment_facing_down=None, faci
     if len(selection.cumulative) == 0:
         return [None, None]
     probability = np.diff(selection.cumulative, axis=1)
-    row = selection.table[SELECTION_FACINGS * region + facing]
-    return [probability[r] if r >= 0 else None for r in row]
+    return [probability[selection.table[r]] if selection.table[r] >= 0 else None for r in region]
 
 
 def test_each_region_samples_the_lights_it_sees() -> None:
@@ -65,21 +54,12 @@ def test_each_region_samples_the_lights_it_sees() -> None:
     assert below.sum() == pytest.approx(1.0, abs=1e-5)
 
 
-def test_surfaces_that_face_other_ways_sample_other_lights() -> None:
-    moments = [1.0, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0]
-    up, down = (learn(*moments, moment_facing_down=[0, 0, 0, 4.0, 0, 0], facing=facing)[0] for facing in (UP, DOWN))
-    assert up[0] > 0.7 and down[3] > 0.7
-    # Nothing is known of walls here, but of the region there is.
-    assert learn(*moments, moment_facing_down=[0, 0, 0, 4.0, 0, 0], facing=0) == [None, None]
-
-
 def test_halves_of_a_region_share_what_it_has_found() -> None:
-    """By every direction, and nothing is lost or doubled."""
+    """Nothing is lost or doubled."""
     rng = np.random.default_rng(3)
     records = allocate_vertex_records(COUNT)
     records.position[:] = rng.uniform(-1, 1, (COUNT, 3))
-    records.normal[:] = np.array([(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)])[np.arange(COUNT) % 2]
-    records.direction[:] = (0.0, 0.0, 1.0)
+    records.direction[:] = records.normal[:] = (0.0, 0.0, 1.0)
     for column in (records.radiance, records.pdf, records.distance, records.roughness):
         column[:] = 1.0
     records.light_cluster[:] = 0
@@ -95,8 +75,6 @@ def test_halves_of_a_region_share_what_it_has_found() -> None:
         counts.append(regions.region_count)
         assert model.known.sum() == pytest.approx(known[-1]) == model.sums.sum()
     assert counts[-1] > counts[0]
-    # Two of six directions of each.
-    assert (model.row_of >= 0).sum() == len(model.known) == 2 * regions.region_count
 
 
 @pytest.mark.parametrize("pmf", [None, [0.5, 0.1, 0.1, 0.1, 0.1, 0.1]])
