@@ -154,6 +154,8 @@ class Course:
     def begin(self) -> None:
         """The first task is about to be traced: time runs from here on."""
         self._start = time.perf_counter()
+        if isinstance(self.learner, Learner):
+            self.learner.begin()
 
     @property
     def has_begun(self) -> bool:

@@ -66,6 +66,10 @@ class Gate:
     def _is_undecided(self) -> bool:
         return self._judges_on or not self._is_kept
 
+    def begin_clock(self) -> None:
+        """Tracing begins."""
+        self._horizon.begin()
+
     def expect(self, samples: float) -> None:
         """Take how many samples all pixels are still to get on average, as far as their noise tells."""
         self._horizon.expected_samples = samples

@@ -37,6 +37,10 @@ class Horizon:
         self._uses_clock = uses_clock
         self._started = time.perf_counter()
 
+    def begin(self) -> None:
+        """Tracing begins: what has gone before, as loading kernels, is no part of a time limit."""
+        self._started = time.perf_counter()
+
     def samples_left(self, next_sample: int) -> float:
         """Samples a pixel that are still to come, as far as it is known."""
         left = float(self._settings.samples - next_sample)

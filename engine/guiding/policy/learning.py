@@ -361,6 +361,12 @@ class Learner:
         self._ends_by_learned = guidance.reflected is not None
         return guidance if self._cache is None else self._cache.complete(guidance)
 
+    def begin(self) -> None:
+        """Tracing begins."""
+        self._horizon.begin()
+        if self._gate is not None:
+            self._gate.begin_clock()
+
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
         self._budget.paths_per_sample = pixel_count

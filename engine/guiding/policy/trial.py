@@ -33,9 +33,10 @@ LEAST_OF_SHORT = 1.25
 #: On a quarter of the pixels the first comparison knows few bright unguided samples, and shows guiding worse than it
 #: is; but to go on costs little there.
 LEAST_OF_FIRST_PART = 1.0
-#: Where more than so many times the samples taken are left, going on on a quarter of the pixels costs a fiftieth of
-#: the render at most, and the first comparisons have shown 0.4 where guiding came to 6 and 9 (docs/decisions/trial-and-choice.md).
-LONG_REST = 23
+#: Where more than so many times the samples taken are left, going on on a quarter of the pixels costs a thirtieth of
+#: the render at most, and the first comparisons have shown 0.4 where guiding came to 4 and 9
+#: (docs/decisions/trial-and-choice.md).
+LONG_REST = 15
 LEAST_OF_LONG_PART = 0.25
 #: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
 #: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less

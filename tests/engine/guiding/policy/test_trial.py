@@ -156,11 +156,11 @@ def test_a_part_of_the_pixels_gets_the_benefit_of_the_doubt_once():
     assert trial.least_efficiency(2, 8, 24.0, is_part=True) == trial.LEAST_OF_FIRST_PART < trial.LEAST_OF_SHORT
     assert trial.least_efficiency(2, 8, 24.0) == trial.LEAST_OF_SHORT
     assert trial.least_efficiency(3, 16, 16.0, is_part=True) == trial.LEAST_OF_SHORT
-    assert trial.least_efficiency(2, 8, 150.0, is_part=True) == trial.LEAST_EFFICIENCY[2]
+    assert trial.least_efficiency(2, 8, 100.0, is_part=True) == trial.LEAST_EFFICIENCY[2]
 
 
 def test_a_part_of_the_pixels_goes_on_being_tried_where_that_costs_nothing():
-    """In a render that is 24 times as long; scenes with media are told by what regions promise."""
+    """In a render that is 16 times as long; scenes with media are told by what regions promise."""
     assert trial.least_efficiency(2, 8, 200.0, is_part=True) == trial.LEAST_OF_LONG_PART < trial.LEAST_EFFICIENCY[2]
     assert trial.least_efficiency(3, 16, 400.0, is_part=True) == trial.LEAST_OF_LONG_PART
     assert trial.least_efficiency(2, 8, 200.0) == trial.LEAST_EFFICIENCY[2]
