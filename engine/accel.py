@@ -59,7 +59,6 @@ _DEVICE_PROPERTY_FILTER_FUNCTION = 66
 _ERROR_OUT_OF_MEMORY = 4
 _TRANSFORM_BYTES = 48
 
-#: floats in an RTCRayHit with one level of instancing, padded to 16 bytes
 #: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
 MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128

@@ -38,14 +38,18 @@ class Boxes:
     extent: np.ndarray
 
 
+def box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner of the box around points (N, 3), N > 0. Numpy takes long for short axes."""
+    columns = [points[:, axis] for axis in range(3)]
+    return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
+
+
 def instance_boxes(instances: Instances, meshes: list[Mesh]) -> Boxes:
     """Boxes around instances; of one without vertices, or whose transform is not finite, an empty one."""
     corners = np.full((max(len(meshes), 1), 8, 4), np.nan)
     for index, mesh in enumerate(meshes):
         if len(mesh.vertices):
-            columns = [mesh.vertices[:, axis] for axis in range(3)]  # numpy takes long for short axes
-            limits = np.array([[column.min() for column in columns], [column.max() for column in columns]])
-            corners[index, :, :3] = limits[BOX_CORNERS, np.arange(3)]
+            corners[index, :, :3] = np.array(box_around(mesh.vertices))[BOX_CORNERS, np.arange(3)]
             corners[index, :, 3] = 1.0
     matrices = instances.transform[:, :3].astype(np.float64)
     placed = np.einsum("nij,nkj->nki", matrices, corners[instances.mesh])

@@ -15,7 +15,15 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from engine.builder.boundaries import APART, BOX_CORNERS, MOST_VERTICES, TOUCHING, instance_boxes, world_vertices
+from engine.builder.boundaries import (
+    APART,
+    BOX_CORNERS,
+    MOST_VERTICES,
+    TOUCHING,
+    box_around,
+    instance_boxes,
+    world_vertices,
+)
 from engine.scene.description import Instances, Mesh, SceneDescription
 
 #: Plane faces of a mesh that are looked at, the largest ones.
@@ -64,12 +72,6 @@ def _is_sound(mesh: Mesh) -> bool:
     return len(mesh.triangles) > 0 and int(mesh.triangles.max()) < len(mesh.vertices)
 
 
-def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Low and high corner of the box around points (N, 3), N > 0. Numpy takes long for short axes."""
-    columns = [points[:, axis] for axis in range(3)]
-    return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
-
-
 def _boxes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Low and high corners, (N, 3) each, of the boxes around triangles (N, 3, 3)."""
     first, second, third = triangles[:, 0], triangles[:, 1], triangles[:, 2]
@@ -116,7 +118,7 @@ def _plane_faces(mesh: Mesh) -> _Faces | None:
     total = areas.sum()
     if not np.isfinite(total) or not total > 0.0:
         return None
-    low, high = _box(vertices)
+    low, high = box_around(vertices)
     middle = 0.5 * (low + high)
     size = float(np.abs(vertices - middle).max())
     is_closed = np.linalg.norm(vectors.sum(axis=0)) <= _LEAST_OPEN * total

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sending a path on: ray, ray kind, depths and flags after a scattering, whoever chose the direction."""
 
-import numpy as np
 
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
+from engine.kernels.constants import INFINITY
 from engine.kernels.lights import finds_all
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
@@ -43,7 +43,6 @@ _RESET = ~(
     | RAY_MIS_FINDS_ALL
     | RAY_TRANSPARENT_BACKGROUND
 )
-_INFINITE = np.float32(np.inf)
 
 
 @kernel
@@ -61,7 +60,7 @@ def go_on(paths, lane, origin):
     paths.radius[lane] += distance * paths.spread[lane]
     is_cameras = paths.flags[lane] & RAY_CAMERA
     left = paths.mis_pdf[lane] - paths.mis_distance[lane]
-    paths.hit_distance[lane] = max(left, 0.0) if is_cameras else _INFINITE
+    paths.hit_distance[lane] = max(left, 0.0) if is_cameras else INFINITY
     store(paths.origin, lane, origin)
 
 
@@ -89,7 +88,7 @@ def _set_ray(paths, points, lane, origin, wi, pdf):
     """
     store(paths.origin, lane, origin)
     store(paths.direction, lane, wi)
-    paths.hit_distance[lane] = _INFINITE
+    paths.hit_distance[lane] = INFINITY
     paths.radius[lane] = points.real[lane, POINT_RADIUS]
     paths.mis_pdf[lane] = pdf
     store(paths.mis_origin, lane, real_3(points, lane, POINT_P))

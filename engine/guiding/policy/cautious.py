@@ -38,11 +38,10 @@ class CautiousTrial:
         self._units: list[UnitRecords] = []
         self._samples = 0.0
         self._costs: IterationCosts | None = None
-        self._is_released = False
 
     def is_early(self, next_sample: int) -> bool:
         """Whether an iteration that `next_sample` follows is not to be learned from yet."""
-        return not self._is_released and next_sample < CAUTIOUS_SAMPLES
+        return next_sample < CAUTIOUS_SAMPLES
 
     def hold(self, units: Sequence[UnitRecords], samples: float, costs: IterationCosts) -> None:
         """Keep what an unguided iteration has left: records, samples a pixel, costs."""
@@ -60,7 +59,7 @@ class CautiousTrial:
     ) -> tuple[list[UnitRecords], float, IterationCosts]:
         """Records with those that were kept before them, samples a pixel that were kept, and costs of both."""
         kept, samples, before = self._units, self._samples, self._costs
-        self._units, self._samples, self._costs, self._is_released = [], 0.0, None, True
+        self._units, self._samples, self._costs = [], 0.0, None
         return [*kept, *units], samples, costs if before is None else before + costs
 
     def is_hopeless(self, promised: Sequence[float], efficiency: float) -> bool:

@@ -514,10 +514,10 @@ class Learner:
                 records, row_count, variance=variance, ray_count=ray_count, was_guided=was_guided
             )
         if self._cautious is not None:
-            while self._is_doubtful and self._cautious.is_hopeless(self._promised(regions), choice.efficiency):
+            while not self._is_over and self._is_doubtful and self._cautious.is_hopeless(
+                self._promised(regions), choice.efficiency
+            ):
                 self._lose(next_range[0])
-                if self._is_over:
-                    break
             self._cautious.weigh(self._promised(regions), choice.efficiency)
             self._budget.is_frugal = self._is_doubtful
         if self._light_clusters is not None:

@@ -9,7 +9,6 @@ import pytest
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy import trial
 from engine.guiding.policy.trial import GuidingTrial
-from engine.render.film import Film
 from engine.render.tiles import TrialTiles
 from tests.helpers.media_renders import SIGMAS, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed
@@ -32,19 +31,6 @@ def is_tried(size=SIZE):
     for k in range(units.trial_count):
         mask[units[k][1]] = True
     return mask
-
-
-@pytest.fixture
-def film_weights(monkeypatch):
-    """Pixels' weights once all is rendered."""
-    found = []
-
-    def merged(film, pixels, tile, weight=1.0, merge=Film.merge):
-        merge(film, pixels, tile, weight)
-        found.append(film)
-
-    monkeypatch.setattr(Film, "merge", merged)
-    return lambda: found[-1].sums.weight
 
 
 def outcome(monkeypatch, *efficiencies):

@@ -10,7 +10,6 @@ import pytest
 
 from engine.guiding.policy import roulette_learning, trial
 from engine.render.course import Course
-from engine.render.film import Film
 from engine.render.session import Session
 from engine.render.tiles import FrameTiles, TrialTiles
 from engine.settings import RenderSettings
@@ -56,19 +55,6 @@ def test_a_quarter_of_each_block_is_tried_and_which_one_follows_no_pattern():
     assert np.bincount(chosen, minlength=4).min() > 0.15 * len(chosen)
     # Neighbours say nothing of each other.
     assert abs(np.corrcoef(chosen[1:] == 0, chosen[:-1] == 0)[0, 1]) < 0.2
-
-
-@pytest.fixture
-def film_weights(monkeypatch):
-    """Pixels' weights once all is rendered."""
-    found = []
-
-    def merged(film, pixels, tile, weight=1.0, merge=Film.merge):
-        merge(film, pixels, tile, weight)
-        found.append(film)
-
-    monkeypatch.setattr(Film, "merge", merged)
-    return lambda: found[-1].sums.weight
 
 
 def outcome(monkeypatch, least, clear=1e9):
