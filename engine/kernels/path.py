@@ -78,19 +78,21 @@ def pass_through(options, paths, points, lane):
 
 
 @kernel
-def _set_ray(paths, points, lane, origin, wi, pdf):
+def _set_ray(paths, points, lane, origin, wi, pdf, unguided_pdf):
     """The ray of a scattering, and what weighs the emitter that it meets.
 
     Parameters
     ----------
     origin : tuple of 3 float32, world [m]; wi : tuple of 3 float32, unit
-    pdf : float32 [sr^-1]
+    pdf, unguided_pdf : float32 [sr^-1]
+        As `PathState` has them.
     """
     store(paths.origin, lane, origin)
     store(paths.direction, lane, wi)
     paths.hit_distance[lane] = INFINITY
     paths.radius[lane] = points.real[lane, POINT_RADIUS]
     paths.mis_pdf[lane] = pdf
+    paths.unguided_pdf[lane] = unguided_pdf
     store(paths.mis_origin, lane, real_3(points, lane, POINT_P))
     store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
     paths.mis_distance[lane] = 0.0
@@ -105,10 +107,10 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     wi : tuple of 3 float32, unit
     label : int, RAY_* bits as `sample_bsdf` returns them
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
-    bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows
+    bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows, and clamping goes
     """
     p, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
-    _set_ray(paths, points, lane, offset_origin(p, ng, wi, paths.offset[lane]), wi, pdf)
+    _set_ray(paths, points, lane, offset_origin(p, ng, wi, paths.offset[lane]), wi, pdf, bsdf_pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
@@ -144,7 +146,8 @@ def leave_collision(options, paths, points, media, lane, wi, pdf, phase_pdf):
     """
     # Light samples are taken on every segment, collisions happen on some.
     source_pdf = pdf * media.collision_share[lane]
-    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf)
+    unguided_pdf = -1.0 if media.is_lit[lane] != 0 else phase_pdf * media.collision_share[lane]
+    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf, unguided_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     if count_collision(options, paths, media, lane):

@@ -3,8 +3,7 @@
 
 import math
 
-import numpy as np
-
+from engine.kernels.clamping import Unguided, clamped_share, found_alone, weighted_inverse
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO
@@ -36,6 +35,37 @@ def power_heuristic(pdf, other_pdf):
 
 
 @kernel
+def weigh_found(paths, lane, pdf, tree_share):
+    """What light counts that scattering has found, and how clamping sees it.
+
+    Parameters
+    ----------
+    pdf : float32 [sr^-1]
+        With which light sampling proposes it; 0: never.
+    tree_share : float32
+        Factor that makes of that what it would be by the light tree alone.
+
+    Returns
+    -------
+    weight : float32
+        MIS weight.
+    unguided : Unguided
+        Of the contribution with this weight.
+    """
+    plain_pdf = paths.unguided_pdf[lane]
+    factor = paths.unguided[lane]
+    weight = power_heuristic(paths.mis_pdf[lane], pdf)
+    if not weight > 0.0 or plain_pdf < 0.0:
+        return weight, found_alone(factor)
+    plain_light_pdf = pdf * tree_share
+    plain_weight = power_heuristic(plain_pdf, plain_light_pdf)
+    own = factor * plain_weight / weight
+    # By light sampling it would be light / density instead of light / density of scattering.
+    other = factor * plain_pdf * weighted_inverse(plain_light_pdf, plain_pdf) / weight
+    return weight, Unguided(own, other, plain_weight)
+
+
+@kernel
 def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
     """Add `factor` times row `row` of `contribution` to the path's parts; see `add_radiance`.
 
@@ -63,43 +93,23 @@ def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
 
 
 @kernel
-def _clamped_share(options, channels, contribution, row, depth):
-    """Share of row `row` of `contribution` that the clamp of direct or indirect light leaves; see `add_radiance`."""
-    limit = options.clamp_indirect if depth > 0 else options.clamp_direct
-    factor = limit * 0.0 + 1.0
-    if limit > 0.0:
-        total = 0.0 * limit
-        for c in range(len(channels)):
-            total += abs(contribution[row, c])
-        limit *= np.float32(len(channels))
-        if total > limit:
-            factor = limit / total
-    return factor
-
-
-@kernel
-def add_radiance(options, paths, passes, lane, contribution, row, depth, weight, group):
-    """Add row `row` of `contribution` (float32 (N, C)) to the path, clamped as Cycles does, `weight` times.
-
-    The limits are on the sum of channels, as many times the user's setting as there are; 0 = none. They are on the
-    contribution before it is weighted, so that they take the same share of the light however seldom it is sampled.
-
-    Returns the share that clamping leaves.
+def add_radiance(paths, passes, lane, contribution, row, depth, weight, group):
+    """Add row `row` of `contribution` (float32 (N, C)) to the path and its parts, `weight` times.
 
     Parameters
     ----------
     passes : LightPassLanes
     depth : int
         Scatterings before the light's last one: 0 is direct light, -1 what the camera sees.
+    weight : float32
+        What clamping leaves of it included.
     group : int
         Light group, or NO_GROUP.
     """
-    factor = _clamped_share(options, paths.channels, contribution, row, depth)
     for c in range(len(paths.channels)):
-        paths.radiance[lane, c] += factor * weight * contribution[row, c]
+        paths.radiance[lane, c] += weight * contribution[row, c]
     if passes.parts.shape[0] > 0:
-        _add_parts(paths.channels, passes, lane, contribution, row, depth, factor * weight, group)
-    return factor
+        _add_parts(paths.channels, passes, lane, contribution, row, depth, weight, group)
 
 
 @kernel
@@ -128,7 +138,10 @@ def add_sampled(options, paths, passes, lane, shadows, row):
     group = NO_GROUP
     if passes.parts.shape[0] > 0:
         group = passes.group[lane]
-    add_radiance(options, paths, passes, lane, shadows.radiance, row, paths.depth[lane], shadows.weight[row], group)
+    depth = paths.depth[lane]
+    unguided = Unguided(shadows.own[row], shadows.other[row], shadows.share[row])
+    left = clamped_share(options, paths.channels, shadows.radiance, row, depth, unguided)
+    add_radiance(paths, passes, lane, shadows.radiance, row, depth, left * shadows.weight[row], group)
 
 
 @kernel
@@ -140,12 +153,14 @@ def _show_found(spectrum, paths, lane, contribution, share, film, feature):
 
 
 @kernel
-def add_found(options, spectrum, paths, passes, lane, contribution, group, film, feature, use_features):
+def add_found(options, spectrum, paths, passes, lane, contribution, unguided, group, film, feature, use_features):
     """Add light that the path's last scattering, or the camera, has found: row `lane` of `contribution`, MIS weight
     included.
 
     Parameters
     ----------
+    unguided : Unguided
+        Of the contribution (`weigh_found`).
     group : int
         Light group, or NO_GROUP.
     feature : int
@@ -157,7 +172,9 @@ def add_found(options, spectrum, paths, passes, lane, contribution, group, film,
     float32
         The share that clamping leaves.
     """
-    share = add_radiance(options, paths, passes, lane, contribution, lane, paths.depth[lane] - 1, 1.0, group)
+    depth = paths.depth[lane] - 1
+    share = clamped_share(options, paths.channels, contribution, lane, depth, unguided)
+    add_radiance(paths, passes, lane, contribution, lane, depth, share, group)
     if use_features and paths.flags[lane] & RAY_TRANSPARENT_BACKGROUND:
         _show_found(spectrum, paths, lane, contribution, share, film, feature)
     return share
@@ -180,7 +197,7 @@ def show_left_out(options, spectrum, paths, passes, lane, emission, group, film,
     """
     for c in range(len(paths.channels)):
         emission[lane, c] *= paths.throughput[lane, c]
-    share = _clamped_share(options, paths.channels, emission, lane, -1)
+    share = clamped_share(options, paths.channels, emission, lane, -1, found_alone(paths.unguided[lane]))
     _show_found(spectrum, paths, lane, emission, share, film, feature)
     if passes.parts.shape[0] > 0:
         _add_parts(paths.channels, passes, lane, emission, lane, -1, share, group)
@@ -189,7 +206,7 @@ def show_left_out(options, spectrum, paths, passes, lane, emission, group, film,
 
 @kernel
 def add_emission(
-    options, spectrum, paths, passes, lane, emission, mis_weight, group, film, feature, use_features
+    options, spectrum, paths, passes, lane, emission, mis_weight, unguided, group, film, feature, use_features
 ):
     """Add what the surface or the background along the path's ray emits, and show it in its pass.
 
@@ -197,6 +214,7 @@ def add_emission(
     ----------
     emission : float32 (L, C)
         Radiance by lane, replaced by the contribution.
+    mis_weight, unguided : float32 and Unguided, as `weigh_found` says
     group, feature, use_features : see `add_found`
 
     Returns
@@ -206,4 +224,4 @@ def add_emission(
     """
     for c in range(len(paths.channels)):
         emission[lane, c] *= paths.throughput[lane, c] * mis_weight
-    return add_found(options, spectrum, paths, passes, lane, emission, group, film, feature, use_features)
+    return add_found(options, spectrum, paths, passes, lane, emission, unguided, group, film, feature, use_features)

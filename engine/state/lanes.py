@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array, Uint32Array
+from engine.array_types import Float32Array, Int16Array, Int32Array, Int64Array, Uint8Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
 
@@ -271,9 +271,12 @@ class PathState(Bundle):
     rng : uint32, hash of (seed, pixel); dimension : int32, next unused set of random numbers
     origin, direction : float32 (L, 3), world; time : float32
     throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
-    unguided : float32, factor that makes of the throughput what BSDF sampling would have, for roulette
+    unguided : float32, factor that makes of the throughput what it would be by plain sampling, where nothing has been
+        learned: directions by the BSDF, roulette by the throughput. Roulette and clamping go by it
     mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
         camera's rays, which have none, how far the camera sees [m], as `mis_distance` counts
+    unguided_pdf : float32 [sr^-1], the same by plain sampling; -1 where light sampling was of whole segments within
+        media, whose samples know nothing of this scattering
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
     min_pdf : float32, smallest scattering density so far (filter_glossy)
@@ -286,6 +289,7 @@ class PathState(Bundle):
     random : float32 (L, 4), this vertex's numbers for the BSDF; the last for roulette, then made uniform again
     survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
         played the least that guiding asks for, -1 = nothing
+    unguided_survival : float32, the same by plain sampling
     alive : uint8, 0 once the path has ended in this round
     hero : float32 in [0, 1), by which wavelengths are drawn; wavelength : float32 (L, WAVELENGTHS) [nm], hero first
     share : float32 (L, WAVELENGTHS), of each wavelength in the path's density: with which it would have been sampled,
@@ -304,6 +308,7 @@ class PathState(Bundle):
     radiance: Float32Array
     unguided: Float32Array
     mis_pdf: Float32Array
+    unguided_pdf: Float32Array
     mis_origin: Float32Array
     mis_normal: Float32Array
     mis_distance: Float32Array
@@ -313,10 +318,10 @@ class PathState(Bundle):
     alpha: Float32Array
     flags: Int32Array
     depth: Int32Array
-    diffuse_depth: Int32Array
-    glossy_depth: Int32Array
-    transmission_depth: Int32Array
-    transparent_depth: Int32Array
+    diffuse_depth: Int16Array
+    glossy_depth: Int16Array
+    transmission_depth: Int16Array
+    transparent_depth: Int16Array
     hit_distance: Float32Array
     hit_u: Float32Array
     hit_v: Float32Array
@@ -325,6 +330,7 @@ class PathState(Bundle):
     offset: Float32Array
     random: Float32Array
     survival: Float32Array
+    unguided_survival: Float32Array
     alive: Uint8Array
     hero: Float32Array
     wavelength: Float32Array
@@ -341,7 +347,8 @@ class ShadowRays(Bundle):
     origin, direction : float32 (L, 3); distance : float32
     radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
     weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
-    transparent_depth : int32, transparent surfaces passed, the path's own included; transparent_left : int32, hits on
+    own, other, share : float32, what clamping goes by (`engine.kernels.clamping.Unguided`)
+    transparent_depth : int16, transparent surfaces passed, the path's own included; transparent_left : int16, hits on
         what may be transparent that lie ahead
     """
 
@@ -352,8 +359,11 @@ class ShadowRays(Bundle):
     distance: Float32Array
     radiance: Float32Array
     weight: Float32Array
-    transparent_depth: Int32Array
-    transparent_left: Int32Array
+    own: Float32Array
+    other: Float32Array
+    share: Float32Array
+    transparent_depth: Int16Array
+    transparent_left: Int16Array
     channels: tuple[int, ...]
 
 
@@ -564,7 +574,8 @@ class LightSamples(Bundle):
         BSDF's density in it (0 and 1 where the lane is not guided)
     weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
     cluster : int32, of the light that was chosen, -1 = none; cluster_pmf, tree_pmf : float32, with which probability it
-        was, and would have been by the light tree alone. Of lanes that are recorded
+        was, and would have been by the light tree alone. Of lanes that are recorded, and of all where clamping has to
+        know what learned choices have changed
     """
 
     _rows = True
@@ -652,6 +663,8 @@ LIGHT_CASTS_SHADOW = 2
 LIGHT_HAS_PROGRAM = 4
 #: Of a lamp, which is no surface: media go on up to it.
 LIGHT_IS_LAMP = 8
+#: Drawn for a whole segment within media: scattering finds the light as from another point.
+LIGHT_IS_OF_SEGMENT = 16
 
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
@@ -715,14 +728,16 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
             ("mis_normal", real, 3),
             ("mis_distance", real),
             ("mis_pdf", real),
+            ("unguided_pdf", real),
+            ("unguided_survival", real),
             ("min_pdf", real),
             ("radius", real),
             ("spread", real),
             ("alpha", real),
-            ("diffuse_depth", integer),
-            ("glossy_depth", integer),
-            ("transmission_depth", integer),
-            ("transparent_depth", integer),
+            ("diffuse_depth", np.int16),
+            ("glossy_depth", np.int16),
+            ("transmission_depth", np.int16),
+            ("transparent_depth", np.int16),
         ],
     ]
     if channel_count > RGB:
@@ -745,9 +760,12 @@ def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
                 ("distance", real),
                 ("radiance", real, channel_count),
                 ("weight", real),
+                ("own", real),
+                ("other", real),
+                ("share", real),
                 ("lane", integer),
-                ("transparent_depth", integer),
-                ("transparent_left", integer),
+                ("transparent_depth", np.int16),
+                ("transparent_left", np.int16),
             ]
         ],
     )

@@ -75,7 +75,7 @@ class MediaLanes(Bundle):
     is_lit : uint8 (L + 1,), whether lights have been sampled for all of the segment, so that a collision samples none
     collision_share : float32 (L + 1,), probability with which the path collides on the segment, for MIS weights
     next_instance : int32 (L + 1,), what the ray meets behind the segment, while the lane stands within it
-    kept_throughput : float32 (L + 1, channels), likewise
+    kept_throughput : float32 (L + 1, channels), likewise; kept_unguided : float32 (L + 1,), likewise
     coefficients : float32 (COEFFICIENT_ROWS, channels), scratch: sums over what a path is in, at its channels
     """
 
@@ -89,6 +89,7 @@ class MediaLanes(Bundle):
     collision_share: Float32Array
     next_instance: Int32Array
     kept_throughput: Float32Array
+    kept_unguided: Float32Array
     coefficients: Float32Array
 
 
@@ -114,5 +115,6 @@ def allocate_media_lanes(lane_count: int, channel_count: int, *, has_shadows: bo
         collision_share=np.ones(rows, np.float32),
         next_instance=np.zeros(rows, np.int32),
         kept_throughput=np.zeros((rows, channel_count), np.float32),
+        kept_unguided=np.zeros(rows, np.float32),
         coefficients=np.zeros((COEFFICIENT_ROWS, channel_count), np.float32),
     )

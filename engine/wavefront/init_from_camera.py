@@ -137,7 +137,9 @@ def init_from_camera(scene, unit, work, queue):
             start_wavelengths(spectrum, paths, lane, hero)
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
+        paths.unguided_survival[lane] = 1.0
         paths.mis_pdf[lane] = far
+        paths.unguided_pdf[lane] = -1.0
         store(paths.mis_origin, lane, origin)
         store(paths.mis_normal, lane, direction)
         paths.mis_distance[lane] = near

@@ -14,6 +14,7 @@ the segment's: whoever meets a light later knows no more.
 import numpy as np
 
 from engine.kernels.bsdf.phase import eval_phases
+from engine.kernels.clamping import settle_roulette
 from engine.kernels.collision import place_collision, set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
@@ -44,6 +45,7 @@ from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
+    LIGHT_IS_OF_SEGMENT,
     POINT_NS,
     POINT_P,
     POINT_WO,
@@ -81,14 +83,15 @@ def _reach(channels, coefficients, length):
 def _stand(scene, work, lane, distance, weight):
     """Move a lane to a point of its segment, with the throughput that it has there for light samples."""
     paths, media = work.paths, work.media
-    survival = min(paths.survival[lane], 1.0)
     media.next_instance[lane] = paths.hit_instance[lane]
     paths.hit_instance[lane] = -1
+    media.kept_unguided[lane] = paths.unguided[lane]
     for c in range(len(paths.channels)):
-        value = paths.throughput[lane, c]
-        media.kept_throughput[lane, c] = value
+        media.kept_throughput[lane, c] = paths.throughput[lane, c]
+    settle_roulette(paths, lane)
+    for c in range(len(paths.channels)):
         scattered = media.coefficients[SCATTERING, c] * transmittance(media.coefficients[EXTINCTION, c], distance)
-        paths.throughput[lane, c] = value * scattered * weight / survival
+        paths.throughput[lane, c] *= scattered * weight
 
 
 @kernel
@@ -204,6 +207,7 @@ def light_segments(scene, unit, work, queue):
         ):
             programs[program_count] = lane
             program_count += 1
+        samples.flags[lane] |= LIGHT_IS_OF_SEGMENT
         lit[lit_count] = lane
         lit_count += 1
     work.lit.count[0] = lit_count
@@ -227,6 +231,7 @@ def leave_segments(scene, unit, work, queue):
         # Where nothing is guided, surfaces take it for what it is.
         work.samples.bsdf_share[lane] = 1.0
         paths.hit_instance[lane] = media.next_instance[lane]
+        paths.unguided[lane] = media.kept_unguided[lane]
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = media.kept_throughput[lane, c]
         if splits_light and paths.depth[lane] == 0:

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: draw the next vertex's numbers, play Russian roulette, and leave out rays that cannot matter.
 
-The survival probability is the square root of the largest channel of the throughput that BSDF sampling would have given
-the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.sampling.scattering`); the throughput
-is divided by it in `shade_emission`, behind the emission that is found either way. Nothing of it depends on what the
-ray will hit, so it comes before the tracing: a path that ends at the next surface can only find emission there, and
-needs no ray where there is none along its line.
+The survival probability is the square root of the largest channel of the throughput that plain sampling would have
+given the path, as in Cycles, or what guiding asks for if that is more (`engine.guiding.sampling.scattering`); the
+throughput is divided by it in `shade_emission`, behind the emission that is found either way. Nothing of it depends on
+what the ray will hit, so it comes before the tracing: a path that ends at the next surface can only find emission
+there, and needs no ray where there is none along its line.
 """
 
 import math
+
+import numpy as np
 
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
@@ -63,17 +65,19 @@ def play_roulette(scene, unit, work, queue):
         paths.random[lane, 3] = u3
 
         flags = paths.flags[lane]
-        survival = 1.0
+        survival = np.float32(1.0)
+        plain = np.float32(1.0)
         if options.use_roulette != 0:
             if flags & RAY_TRANSPARENT:
                 sure = paths.transparent_depth[lane] <= options.min_transparent_depth
             else:
                 sure = paths.depth[lane] <= options.min_depth
             if not sure:
-                largest = 0.0
+                largest = np.float32(0.0)
                 for c in range(len(paths.channels)):
                     largest = max(largest, abs(paths.throughput[lane, c]))
-                survival = max(paths.survival[lane], min(math.sqrt(largest * paths.unguided[lane]), 1.0))
+                plain = min(math.sqrt(largest * paths.unguided[lane]), np.float32(1.0))
+                survival = max(paths.survival[lane], plain)
                 if predicts and not flags & RAY_TRANSPARENT:
                     # What the ray hits has a say.
                     pass
@@ -84,6 +88,7 @@ def play_roulette(scene, unit, work, queue):
                     # Uniform again, for what is to come.
                     paths.random[lane, 3] = min(u3 / survival, ONE_MINUS_EPSILON)
         paths.survival[lane] = survival
+        paths.unguided_survival[lane] = plain
 
         # Behind transparent surfaces a path goes on along the same line. What it would take from alpha is settled once
         # it has scattered.

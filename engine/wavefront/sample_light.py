@@ -8,6 +8,7 @@ scatter, such as light from below it, is dropped before.
 import numpy as np
 
 from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
+from engine.kernels.clamping import clamps, weighted_inverse
 from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import (
     ask_for_cell,
@@ -52,6 +53,7 @@ from engine.state.lanes import (
     DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
+    LIGHT_IS_OF_SEGMENT,
     LIGHT_USES_MIS,
     POINT_NG,
     POINT_NS,
@@ -179,6 +181,7 @@ def choose_lights(scene, unit, work, queue):
     tables, f_cos, log = scene.tables, work.f_cos, work.log
     splits_light, follows = unit.header[UNIT_SPLITS_LIGHT] != 0, unit.header[UNIT_FOLLOWS] != 0
     learns_lights = unit.header[UNIT_LEARNS_LIGHTS] != 0
+    is_learned = clamps(scene.options) and lights.selection.cumulative.shape[0] > 0
     lanes, lane_count = queue.lanes, queue.count[0]
     real, numbers = draws.real, draws.integer
     lit_count = 0
@@ -205,7 +208,7 @@ def choose_lights(scene, unit, work, queue):
             (
                 pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
             ) = sample  # fmt: skip
-            if learns_lights and log.is_recording[lane] != 0 and pdf > 0.0:
+            if pdf > 0.0 and (is_learned or (learns_lights and log.is_recording[lane] != 0)):
                 cluster, cluster_pmf, tree_pmf = cluster_choice(
                     lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
                 )
@@ -241,6 +244,34 @@ def choose_lights(scene, unit, work, queue):
 
 
 @kernel
+def _leave_to_clamp(options, paths, samples, shadows, lane, row, tree, largest, weight):
+    """Note what the lane's light sample would be by plain sampling, in row `row` of the shadow rays.
+
+    Parameters
+    ----------
+    tree : float32
+        Factor that makes of the sample's density that by the light tree alone.
+    largest : float32 [sr^-1]
+        Largest channel of BSDF, cosine and emission.
+    weight : float32 [sr]
+        MIS weight over density, and over the probability of having been kept for so little.
+    """
+    own_pdf, other_pdf = samples.pdf[lane] * tree, np.float32(0.0)
+    if samples.flags[lane] & LIGHT_IS_OF_SEGMENT:
+        other_pdf = samples.bsdf_share[lane] * samples.bsdf_pdf[lane]
+    elif samples.flags[lane] & LIGHT_USES_MIS:
+        other_pdf = samples.bsdf_pdf[lane]
+    own = weighted_inverse(own_pdf, other_pdf)
+    kept = min(largest * own * options.inverse_light_threshold, np.float32(1.0))
+    factor = paths.unguided[lane] / weight
+    shadows.own[row] = factor * (own / kept if options.inverse_light_threshold > 0.0 and kept > 0.0 else own)
+    shadows.other[row] = factor * weighted_inverse(other_pdf, own_pdf)
+    # Scattering finds light of a segment from elsewhere: each is clamped by itself.
+    alone = samples.flags[lane] & LIGHT_IS_OF_SEGMENT
+    shadows.share[row] = np.float32(1.0) if alone else own * own_pdf
+
+
+@kernel
 def connect_lights(scene, unit, work, queue):
     """Weigh light samples by BSDF and MIS, thin out the negligible, and queue shadow rays in `work.shadows`.
 
@@ -249,6 +280,7 @@ def connect_lights(scene, unit, work, queue):
     surfaces are smooth, shadow rays start off them (`kernels.terminator`).
     """
     options, geometry, paths = scene.options, scene.geometry, work.paths
+    is_clamped, is_learned = clamps(options), scene.lights.selection.cumulative.shape[0] > 0
     points, samples, light_closures = work.points, work.samples, work.light_closures
     f_cos, shadows = work.f_cos, work.shadows
     lit, lit_count = queue.lanes, queue.count[0]
@@ -285,6 +317,11 @@ def connect_lights(scene, unit, work, queue):
                 scale /= survival
         row = shadow_count
         shadow_count += 1
+        if is_clamped:
+            tree = np.float32(1.0)
+            if is_learned and not flags & LIGHT_IS_OF_SEGMENT and samples.cluster_pmf[lane] > 0.0:
+                tree = samples.tree_pmf[lane] / samples.cluster_pmf[lane]
+            _leave_to_clamp(options, paths, samples, shadows, lane, row, tree, largest / weight, weight * scale)
         shadows.lane[row] = lane
         shadows.weight[row] = samples.weight[lane]
         for c in range(len(paths.channels)):

@@ -6,7 +6,10 @@ Runs only in scenes that have media, and behind `shade_lights`, which sees lamps
 
 import math
 
+import numpy as np
+
 from engine.accel import trace_closest
+from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices
 from engine.kernels.lights import lamp_hit
@@ -84,8 +87,8 @@ def _add_emission(scene, unit, work, lane):
     if media.instance[lane, 0] >= 0:
         group = scene.geometry.instance_table[media.instance[lane, 0], INSTANCE_LIGHT_GROUP]
     share = add_emission(
-        scene.options, scene.spectrum, paths, work.passes, lane, emission, 1.0, group, unit.film, FEATURE_EMISSION,
-        unit.header[UNIT_USE_FEATURES] != 0,
+        scene.options, scene.spectrum, paths, work.passes, lane, emission, np.float32(1.0),
+        found_alone(paths.unguided[lane]), group, unit.film, FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
     )
     if unit.header[UNIT_USE_DENOISING] != 0:
         add_seen(scene.spectrum, paths, work.features, lane, emission, share, unit.film)
@@ -265,8 +268,7 @@ def _cross(scene, work, lane, instance, triangle, program):
         work.counts[MEDIA_DROPPED] += 1
     go_on(paths, lane, offset_origin(real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), direction, error))
     paths.dimension[lane] += SETS_PER_VERTEX
-    for c in range(len(paths.channels)):
-        paths.throughput[lane, c] /= paths.survival[lane]
+    settle_roulette(paths, lane)
     paths.survival[lane] = -1.0
     return True
 

@@ -16,6 +16,7 @@ from engine.kernels.bsdf.phase import (
     phase_roughness,
     sample_phases,
 )
+from engine.kernels.clamping import settle_roulette
 from engine.kernels.collision import add_uniform_lobes, place_collision, scatter_throughput, set_lobes, share_out
 from engine.kernels.constants import NAN
 from engine.kernels.path import leave_collision, real_3
@@ -83,10 +84,7 @@ def prepare_collisions(scene, unit, work, queue):
     surface, surface_count = work.surface.lanes, work.surface.count[0]
     for k in range(lane_count):
         lane = lanes[k]
-        survival = paths.survival[lane]
-        if survival < 1.0:
-            for c in range(len(paths.channels)):
-                paths.throughput[lane, c] /= survival
+        settle_roulette(paths, lane)
         place_collision(paths, points, lane, paths.hit_distance[lane])
         if varies and work.tracking.is_tracked[lane] != 0:
             _set_chosen_lobes(scene, work, lane)

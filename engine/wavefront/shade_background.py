@@ -6,10 +6,11 @@ Between the two, `evaluate_shaders` runs the world's program where it is not con
 
 import numpy as np
 
+from engine.kernels.clamping import clamps, found_alone
 from engine.kernels.constants import DISTANT
-from engine.kernels.lights import background_pdf
+from engine.kernels.lights import background_pdf, tree_share
 from engine.kernels.path_depths import store_depths
-from engine.kernels.radiance import add_emission, add_seen, power_heuristic, show_left_out
+from engine.kernels.radiance import add_emission, add_seen, show_left_out, weigh_found
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_ENVIRONMENT, FIRST_WIDTH
@@ -39,6 +40,7 @@ from engine.state.lanes import (
     RAY_VISIBILITY,
     RGB,
 )
+from engine.state.lights import HEADER_BACKGROUND_EMITTER
 from engine.state.shaders import VALUE_EMISSION
 from engine.wavefront.columns import (
     SCENE_WORLD_GROUP,
@@ -130,7 +132,8 @@ def shade_background(scene, unit, work, queue):
                 options, spectrum, paths, work.passes, lane, closures.emission, group, film, FEATURE_ENVIRONMENT
             )
         if is_seen and not is_left_out:
-            weight = 1.0
+            weight = np.float32(1.0)
+            unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 pdf = background_pdf(
                     lights,
@@ -140,10 +143,17 @@ def shade_background(scene, unit, work, queue):
                     (flags & RAY_MIS_FINDS_ALL) != 0,
                     load(paths.direction, lane),
                 )
-                weight = power_heuristic(paths.mis_pdf[lane], pdf)
+                tree = np.float32(1.0)
+                if clamps(options) and pdf > 0.0:
+                    tree = tree_share(
+                        lights, lights.header[HEADER_BACKGROUND_EMITTER], load(paths.mis_origin, lane),
+                        load(paths.mis_normal, lane), (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
+                        (flags & RAY_MIS_FINDS_ALL) != 0, load(paths.direction, lane),
+                    )
+                weight, unguided = weigh_found(paths, lane, pdf, tree)
             share = add_emission(
-                options, spectrum, paths, work.passes, lane, closures.emission, weight, group, film,
-                FEATURE_ENVIRONMENT, use_features,
+                options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided, group,
+                film, FEATURE_ENVIRONMENT, use_features,
             )
         if use_denoising and share >= 0.0:
             add_seen(spectrum, paths, work.features, lane, closures.emission, share, film)

@@ -8,9 +8,10 @@ import numpy as np
 from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
-from engine.kernels.lights import triangle_emitter_pdf
+from engine.kernels.clamping import clamps, found_alone, settle_roulette
+from engine.kernels.lights import tree_share, triangle_emitter, triangle_emitter_pdf
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_emission, add_seen, power_heuristic
+from engine.kernels.radiance import add_emission, add_seen, weigh_found
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
@@ -76,7 +77,8 @@ def shade_emission(scene, unit, work, queue):
         for c in range(len(paths.channels)):
             emitted = max(emitted, abs(closures.emission[lane, c]))
         if emitted > 0.0:
-            weight = 1.0
+            weight = np.float32(1.0)
+            unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 pdf = triangle_emitter_pdf(
                     lights,
@@ -91,9 +93,16 @@ def shade_emission(scene, unit, work, queue):
                     paths.time[lane],
                 )
                 if pdf > 0.0:
-                    weight = power_heuristic(paths.mis_pdf[lane], pdf)
+                    tree = np.float32(1.0)
+                    if clamps(options):
+                        tree = tree_share(
+                            lights, triangle_emitter(lights, instance, paths.hit_triangle[lane]),
+                            load(paths.mis_origin, lane), load(paths.mis_normal, lane),
+                            (flags & RAY_MIS_HAD_TRANSMISSION) != 0, False, load(paths.direction, lane),
+                        )
+                    weight, unguided = weigh_found(paths, lane, pdf, tree)
             share = add_emission(
-                options, spectrum, paths, work.passes, lane, closures.emission, weight,
+                options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided,
                 geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,
             )
             if use_denoising:
@@ -108,11 +117,7 @@ def shade_emission(scene, unit, work, queue):
                 continue
         if log.is_recording[lane] != 0:
             log_arrival(log, paths, lane)
-        survival = paths.survival[lane]
-        if survival < 1.0:
-            scale = 1.0 / survival
-            for c in range(len(paths.channels)):
-                paths.throughput[lane, c] *= scale
+        settle_roulette(paths, lane)
         if options.filter_glossy > 0.0:
             # Cycles' Filter Glossy: behind a blurry bounce lobes are made at least this rough, to tame caustics.
             blur = paths.min_pdf[lane] / options.filter_glossy

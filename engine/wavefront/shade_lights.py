@@ -7,11 +7,12 @@ camera, other rays only those with multiple importance sampling; suns without it
 
 import numpy as np
 
+from engine.kernels.clamping import clamps, found_alone
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
+from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf, tree_share
 from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
-from engine.kernels.radiance import add_found, add_seen, power_heuristic
+from engine.kernels.radiance import add_found, add_seen, weigh_found
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -38,6 +39,7 @@ from engine.state.lights import (
     HEADER_FIRST_SUN,
     HEADER_HITTABLE,
     HEADER_LAST_SUN,
+    LAMP_EMITTER,
     LAMP_ESTIMATE,
     LAMP_FLAG_MIS,
     LAMP_FLAGS,
@@ -82,7 +84,19 @@ def _see_through(work, lane, row, distance):
 
 
 @kernel
-def _add_lamp(lights, row, factor, distance, scene, unit, work, lane):
+def _weigh_lamp(options, lights, row, pdf, paths, lane):
+    """`weigh_found` of a lamp or sun that light sampling proposes with this density."""
+    tree = np.float32(1.0)
+    if clamps(options) and pdf > 0.0:
+        tree = tree_share(
+            lights, lights.lamp_table[row, LAMP_EMITTER], load(paths.mis_origin, lane), load(paths.mis_normal, lane),
+            (paths.flags[lane] & RAY_MIS_HAD_TRANSMISSION) != 0, False, load(paths.direction, lane),
+        )
+    return weigh_found(paths, lane, pdf, tree)
+
+
+@kernel
+def _add_lamp(lights, row, factor, unguided, distance, scene, unit, work, lane):
     """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes.
 
     `distance` is that from the ray's origin, which media may lie on.
@@ -102,8 +116,8 @@ def _add_lamp(lights, row, factor, distance, scene, unit, work, lane):
     elif scene.header[SCENE_HAS_MEDIA] != 0:
         attenuate(scene, paths, work.media, lane, lane, distance, scratch, lane)
     share = add_found(
-        scene.options, spectrum, paths, work.passes, lane, scratch, lights.lamp_table[row, LAMP_LIGHT_GROUP], unit.film,
-        FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
+        scene.options, spectrum, paths, work.passes, lane, scratch, unguided, lights.lamp_table[row, LAMP_LIGHT_GROUP],
+        unit.film, FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,
     )
     if unit.header[UNIT_USE_DENOISING] != 0:
         add_seen(spectrum, paths, work.features, lane, scratch, share, unit.film)
@@ -150,10 +164,12 @@ def shade_lights(scene, unit, work, queue):
             factor = lamp_factor(lights, row, origin, wi)
             if not factor > 0.0:
                 continue
+            unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
-                factor *= power_heuristic(paths.mis_pdf[lane], pdf)
-            _add_lamp(lights, row, factor, distance - t_min, scene, unit, work, lane)
+                weight, unguided = _weigh_lamp(options, lights, row, pdf, paths, lane)
+                factor *= weight
+            _add_lamp(lights, row, factor, unguided, distance - t_min, scene, unit, work, lane)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
             continue
         for row in range(first_sun, last_sun):
@@ -162,8 +178,8 @@ def shade_lights(scene, unit, work, queue):
             if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]) or not sun_is_hit(lights, row, wi):
                 continue
             factor = 0.0 * t_min + 1.0
+            unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
-                factor = power_heuristic(
-                    paths.mis_pdf[lane], sun_pdf(lights, row, origin, n, had_transmission)
-                )
-            _add_lamp(lights, row, factor, DISTANT, scene, unit, work, lane)
+                pdf = sun_pdf(lights, row, origin, n, had_transmission)
+                factor, unguided = _weigh_lamp(options, lights, row, pdf, paths, lane)
+            _add_lamp(lights, row, factor, unguided, DISTANT, scene, unit, work, lane)

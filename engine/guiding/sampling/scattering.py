@@ -22,9 +22,9 @@ from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_NG, POINT_WO, RGB
 
-#: Bounds on the factor between BSDF sampling and what was done instead, per path: roulette must not run away.
-LEAST_UNGUIDED = np.float32(1e-6)
-MOST_UNGUIDED = np.float32(1e6)
+#: Bounds on the factor between plain sampling and what was done instead, per path, so that it stays a number.
+LEAST_UNGUIDED = np.float32(1e-12)
+MOST_UNGUIDED = np.float32(1e12)
 #: Roulette lets a path go on for sure where it is expected to bring a quarter of its pixel's value, less often where it
 #: brings less. What is expected is uncertain, and ending paths that mattered costs more than tracing some that do not
 #: (docs/decisions/roulette-and-light-sampling.md).

@@ -19,6 +19,8 @@ from engine.kernels.lights.sample import (
     sample_light,
     sun_is_hit,
     sun_pdf,
+    tree_share,
+    triangle_emitter,
     triangle_emitter_pdf,
     triangle_of,
 )
@@ -48,6 +50,8 @@ __all__ = [
     "sample_triangles",
     "sun_is_hit",
     "sun_pdf",
+    "tree_share",
+    "triangle_emitter",
     "triangle_emitter_pdf",
     "triangle_of",
 ]

@@ -351,10 +351,7 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     `wi` and `distance` lead from p to the hit, through transparent surfaces if need be. 0 for triangles that are not
     sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
     """
-    first = lights.lookup_offset[instance, 0]
-    if first < 0:
-        return 0.0 * distance
-    emitter = lights.lookup[first + triangle - lights.lookup_offset[instance, 1]]
+    emitter = triangle_emitter(lights, instance, triangle)
     if emitter < 0:
         return 0.0 * distance
     v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
@@ -364,6 +361,15 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     if not pdf > 0.0:
         return pdf
     return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
+
+
+@kernel
+def triangle_emitter(lights, instance, triangle):
+    """Row of `lights.emitters` of an emissive triangle; -1: it is not sampled."""
+    first = lights.lookup_offset[instance, 0]
+    if first < 0:
+        return np.int64(-1)
+    return np.int64(lights.lookup[first + triangle - lights.lookup_offset[instance, 1]])
 
 
 @kernel
@@ -418,6 +424,24 @@ def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi)
         return cluster, chosen_pmf, chosen_pmf
     tree_pmf = ratio * tree_choice(lights, emitter, cluster, p, n, has_transmission)
     return cluster, cluster_pmf(lights, row, cluster), tree_pmf
+
+
+@kernel
+def tree_share(lights, emitter, p, n, has_transmission, leaves_dim, wi):
+    """What the light tree alone would have as density of a light sample, over the density that it has: float32.
+
+    Parameters
+    ----------
+    emitter : int
+        Row of `lights.emitters`.
+    p, n, has_transmission, leaves_dim, wi : as `cluster_choice` takes them
+    """
+    if selection_row(lights, p) < 0:
+        return np.float32(1.0)
+    _, pmf, tree_pmf = cluster_choice(
+        lights, emitter, np.float32(1.0), p, n, has_transmission, leaves_dim, wi
+    )
+    return np.float32(tree_pmf / pmf) if pmf > 0.0 else np.float32(0.0)
 
 
 @kernel
