@@ -471,9 +471,7 @@ class Session:
             if settings.radiance_cache != "OFF":
                 guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
-            guiding.chosen = "OFF"
-            guiding.sentence = "chose to render without guiding: so few samples are over before it could pay"
-            guiding.lines = [guiding.sentence]
+            guiding.describe_left_out()
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),
