@@ -33,11 +33,16 @@ class RenderPanel:
 
 
 def draw_shared(layout: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **look: Any) -> None:
-    """A setting that Cycles has too: the property that counts, and a way back to Cycles' where ours was set."""
+    """A row for a setting that Cycles has too."""
+    add_shared(layout.row(align=True), scene, name, **look)
+
+
+def add_shared(row: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **look: Any) -> None:
+    """Add to a row the property of a shared setting that counts, and a way back to Cycles' where ours was set."""
     owner, own_name = setting_source(scene, name)
-    row = layout.row(align=True)
     row.prop(owner, own_name, **({"text": SCENE_SETTINGS[name].label} | look))
-    if owner == scene.neuralguide and follows_cycles(scene):
+    # Ours count unset too, where this Blender's Cycles has no such setting.
+    if owner == scene.neuralguide and owner.is_property_set(name) and follows_cycles(scene):
         row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = name
 
 

@@ -8,7 +8,7 @@ import bpy
 from engine.denoise.library import problem as denoiser_problem
 
 from . import warm_up
-from .panel_parts import RenderPanel, draw_presets, draw_section, draw_shared
+from .panel_parts import RenderPanel, add_shared, draw_presets, draw_section, draw_shared
 from .shared_settings import follows_cycles, has_cycles, setting_value
 
 
@@ -16,11 +16,11 @@ def _draw_samples(layout: bpy.types.UILayout, scene: bpy.types.Scene, kind: str)
     """Noise threshold and numbers of samples; `kind` is `"preview_"` for viewports, `""` for renders."""
     switch = f"use_{kind}adaptive_sampling"
     is_adaptive = setting_value(scene, switch)
-    row = layout.column(heading="Noise Threshold").row(align=True)
-    draw_shared(row, scene, switch, text="")
+    row = layout.column(align=True, heading="Noise Threshold").row(align=True)
+    add_shared(row, scene, switch, text="")
     threshold = row.row()
     threshold.active = is_adaptive
-    draw_shared(threshold, scene, f"{kind}adaptive_threshold", text="")
+    add_shared(threshold, scene, f"{kind}adaptive_threshold", text="")
     draw_shared(layout, scene, f"{kind}samples", text="Max Samples" if is_adaptive else "Samples")
     if is_adaptive:
         draw_shared(layout, scene, f"{kind}adaptive_min_samples", text="Min Samples")
