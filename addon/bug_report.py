@@ -80,7 +80,7 @@ def bug_report() -> str:
         f"Memory: {physical_memory() / 2**30:.1f} GiB",
         f"Packages: {', '.join(f'{name} {_package_version(name)}' for name in _PACKAGES)}",
         f"Kernels made ahead: {f'for {library.level}' if library is not None else 'none'}",
-        f"Kernels so far: {describe_kernels().removeprefix("kernels: ")}",
+        f"Kernels so far: {describe_kernels().removeprefix('kernels: ')}",
         f"Kernel cache: {cache_root()} {cache_problem()}".rstrip(),
         f"Denoiser: {denoiser_problem() or 'there'}",
         f"Command: {Path(sys.argv[0]).name}",

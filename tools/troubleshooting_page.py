@@ -105,6 +105,20 @@ What NeuralGuide may say, by what it is about, and what to do then. "…" stands
 an arrow stands what is shown or done instead. `python -m tools.troubleshooting_page` writes this page.
 """
 
+_REPORT = """\
+## Report a bug
+
+In Blender *Preferences > Add-ons > NeuralGuide > Copy Bug Report* copies what a report needs: versions, system,
+processor, kernels and the end of the log. From a checkout this command prints it:
+
+```
+.venv/bin/python -m addon --report
+```
+
+Paste it into a new issue of the repository, for which `.github/ISSUE_TEMPLATE/bug_report.md` is the form. Say what
+happens, what you expected, and how to make it happen: best by a .blend as small as possible.
+"""
+
 _NOTICES = {"Notice", "notice", "_notice"}
 _LOGGED = {"info", "warning", "error"}
 
@@ -156,7 +170,7 @@ def _collected() -> Iterator[tuple[Topic, str]]:
 def page() -> str:
     """The whole page."""
     found = set(_collected())
-    lines = [_HEAD]
+    lines = [_HEAD, _REPORT]
     for topic in TOPICS:
         lines += [f"## {topic.title}\n", f"{topic.advice}\n"]
         texts = sorted({" ".join(text.replace("`", "'").split()) for owner, text in found if owner is topic})
