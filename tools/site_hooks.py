@@ -19,7 +19,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 
 #: README.md's sections that make up the page on installing.
-INSTALL_SECTIONS = ("Try it", "Install it in Blender", "Render without a window", "Limits")
+INSTALL_SECTIONS = ("Install it in Blender", "Try it without Blender", "Render without a window", "Limits")
 
 #: Begins a line that goes on with an item of a list, as the repository's pages indent it; MkDocs asks for four spaces.
 _ITEM_INDENT = re.compile(r"^ {2,3}(?=[^ \n])", re.MULTILINE)
@@ -43,6 +43,12 @@ def within_site(text: str, folder: Path, docs: Path) -> str:
         return match.group(0) if is_ours else words
 
     return _LINK.sub(plain, text)
+
+
+def within_install(text: str) -> str:
+    """A page's text, links into README.md's sections on installing made to lead to the site's page of them."""
+    anchors = "|".join(re.escape(name.lower().replace(" ", "-")) for name in INSTALL_SECTIONS)
+    return re.sub(rf"\]\(\.\./README\.md#({anchors})\)", r"](install.md#\1)", text)
 
 
 def with_titles(text: str, folder: Path) -> str:
@@ -102,4 +108,6 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     docs = Path(config["docs_dir"]).resolve()
     markdown = _ITEM_INDENT.sub("    ", markdown)
     folder = (docs / page.file.src_uri).parent
+    if folder == docs:
+        markdown = within_install(markdown)
     return within_site(with_titles(markdown, folder), folder, docs)

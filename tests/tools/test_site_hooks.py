@@ -15,6 +15,7 @@ from tools.site_hooks import (
     on_config,
     repository_address,
     with_titles,
+    within_install,
     within_site,
 )
 
@@ -28,6 +29,22 @@ def test_the_page_on_installing_is_the_readmes() -> None:
 def test_links_that_leave_the_site_become_text(tmp_path: Path) -> None:
     text = "[a](other.md#there) [b](../tests/test_docs.py) [c](https://d.e) ![f](images/g.png)"
     assert within_site(text, tmp_path, tmp_path) == "[a](other.md#there) b [c](https://d.e) ![f](images/g.png)"
+
+
+def test_links_to_installing_stay_within_the_site() -> None:
+    text = "[Install](../README.md#install-it-in-blender) [Limits](../README.md#limits) [all](../README.md#read-on)"
+    assert within_install(text) == "[Install](install.md#install-it-in-blender) [Limits](install.md#limits) " + (
+        "[all](../README.md#read-on)"
+    )
+
+
+def test_installing_begins_with_the_zip_and_three_clicks() -> None:
+    for page in ("README.md", "docs/index.md"):
+        text = (ROOT / page).read_text("utf-8")
+        steps = re.search(r"^## Install[^\n]*\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+        assert steps is not None, page
+        numbered = re.findall(r"^\d\. (.*)", steps.group(1), re.MULTILINE)
+        assert len(numbered) == 3 and numbered[0].startswith("Download the zip") and "make" not in numbered[0], page
 
 
 def test_links_show_titles_and_not_files(tmp_path: Path) -> None:
