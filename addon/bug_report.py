@@ -66,10 +66,8 @@ def bug_report() -> str:
     from engine.denoise.library import problem as denoiser_problem
     from engine.runtime.kernel_cache import cache_root, describe_kernels
     from engine.runtime.kernel_cache import problem as cache_problem
-    from engine.runtime.kernel_library import kernel_library
     from engine.scene.limits import physical_memory
 
-    library = kernel_library()
     log = log_file()
     lines = [
         f"NeuralGuide: {our_version()}",
@@ -79,8 +77,7 @@ def bug_report() -> str:
         f"Processor: {_processor()}, {os.cpu_count()} threads",
         f"Memory: {physical_memory() / 2**30:.1f} GiB",
         f"Packages: {', '.join(f'{name} {_package_version(name)}' for name in _PACKAGES)}",
-        f"Kernels made ahead: {f'for {library.level}' if library is not None else 'none'}",
-        f"Kernels so far: {describe_kernels().removeprefix('kernels: ')}",
+        f"Kernels: {describe_kernels().removeprefix('kernels: ')}",
         f"Kernel cache: {cache_root()} {cache_problem()}".rstrip(),
         f"Denoiser: {denoiser_problem() or 'there'}",
         f"Command: {Path(sys.argv[0]).name}",

@@ -13,8 +13,8 @@ from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
 
 #: Sections of a user's settings, as panels show them.
 SECTIONS = (
-    "Sampling", "Viewport", "Denoising", "Lights", "Advanced", "Guiding", "Trial and Training", "Learned Field", "Light Paths",
-    "Film", "Performance",
+    "Sampling", "Viewport", "Denoising", "Lights", "Advanced", "Guiding", "Trial and Training", "Learned Field",
+    "Light Paths", "Film", "Performance",
 )  # fmt: skip
 #: The property of `scene.neuralguide` that holds the settings for experiments.
 EXPERIMENT = "experiment"

@@ -9,7 +9,8 @@ llvmlite, embreex and onnxruntime travel as wheels at the versions of the lock f
 brings numpy, and what else onnxruntime names as its needs it does without when it runs a network.
 
 Kernels are compiled ahead (tools/kernel_library.py), for which that Python has to be here with numba: this one, or that
-of `.venv-3.13`. That takes minutes, and it says which parts and how long; `--quick` does without. Zips for other systems, and for a Python that is not here, go without, and compile at the first render.
+of `.venv-3.13`. That takes minutes, and it says which parts and how long; `--quick` does without. Zips for other
+systems, and for a Python that is not here, go without, and compile at the first render.
 """
 
 from __future__ import annotations

@@ -34,7 +34,8 @@ def manifest_version() -> str:
 
 def notes(changelog: str, version: str) -> str:
     """A version's part of the changelog, '' where there is none."""
-    found = re.search(rf"^## {re.escape(version)}(?:[ \t][^\n]*)?\n(.*?)(?=^## |\Z)", changelog, re.MULTILINE | re.DOTALL)
+    part = rf"^## {re.escape(version)}(?:[ \t][^\n]*)?\n(.*?)(?=^## |\Z)"
+    found = re.search(part, changelog, re.MULTILINE | re.DOTALL)
     return found.group(1).strip() if found else ""
 
 

@@ -161,7 +161,9 @@ class Module:
             found = [
                 (item.lineno, item)
                 for item in ast.walk(scope)
-                if isinstance(item, ast.Assign | ast.AnnAssign) and item.value is not None and self._names(item, node.id)
+                if isinstance(item, ast.Assign | ast.AnnAssign)
+                and item.value is not None
+                and self._names(item, node.id)
                 and (item.lineno <= node.lineno or isinstance(scope, ast.Module)) and self._scope(item) is scope
             ]
             values: list[ast.expr] = []

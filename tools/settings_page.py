@@ -63,8 +63,8 @@ colours differ a little from those of red, green and blue ([figures](results/wav
 """,
     "Guiding": """\
 Panels offer `'AUTO'` and `'OFF'`; the other methods where the add-on's preferences show settings for experiments, or a
-file has one. Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
-directions and take one (they resample). Networks do not pay on a processor at equal time
+file has one. Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh
+several directions and take one (they resample). Networks do not pay on a processor at equal time
 ([figures](results/do-networks-pay.md)).
 """,
     "Trial and Training": """\

@@ -67,7 +67,8 @@ def with_titles(text: str, folder: Path) -> str:
 
 def repository_address(remote: str) -> str:
     """Address for browsers of a remote as git has it, '' where it has none."""
-    found = re.fullmatch(r"(?:https?://(?:[^@/]+@)?|ssh://git@|git@)([\w.-]+)[:/]([\w./-]+?)(?:\.git)?/?", remote.strip())
+    form = r"(?:https?://(?:[^@/]+@)?|ssh://git@|git@)([\w.-]+)[:/]([\w./-]+?)(?:\.git)?/?"
+    found = re.fullmatch(form, remote.strip())
     return f"https://{found.group(1)}/{found.group(2)}" if found else ""
 
 

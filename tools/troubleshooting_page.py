@@ -104,8 +104,9 @@ TOPICS = (
 _HEAD = """\
 # Troubleshooting
 
-What NeuralGuide may say, by what it is about, and what to do then. Names, numbers and paths are examples: yours are those
-of your scene. Behind an arrow stands what is shown or done instead. `python -m tools.troubleshooting_page` writes this page.
+What NeuralGuide may say, by what it is about, and what to do then. Names, numbers and paths are examples: yours are
+those of your scene. Behind an arrow stands what is shown or done instead.
+`python -m tools.troubleshooting_page` writes this page.
 """
 
 _REPORT = """\

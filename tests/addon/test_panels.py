@@ -314,9 +314,10 @@ def test_layer_samples_are_offered_where_a_layer_has_its_own(blender: Any) -> No
     from addon import sampling_panels
 
     scene = blender.context.scene
-    assert (scene.cycles, "use_layer_samples") not in draw(sampling_panels.NEURALGUIDE_PT_sampling_advanced, blender.context).drawn
+    panel = sampling_panels.NEURALGUIDE_PT_sampling_advanced
+    assert (scene.cycles, "use_layer_samples") not in draw(panel, blender.context).drawn
     scene.view_layers[0].samples = 5
-    assert (scene.cycles, "use_layer_samples") in draw(sampling_panels.NEURALGUIDE_PT_sampling_advanced, blender.context).drawn
+    assert (scene.cycles, "use_layer_samples") in draw(panel, blender.context).drawn
 
 
 def test_motion_blur_can_be_chosen(blender: Any) -> None:

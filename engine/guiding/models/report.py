@@ -92,7 +92,7 @@ class GuidingReport:
         self.lines.append(line)
 
     def describe(self, stage_seconds: dict[str, float]) -> None:
-        """Write `lines` for people who measure and `sentence` for all others, given the time of the tracing threads by stage."""
+        """Write `lines` for who measures and `sentence` for all others, given the tracing threads' time by stage."""
         tracing = sum(stage_seconds.values())
         training = self.training_seconds + self.source_seconds
         everything = max(tracing + self.field_seconds + training, 1e-9)
