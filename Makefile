@@ -57,8 +57,9 @@ gallery: .venv/installed ## Contact sheet: ours, Cycles', difference
 kernels: .venv/installed ## Compile all kernels ahead, for this checkout (minutes; on Linux)
 	$(PYTHON) tools/kernel_library.py
 
-# With .venv-3.13 (`make .venv-3.13/installed`), kernels are compiled ahead for Blender 5.1 and later too.
-extension: .venv/installed ## Build the Blender extension into dist/, for all Blenders and platforms
+# With .venv-3.13 (`make .venv-3.13/installed`), kernels are compiled ahead for Blender 5.1 and later too. Without any:
+# `.venv/bin/python tools/build_extension.py --quick`.
+extension: .venv/installed ## Build the zips for Blender into dist/, kernels for Linux included (minutes; it says how long)
 	$(PYTHON) tools/build_extension.py
 
 # An environment of its own: the site's packages are no part of the project.

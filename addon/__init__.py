@@ -18,6 +18,7 @@ def _use_extension_folder() -> None:
 
 def _modules() -> list:  # type: ignore[type-arg]
     from . import (
+        bug_report,
         engine,
         last_render,
         learned_fields,
@@ -33,8 +34,8 @@ def _modules() -> list:  # type: ignore[type-arg]
     from .viewport import windows
 
     return [
-        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, preferences,
-        warm_up, windows,
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, bug_report,
+        preferences, warm_up, windows,
     ]  # fmt: skip
 
 

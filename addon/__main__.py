@@ -27,7 +27,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "version" in names:
         import bpy
 
+        from .bug_report import our_version
+
         print(f"Blender {bpy.app.version_string} as a module")
+        print(f"NeuralGuide {our_version()}")
+        return 0
+    if "report" in names:
+        from .bug_report import bug_report
+
+        print(bug_report(), end="")
         return 0
     from . import cli
 

@@ -43,6 +43,7 @@ makes no sense.
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
   -v, --version                Show versions and exit
+  --report                     Show what a report of a bug needs, and exit: versions, processor, the end of the log
   --                           Leave what follows to scripts
 """
 
@@ -75,6 +76,7 @@ _OPTIONS = {
     "-a": ("render-anim", False),
     "-h": ("help", False),
     "-v": ("version", False),
+    "--report": ("report", False),
 }
 _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPTIONS.values())}
 _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name

@@ -11,10 +11,10 @@ from typing import Any
 
 from engine.settings import EXPERIMENT_SECTIONS, MAX_SAMPLES, SETTINGS, Setting
 
-#: Sections of a user's settings; panels in ui.py have the same names.
+#: Sections of a user's settings, as panels show them.
 SECTIONS = (
-    "Sampling", "Denoising", "Lights", "Advanced", "Guiding", "Trial and Training", "Learned Field", "Light Paths",
-    "Film", "Performance",
+    "Sampling", "Viewport", "Denoising", "Lights", "Advanced", "Guiding", "Trial and Training", "Learned Field",
+    "Light Paths", "Film", "Performance",
 )  # fmt: skip
 #: The property of `scene.neuralguide` that holds the settings for experiments.
 EXPERIMENT = "experiment"
@@ -27,8 +27,42 @@ _ADDON_SETTINGS = (
         "Sampling",
     ),
     Setting(
+        "use_preview_adaptive_sampling", True, "Viewport Noise Threshold",
+        "Stop sampling pixels of a viewport whose noise is below a threshold", "Viewport",
+    ),
+    Setting(
+        "preview_adaptive_threshold", 0.1, "Viewport Threshold",
+        "Noise that a pixel of a viewport may be left with (0 = by the number of samples)", "Viewport", minimum=0,
+        maximum=1,
+    ),
+    Setting(
         "preview_samples", 1024, "Viewport Samples", "Paths to trace for every pixel of a viewport; 0: without end",
-        "Sampling", minimum=0, maximum=MAX_SAMPLES,
+        "Viewport", minimum=0, maximum=MAX_SAMPLES,
+    ),
+    Setting(
+        "preview_adaptive_min_samples", 0, "Viewport Min Samples",
+        "Samples that every pixel of a viewport gets (0 = by the threshold)", "Viewport", minimum=0, maximum=4096,
+    ),
+    Setting(
+        "use_preview_denoising", False, "Viewport Denoise", "Take the noise out of what a viewport shows", "Viewport",
+    ),
+    Setting(
+        "preview_denoising_input_passes", "RGB_ALBEDO", "Viewport Passes",
+        "What the denoiser of a viewport tells detail from noise by, besides the picture", "Viewport",
+        choices=SETTINGS["denoising_input_passes"].choices,
+    ),
+    Setting(
+        "preview_denoising_prefilter", "FAST", "Viewport Prefilter",
+        "What a viewport does with albedo and normal, which have noise too", "Viewport",
+        choices=SETTINGS["denoising_prefilter"].choices,
+    ),
+    Setting(
+        "preview_denoising_quality", "BALANCED", "Viewport Quality", "How much time the denoiser of a viewport takes",
+        "Viewport", choices=SETTINGS["denoising_quality"].choices,
+    ),
+    Setting(
+        "preview_denoising_start_sample", 1, "Viewport Start Sample",
+        "Samples a pixel before which a viewport is not denoised", "Viewport", minimum=0, maximum=MAX_SAMPLES,
     ),
     Setting(
         "sequence_field", False, "Sequence Field",

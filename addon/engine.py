@@ -22,6 +22,7 @@ from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
 from .viewport import windows
+from .waiting_picture import WaitingPicture
 
 if TYPE_CHECKING:
     from engine.scene.description import Notice, SceneDescription
@@ -96,6 +97,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     # Class attributes rather than `__init__`, whose signature differs between versions of Blender; and no types here
     # but plain ones, since Blender 3.4 evaluates the annotations of every class it registers.
+    #: Whether a bar stands where there is no picture yet: where somebody looks.
+    shows_waiting: Any = not bpy.app.background
+
     _session: Any = None
     _settings: Any = None  # RenderSettings of the layer that `update` exported last
     _export_cache: Any = None
@@ -234,7 +238,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._note(depsgraph, "CANCELLED")
 
     @contextlib.contextmanager
-    def _progress(self, depsgraph: bpy.types.Depsgraph, view: str = "") -> Iterator[Callable[[Any], None]]:
+    def _progress(
+        self, depsgraph: bpy.types.Depsgraph, view: str = "", waiting: WaitingPicture | None = None
+    ) -> Iterator[Callable[[Any], None]]:
         """What to tell the session's progress to, so that the user sees it."""
         from engine.render.report import peak_memory
 
@@ -245,6 +251,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         def on_progress(progress: Any) -> None:
             fraction = self._total_fraction(depsgraph, progress.fraction)
             self.update_progress(fraction)
+            if waiting is not None:
+                waiting.update(progress)
             if bar is not None:
                 bar.update(title, fraction, progress)
             else:
@@ -269,15 +277,25 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             requested = passes.requested_passes(depsgraph.scene_eval, depsgraph.view_layer_eval)
             wanted = {item.name: item for item in requested}
 
+            def show_waiting(picture: Any) -> None:
+                passes.write_layer(target.layers[0], view, {"Combined": passes.COMBINED}, {"Combined": picture})
+                self.update_result(target)
+
+            waiting = None
+            if self.shows_waiting:
+                waiting = WaitingPicture(show_waiting, target.resolution_y, target.resolution_x)
+
             def on_image(images: Any) -> None:
                 nonlocal keep
+                if waiting is not None:
+                    waiting.end()
                 passes.write_layer(target.layers[0], view, wanted, images)
                 keep = True
                 self.update_result(target)
                 self._note_image()
 
             source = None if self._plan is None else self._plan.source(description)
-            with self._progress(depsgraph, view) as on_progress:
+            with self._progress(depsgraph, view, waiting) as on_progress:
                 keeps_meshes = not self._is_only_picture(depsgraph)
                 if not keeps_meshes:
                     self._export_cache = None

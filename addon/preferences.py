@@ -27,6 +27,7 @@ class NeuralGuidePreferences(bpy.types.AddonPreferences):
         column.label(text="Kernels that the add-on does not bring are compiled at the first render, and kept in:")
         column.label(text=str(cache_root()))
         column.operator("neuralguide.clear_kernel_cache")
+        column.operator("neuralguide.copy_bug_report", icon="URL")
 
 
 def shows_experiments(context: bpy.types.Context) -> bool:

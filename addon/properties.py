@@ -20,6 +20,7 @@ _UNITS = {"s": {"unit": "TIME_ABSOLUTE"}, "pixels": {"subtype": "PIXEL"}}
 #: How far sliders go, and how numbers are shown.
 _LOOKS: dict[str, dict[str, Any]] = {
     "adaptive_threshold": {"precision": 4},
+    "preview_adaptive_threshold": {"precision": 4},
     "time_limit": {"step": 100},
     "sequence_samples": {"soft_max": 4096},
     "light_sampling_threshold": {"precision": 4},

@@ -8,22 +8,21 @@ from typing import Any
 
 import bpy
 
-from engine.denoise.library import problem as denoiser_problem
 from engine.settings import EXPERIMENT_SECTIONS
 
-from . import last_render, learned_fields, preferences, warm_up
-from .declared_settings import SCENE_SETTINGS, setting_owner, settings_of
+from . import guiding_panels, preferences, sampling_panels, simplify_panels
 from .dispersion import can_disperse
 from .engine import NeuralGuideRenderEngine
+from .panel_parts import RenderPanel, draw_presets, draw_section, draw_shared
 from .passes import requested_mattes
-from .shared_settings import SHARED_SETTINGS, follows_cycles, has_cycles, setting_source, setting_value
+from .shared_settings import setting_value
 
 _ENGINE = NeuralGuideRenderEngine.bl_idname
 
 #: Panels of Blender that name things we do not do.
 _EXCLUDED_PANELS = {
     "RENDER_PT_freestyle",
-    "RENDER_PT_simplify",
+    "RENDER_PT_gpencil",
     "VIEWLAYER_PT_filter",
     "VIEWLAYER_PT_layer_passes",
     # Cycles draws its own of these.
@@ -39,6 +38,8 @@ _EXCLUDED_PANELS = {
     "NODE_DATA_PT_spot",
     "OBJECT_PT_visibility",
     "WORLD_PT_preview",
+    # We draw our own.
+    "RENDER_PT_simplify",
 }
 
 #: Panels that Blender keeps for its own engines, and of which all works.
@@ -73,186 +74,19 @@ _CYCLES_PANELS = (
 )
 
 
-class _RenderPanel:
-    """What every panel of render properties has in common."""
-
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only with our engine."""
-        return context.engine == _ENGINE
-
-    def _column(self) -> bpy.types.UILayout:
-        layout = self.layout  # type: ignore[attr-defined]
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        return layout.column()
-
-
-def _draw_shared(layout: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **look: Any) -> None:
-    """A setting that Cycles has too: the property that counts, and a way back to Cycles' where ours was set."""
-    owner, own_name = setting_source(scene, name)
-    row = layout.row(align=True)
-    row.prop(owner, own_name, **({"text": SCENE_SETTINGS[name].label} | look))
-    if owner == scene.neuralguide and follows_cycles(scene):
-        row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = name
-
-
-def _draw_section(layout: bpy.types.UILayout, scene: bpy.types.Scene, section: str) -> None:
-    """A row for each setting of a section."""
-    for setting in settings_of(section):
-        if setting.name in SHARED_SETTINGS:
-            _draw_shared(layout, scene, setting.name)
-        else:
-            layout.prop(setting_owner(scene, setting.name), setting.name)
-
-
-class NEURALGUIDE_PT_sampling(_RenderPanel, bpy.types.Panel):  # noqa: N801 (Blender's convention)
-    """Whose settings count, samples, time and method."""
-
-    bl_label = "Sampling"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        warm_up.start()
-        scene = context.scene
-        settings = scene.neuralguide
-        column = self._column()
-        if has_cycles(scene):
-            column.prop(settings, "use_cycles_settings")
-            if not settings.use_cycles_settings:
-                column.operator("neuralguide.copy_cycles_settings")
-        _draw_shared(column, scene, "use_adaptive_sampling")
-        threshold = column.column()
-        threshold.active = setting_value(scene, "use_adaptive_sampling")
-        for name in ("adaptive_threshold", "adaptive_min_samples"):
-            _draw_shared(threshold, scene, name)
-        for name in ("samples", "preview_samples", "time_limit"):
-            _draw_shared(column, scene, name)
-        column.prop(settings, "spectral")
-
-
-class NEURALGUIDE_PT_denoising(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """What takes the noise out of the finished picture."""
-
-    bl_label = "Denoise"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
-
-    def draw_header(self, context: bpy.types.Context) -> None:
-        """Draw the switch."""
-        row = self.layout.row()
-        row.active = not denoiser_problem()
-        _draw_shared(row, context.scene, "use_denoising", text="")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        scene, problem = context.scene, denoiser_problem()
-        column = self._column()
-        if follows_cycles(scene):
-            column.prop(scene.cycles, "use_preview_denoising", text="Viewport")
-        if problem:
-            # A label is one line.
-            for part in problem.split(": "):
-                column.label(text=part)
-        column.active = not problem and setting_value(scene, "use_denoising")
-        names = ["denoising_input_passes", "denoising_quality"]
-        if setting_value(scene, "denoising_input_passes") != "RGB":
-            names.insert(1, "denoising_prefilter")
-        for name in names:
-            _draw_shared(column, scene, name)
-
-
-class NEURALGUIDE_PT_guiding(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """What is learned, what it is used for, and what the last render made of it."""
-
-    bl_label = "Guiding"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        _draw_section(self._column(), context.scene, "Guiding")
-        sentence = last_render.guiding_sentence(context.scene)
-        if sentence:
-            last_render.draw_text(self.layout, context, f"Last render: {sentence}")
-
-
-class NEURALGUIDE_PT_training(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """How guiding is tried, trained and repeated."""
-
-    bl_label = "Trial and Training"
-    bl_parent_id = "NEURALGUIDE_PT_guiding"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        column = self._column()
-        column.active = context.scene.neuralguide.guiding_method != "OFF"
-        _draw_section(column, context.scene, "Trial and Training")
-
-
-class NEURALGUIDE_PT_learned_field(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """What becomes of what a render has learned."""
-
-    bl_label = "Learned Field"
-    bl_parent_id = "NEURALGUIDE_PT_guiding"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        column = self._column()
-        column.active = context.scene.neuralguide.guiding_method != "OFF"
-        _draw_section(column, context.scene, "Learned Field")
-        learned = learned_fields.kept_field(context.scene, context.view_layer)
-        column.label(text=f"In memory: {learned or 'nothing yet'}")
-        row = column.row(align=True)
-        row.operator("neuralguide.save_learned_field", text="Save")
-        row.operator("neuralguide.load_learned_field", text="Load")
-
-
-class NEURALGUIDE_PT_sampling_lights(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """How lights are sampled."""
-
-    bl_label = "Lights"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        _draw_section(self._column(), context.scene, "Lights")
-
-
-class NEURALGUIDE_PT_sampling_advanced(_RenderPanel, bpy.types.Panel):  # noqa: N801
-    """What is better left alone."""
-
-    bl_label = "Advanced"
-    bl_parent_id = "NEURALGUIDE_PT_sampling"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw."""
-        scene = context.scene
-        column = self._column()
-        row = column.row(align=True)
-        _draw_shared(row, scene, "seed")
-        _draw_shared(row, scene, "use_animated_seed", text="", icon="TIME")
-        for name in ("min_light_bounces", "min_transparent_bounces"):
-            _draw_shared(column, scene, name)
-        if follows_cycles(scene) and any(layer.samples > 0 for layer in scene.view_layers):
-            column.prop(scene.cycles, "use_layer_samples")
-
-
-class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_light_paths(RenderPanel, bpy.types.Panel):  # noqa: N801
     """How far light is followed."""
 
     bl_label = "Light Paths"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
 
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        """Draw the button for Cycles' presets."""
+        draw_presets(self.layout, context.scene, "CYCLES_PT_integrator_presets")
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        column = self._column()
+        column = self.column()
         for names in (
             ("max_bounces",),
             ("diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces"),
@@ -263,10 +97,10 @@ class NEURALGUIDE_PT_light_paths(_RenderPanel, bpy.types.Panel):  # noqa: N801
         ):
             part = column.column(align=True)
             for name in names:
-                _draw_shared(part, context.scene, name)
+                draw_shared(part, context.scene, name)
 
 
-class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_motion_blur(RenderPanel, bpy.types.Panel):  # noqa: N801
     """When the shutter is open: Blender's own settings, as Cycles reads them."""
 
     bl_label = "Motion Blur"
@@ -279,7 +113,7 @@ class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         render = context.scene.render
-        column = self._column()
+        column = self.column()
         column.active = render.use_motion_blur
         # Cycles' own in older Blenders.
         owner = render if hasattr(render, "motion_blur_position") else getattr(context.scene, "cycles", None)
@@ -294,7 +128,7 @@ class NEURALGUIDE_PT_motion_blur(_RenderPanel, bpy.types.Panel):  # noqa: N801
             part.prop(cycles, "rolling_shutter_duration", text="Row Duration")
 
 
-class NEURALGUIDE_PT_motion_blur_curve(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_motion_blur_curve(RenderPanel, bpy.types.Panel):  # noqa: N801
     """How the shutter opens and closes."""
 
     bl_label = "Shutter Curve"
@@ -304,7 +138,7 @@ class NEURALGUIDE_PT_motion_blur_curve(_RenderPanel, bpy.types.Panel):  # noqa: 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         render = context.scene.render
-        column = self._column()
+        column = self.column()
         column.active = render.use_motion_blur
         column.template_curve_mapping(render, "motion_blur_shutter_curve")
         row = column.row(align=True)
@@ -319,7 +153,7 @@ class NEURALGUIDE_PT_motion_blur_curve(_RenderPanel, bpy.types.Panel):  # noqa: 
             row.operator("render.shutter_curve_preset", icon=icon, text="").shape = shape
 
 
-class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_film(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Exposure, filter, background."""
 
     bl_label = "Film"
@@ -328,14 +162,14 @@ class NEURALGUIDE_PT_film(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         scene = context.scene
-        column = self._column()
+        column = self.column()
         for name in ("film_exposure", "film_transparent", "pixel_filter"):
-            _draw_shared(column, scene, name)
+            draw_shared(column, scene, name)
         if setting_value(scene, "pixel_filter") != "BOX":
-            _draw_shared(column, scene, "filter_width")
+            draw_shared(column, scene, "filter_width")
 
 
-class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_performance(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Threads and what is kept between frames, by Blender's settings as Cycles reads them; memory for textures."""
 
     bl_label = "Performance"
@@ -345,7 +179,7 @@ class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
         """Draw."""
         scene = context.scene
         render, ours = scene.render, scene.neuralguide
-        column = self._column()
+        column = self.column()
         if ours.threads == 0:
             column.prop(render, "threads_mode")
             part = column.column()
@@ -356,10 +190,13 @@ class NEURALGUIDE_PT_performance(_RenderPanel, bpy.types.Panel):  # noqa: N801
             row.prop(ours, "threads")
             row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = "threads"
         column.prop(render, "use_persistent_data")
-        column.prop(ours, "texture_memory")
+        row = column.row()
+        row.prop(ours, "texture_memory")
+        if ours.texture_memory == 0:
+            row.label(text="Automatic")
 
 
-class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_experiments(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Settings for experiments, by section."""
 
     bl_label = "Experiments"
@@ -372,14 +209,14 @@ class NEURALGUIDE_PT_experiments(_RenderPanel, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
-        column = self._column()
+        column = self.column()
         for section in EXPERIMENT_SECTIONS:
             part = column.column()
             part.label(text=section)
-            _draw_section(part, context.scene, section)
+            draw_section(part, context.scene, section)
 
 
-class NEURALGUIDE_PT_filter(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_filter(RenderPanel, bpy.types.Panel):  # noqa: N801
     """What the view layer shows, of what this engine has."""
 
     bl_label = "Filter"
@@ -389,7 +226,7 @@ class NEURALGUIDE_PT_filter(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         layer = context.view_layer
-        column = self._column()
+        column = self.column()
         include = column.column(heading="Include")
         include.prop(layer, "use_sky", text="Environment")
         include.prop(layer, "use_solid", text="Surfaces")
@@ -398,7 +235,7 @@ class NEURALGUIDE_PT_filter(_RenderPanel, bpy.types.Panel):  # noqa: N801
         use.prop(layer, "use_motion_blur", text="Motion Blur")
 
 
-class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_passes(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Passes of the view layer."""
 
     bl_label = "Passes"
@@ -407,7 +244,7 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         layer = context.view_layer
-        column = self._column()
+        column = self.column()
         data = column.column(heading="Data", align=True)
         for name, text in (
             ("use_pass_z", "Depth"),
@@ -429,6 +266,10 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
             light = column.column(heading=lobes.capitalize(), align=True)
             for kind in ("direct", "indirect", "color"):
                 light.prop(layer, f"use_pass_{lobes}_{kind}", text=kind.capitalize())
+        if hasattr(layer, "cycles"):
+            light = column.column(heading="Volume", align=True)
+            light.prop(layer.cycles, "use_pass_volume_direct", text="Direct")
+            light.prop(layer.cycles, "use_pass_volume_indirect", text="Indirect")
         light = column.column(heading="Light", align=True)
         light.prop(layer, "use_pass_emit", text="Emission")
         light.prop(layer, "use_pass_environment", text="Environment")
@@ -443,7 +284,7 @@ class NEURALGUIDE_PT_passes(_RenderPanel, bpy.types.Panel):  # noqa: N801
         quality.prop(layer.neuralguide, "use_pass_guiding_benefit")
 
 
-class NEURALGUIDE_PT_passes_cryptomatte(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_passes_cryptomatte(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Which Cryptomattes there are, and how many levels they have."""
 
     bl_label = "Cryptomatte"
@@ -453,7 +294,7 @@ class NEURALGUIDE_PT_passes_cryptomatte(_RenderPanel, bpy.types.Panel):  # noqa:
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         layer = context.view_layer
-        column = self._column()
+        column = self.column()
         column.prop(layer, "use_pass_cryptomatte_object", text="Object")
         column.prop(layer, "use_pass_cryptomatte_material", text="Material")
         column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
@@ -462,7 +303,7 @@ class NEURALGUIDE_PT_passes_cryptomatte(_RenderPanel, bpy.types.Panel):  # noqa:
         levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
 
 
-class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_passes_aov(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Passes that AOV Output nodes fill."""
 
     bl_label = "Shader AOV"
@@ -472,7 +313,7 @@ class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         layer = context.view_layer
-        column = self._column()
+        column = self.column()
         row = column.row()
         row.template_list("VIEWLAYER_UL_aov", "aovs", layer, "aovs", layer, "active_aov_index", rows=3)
         buttons = row.column(align=True)
@@ -482,7 +323,7 @@ class NEURALGUIDE_PT_passes_aov(_RenderPanel, bpy.types.Panel):  # noqa: N801
             column.label(text="Another pass has this name", icon="ERROR")
 
 
-class NEURALGUIDE_PT_light_groups(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_light_groups(RenderPanel, bpy.types.Panel):  # noqa: N801
     """Light groups of the view layer: a pass each."""
 
     bl_label = "Light Groups"
@@ -504,7 +345,7 @@ class NEURALGUIDE_PT_light_groups(_RenderPanel, bpy.types.Panel):  # noqa: N801
         buttons.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
 
 
-class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
+class NEURALGUIDE_PT_dispersion(RenderPanel, bpy.types.Panel):  # noqa: N801
     """How a material's refraction depends on the wavelength."""
 
     bl_label = "Dispersion"
@@ -518,7 +359,7 @@ class NEURALGUIDE_PT_dispersion(_RenderPanel, bpy.types.Panel):  # noqa: N801
     def draw(self, context: bpy.types.Context) -> None:
         """Draw."""
         settings = context.material.neuralguide
-        column = self._column()
+        column = self.column()
         column.prop(settings, "dispersion", text="Kind")
         if settings.dispersion == "ABBE":
             column.prop(settings, "abbe_number")
@@ -531,8 +372,17 @@ def _compatible_panels() -> Iterator[type[bpy.types.Panel]]:
     """Blender's own panels that work with this engine."""
     for panel in bpy.types.Panel.__subclasses__():
         is_for_all = "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ())
-        if panel.__name__ in _ADDED_PANELS or (is_for_all and panel.__name__ not in _EXCLUDED_PANELS):
+        if panel.__name__ in _ADDED_PANELS or (is_for_all and not _is_excluded(panel)):
             yield panel
+
+
+def _is_excluded(panel: type[bpy.types.Panel] | None) -> bool:
+    """Whether a panel, or one that it is a part of, names what we do not do."""
+    while panel is not None:
+        if panel.__name__ in _EXCLUDED_PANELS:
+            return True
+        panel = getattr(bpy.types, getattr(panel, "bl_parent_id", ""), None)
+    return False
 
 
 class _ContextOfCycles:
@@ -570,15 +420,12 @@ def _borrow(source: type[bpy.types.Panel]) -> type[bpy.types.Panel]:
 _borrowed: list[type[bpy.types.Panel]] = []
 
 
-_classes = (
-    NEURALGUIDE_PT_sampling,
-    NEURALGUIDE_PT_denoising,
-    NEURALGUIDE_PT_sampling_lights,
-    NEURALGUIDE_PT_sampling_advanced,
-    NEURALGUIDE_PT_guiding,
-    NEURALGUIDE_PT_training,
-    NEURALGUIDE_PT_learned_field,
+#: All panels that we draw, in the order of the properties editor.
+CLASSES = (
+    *sampling_panels.PANELS,
+    *guiding_panels.CLASSES,
     NEURALGUIDE_PT_light_paths,
+    *simplify_panels.PANELS,
     NEURALGUIDE_PT_motion_blur,
     NEURALGUIDE_PT_motion_blur_curve,
     NEURALGUIDE_PT_film,
@@ -595,7 +442,7 @@ _classes = (
 
 def register() -> None:
     """Add our panels and those of Cycles, and the engine's name to Blender's."""
-    for cls in _classes:
+    for cls in CLASSES:
         bpy.utils.register_class(cls)
     for name in _CYCLES_PANELS:
         source = getattr(bpy.types, name, None)  # absent where the Cycles add-on is off
@@ -613,5 +460,5 @@ def unregister() -> None:
         getattr(panel, "COMPAT_ENGINES", set()).discard(_ENGINE)
     while _borrowed:
         bpy.utils.unregister_class(_borrowed.pop())
-    for cls in reversed(_classes):
+    for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -127,19 +127,20 @@ def _commands() -> Iterator[tuple[Path, str, str]]:
     """Page, program and what it runs: targets of make, and modules that Python runs."""
     for page in _files("*.md"):
         text = "\n".join([*_CODE_BLOCK.findall(page.read_text("utf-8")), *_CODE_SPAN.findall(page.read_text("utf-8"))])
-        yield from ((page, "make", target) for target in re.findall(r"^make ([a-z0-9.-]+)", text, re.MULTILINE))
+        yield from ((page, "make", target) for target in re.findall(r"^ *make ([a-z0-9./-]+)", text, re.MULTILINE))
         yield from ((page, "python", module) for module in re.findall(r"python -m ([\w.]+)", text))
 
 
 def test_commands_in_pages_are_there() -> None:
     """That what they run exists; what each does is tested where it is."""
-    targets = set(re.findall(r"^([a-z0-9.-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
+    targets = re.findall(r"^([a-z0-9./%-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    is_target = re.compile("|".join(re.escape(target).replace("%", r"[\w.]+") for target in targets))
     commands = list(_commands())
     assert {program for _page, program, _what in commands} == {"make", "python"} and len(commands) > 20
     missing = []
     for page, program, what in commands:
         if program == "make":
-            is_there = what in targets
+            is_there = is_target.fullmatch(what) is not None
         else:
             path = ROOT.joinpath(*what.split("."))
             is_there = path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()

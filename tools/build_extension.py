@@ -9,7 +9,8 @@ llvmlite, embreex and onnxruntime travel as wheels at the versions of the lock f
 brings numpy, and what else onnxruntime names as its needs it does without when it runs a network.
 
 Kernels are compiled ahead (tools/kernel_library.py), for which that Python has to be here with numba: this one, or that
-of `.venv-3.13`. Zips for other systems, and for a Python that is not here, go without, and compile at the first render.
+of `.venv-3.13`. That takes minutes, and it says which parts and how long; `--quick` does without. Zips for other
+systems, and for a Python that is not here, go without, and compile at the first render.
 """
 
 from __future__ import annotations
@@ -184,6 +185,7 @@ def add_kernels(stage: Path, blenders: BlenderRange, platform: str, parts: Seque
         print(f"{blenders.name}: no Python {blenders.python} with numba is here, so it compiles kernels at the first "
               f"render (`make .venv-{blenders.python}/installed` gets one)", file=sys.stderr)  # fmt: skip
         return
+    print(f"{blenders.name} on {platform}: kernels are compiled ahead (--quick does without)", file=sys.stderr)
     kernel_library.build(
         stage, stage / kernel_library.OUTPUT.relative_to(ROOT), package=f"{stage.name}.engine", parts=parts,
         python=python,
@@ -239,9 +241,13 @@ def main() -> int:
         help="only the zips that this Blender takes, as in `--blender 4.5`; default: all",
     )
     parser.add_argument("--output", type=Path, default=ROOT / "dist")
-    parser.add_argument("--no-kernels", action="store_true", help="leave it to the first render to compile kernels")
+    parser.add_argument(
+        "--quick", "--no-kernels", action="store_true", help="leave it to the first render to compile kernels"
+    )
     arguments = parser.parse_args()
-    parts = () if arguments.no_kernels else kernel_library.PARTS
+    parts = () if arguments.quick else kernel_library.PARTS
+    if arguments.quick:
+        print("no kernels are compiled: the first render will, for a minute or two", file=sys.stderr)
     built = [
         build(blenders, platform, arguments.output, parts)
         for blenders in dict.fromkeys(arguments.blender or RANGES)

@@ -62,8 +62,9 @@ With `spectral` `'ON'` colours have smooth spectra everywhere and white light is
 colours differ a little from those of red, green and blue ([figures](results/wavelengths.md)).
 """,
     "Guiding": """\
-Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh several
-directions and take one (they resample). Networks do not pay on a processor at equal time
+Panels offer `'AUTO'` and `'OFF'`; the other methods where the add-on's preferences show settings for experiments, or a
+file has one. Methods from `'VMM'` to `'FLOW'` draw directions from what was learned. Those that end in `_RIS` weigh
+several directions and take one (they resample). Networks do not pay on a processor at equal time
 ([figures](results/do-networks-pay.md)).
 """,
     "Trial and Training": """\

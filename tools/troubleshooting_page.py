@@ -2,7 +2,7 @@
 """`python -m tools.troubleshooting_page` writes docs/troubleshooting.md: what the engine may say, and what to do then.
 
 Sentences are collected from the sources: notices, reports and log messages of the add-on, and errors of the modules of
-`TOPICS`. What a sentence names in a scene is written as "…".
+`TOPICS`. They stand there as they are seen, with examples for what they name in a scene (`seen_sentences.py`).
 """
 
 from __future__ import annotations
@@ -11,6 +11,9 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from tools.message_examples import EXAMPLES, EXAMPLES_IN
+from tools.seen_sentences import Module
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "troubleshooting.md"
@@ -101,43 +104,51 @@ TOPICS = (
 _HEAD = """\
 # Troubleshooting
 
-What NeuralGuide may say, by what it is about, and what to do then. "…" stands for what it names in your scene. Behind
-an arrow stands what is shown or done instead. `python -m tools.troubleshooting_page` writes this page.
+What NeuralGuide may say, by what it is about, and what to do then. Names, numbers and paths are examples: yours are
+those of your scene. Behind an arrow stands what is shown or done instead.
+`python -m tools.troubleshooting_page` writes this page.
+"""
+
+_REPORT = """\
+## Report a bug
+
+In Blender *Preferences > Add-ons > NeuralGuide > Copy Bug Report* copies what a report needs: versions, system,
+processor, kernels and the end of the log. From a checkout this command prints it:
+
+```
+.venv/bin/python -m addon --report
+```
+
+Paste it into a new issue of the repository, for which `.github/ISSUE_TEMPLATE/bug_report.md` is the form. Say what
+happens, what you expected, and how to make it happen: best by a .blend as small as possible.
 """
 
 _NOTICES = {"Notice", "notice", "_notice"}
 _LOGGED = {"info", "warning", "error"}
 
 
-def _text(node: ast.expr) -> str:
-    """A sentence's words, '…' for what is put in while it runs."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    if isinstance(node, ast.JoinedStr):
-        return "".join(_text(part) for part in node.values)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return _text(node.left) + _text(node.right)
-    return "…"
-
-
-def _sentence(call: ast.Call, is_raised: bool) -> str:
+def _said(call: ast.Call, is_raised: bool) -> list[ast.expr]:
+    """The expressions of a call that users read: two of a notice, one of a message, none of other calls."""
     function = call.func
     name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
     owner = getattr(function.value, "id", "") if isinstance(function, ast.Attribute) else ""
-    texts = [_text(argument) for argument in call.args]
-    if name in _NOTICES and len(texts) >= 2:
-        return " → ".join(texts[-2:])
-    if (name == "report" and len(texts) == 2) or (is_raised and texts and name.endswith("Error")):
-        return texts[-1]
-    return texts[0] if owner == "logger" and name in _LOGGED and texts else ""
+    if name in _NOTICES and len(call.args) >= 2:
+        return call.args[-2:]
+    if (name == "report" and len(call.args) == 2) or (is_raised and call.args and name.endswith("Error")):
+        return call.args[-1:]
+    return call.args[:1] if owner == "logger" and name in _LOGGED else []
 
 
-def sentences(source: str) -> set[str]:
-    """Sentences that a module's text may say; those that are put together elsewhere are left out."""
-    tree = ast.parse(source)
-    raised = {id(node.exc) for node in ast.walk(tree) if isinstance(node, ast.Raise)}
-    found = {_sentence(node, id(node) in raised) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    return {text for text in found if any(letter.isalpha() for letter in text)}
+def sentences(source: str, path: str = "") -> set[str]:
+    """Sentences that a module's text may say; those of which nothing is known there are left out."""
+    module = Module(source, EXAMPLES | EXAMPLES_IN.get(path, {}))
+    raised = {id(node.exc) for node in ast.walk(module.tree) if isinstance(node, ast.Raise)}
+    found = set()
+    for call in ast.walk(module.tree):
+        if isinstance(call, ast.Call) and (said := _said(call, id(call) in raised)):
+            found |= {" → ".join(texts) for texts in module.texts(*said)}
+    # What logging puts together was said elsewhere.
+    return {text for text in found if any(letter.isalpha() for letter in text) and "%s" not in text}
 
 
 def topic_of(path: str) -> Topic | None:
@@ -148,15 +159,16 @@ def topic_of(path: str) -> Topic | None:
 def _collected() -> Iterator[tuple[Topic, str]]:
     for package in ("addon", "engine"):
         for file in sorted((ROOT / package).rglob("*.py")):
-            topic = topic_of(file.relative_to(ROOT).as_posix())
+            path = file.relative_to(ROOT).as_posix()
+            topic = topic_of(path)
             if topic is not None:
-                yield from ((topic, text) for text in sentences(file.read_text("utf-8")))
+                yield from ((topic, text) for text in sentences(file.read_text("utf-8"), path))
 
 
 def page() -> str:
     """The whole page."""
     found = set(_collected())
-    lines = [_HEAD]
+    lines = [_HEAD, _REPORT]
     for topic in TOPICS:
         lines += [f"## {topic.title}\n", f"{topic.advice}\n"]
         texts = sorted({" ".join(text.replace("`", "'").split()) for owner, text in found if owner is topic})

@@ -18,6 +18,17 @@ if TYPE_CHECKING:
 #: Where Cycles' number is 0, without end: a day or so. Lengths of iterations are worked out ahead.
 _ENDLESS_SAMPLES = 1 << 16
 
+#: Settings of a render, and what a viewport has instead.
+_OWN_SETTINGS = {
+    "use_adaptive_sampling": "use_preview_adaptive_sampling",
+    "adaptive_threshold": "preview_adaptive_threshold",
+    "adaptive_min_samples": "preview_adaptive_min_samples",
+    "use_denoising": "use_preview_denoising",
+    "denoising_input_passes": "preview_denoising_input_passes",
+    "denoising_prefilter": "preview_denoising_prefilter",
+    "denoising_quality": "preview_denoising_quality",
+}
+
 
 def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     """What the process is told for a viewport.
@@ -29,29 +40,16 @@ def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     """
     settings = render_settings(scene)
     samples = setting_value(scene, "preview_samples") or _ENDLESS_SAMPLES
-    settings = replace(
-        settings, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, strata=0,
+    own = {name: setting_value(scene, cycles_name) for name, cycles_name in _OWN_SETTINGS.items()}
+    return replace(
+        settings, **own, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, strata=0,
         guiding_method=_method(settings.guiding_method, samples),
     )  # fmt: skip
-    if not follows_cycles(scene):
-        return settings
-    cycles = scene.cycles
-    return replace(
-        settings,
-        use_adaptive_sampling=cycles.use_preview_adaptive_sampling,
-        adaptive_threshold=cycles.preview_adaptive_threshold,
-        adaptive_min_samples=cycles.preview_adaptive_min_samples,
-        use_denoising=cycles.use_preview_denoising,
-        denoising_input_passes=cycles.preview_denoising_input_passes,
-        denoising_prefilter=cycles.preview_denoising_prefilter,
-        # Blender 4.2 and later ask how thoroughly.
-        denoising_quality=getattr(cycles, "preview_denoising_quality", settings.denoising_quality),
-    )
 
 
 def denoises_from(scene: bpy.types.Scene) -> int:
     """Samples a pixel before which a viewport is not denoised."""
-    return scene.cycles.preview_denoising_start_sample if follows_cycles(scene) else 1
+    return int(setting_value(scene, "preview_denoising_start_sample"))
 
 
 def _method(name: str, samples: int) -> str:

@@ -18,6 +18,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.guiding.saved.learned import LearnedField
 from engine.render.batch import Batch, Statistics
+from engine.render.compile_progress import FirstCalls
 from engine.render.course import Course, CourseJob
 from engine.render.film import Film
 from engine.render.report import Progress
@@ -120,6 +121,7 @@ class Job(CourseJob):
         self._pool = ThreadPoolExecutor(thread_count, thread_name_prefix="trace")
         self._futures: list = []
         self._created = time.perf_counter()
+        self._first_calls = FirstCalls()
 
     @property
     def notices(self) -> list[Notice]:
@@ -187,7 +189,8 @@ class Job(CourseJob):
         """Where it stands now."""
         if self.is_preparing:
             elapsed = time.perf_counter() - self._created
-            return Progress(0.0, 0, self._course.samples, elapsed, None, 0.0, _PREPARING)
+            message = self._first_calls.message(_PREPARING)
+            return Progress(0.0, 0, self._course.samples, elapsed, None, 0.0, message)
         return self._course.progress(sum(sum(batch.statistics.rays.values()) for batch in self._batches))
 
     def _prepare(self) -> None:

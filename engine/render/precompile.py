@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import llvmlite.binding as llvm
@@ -23,6 +24,7 @@ import numba
 import numpy as np
 
 from engine.processes.interpreter import find_interpreter
+from engine.render.compile_progress import CompileClock, CompileProgress, Work, reported
 from engine.runtime.kernel_cache import cache_root
 from engine.runtime.kernel_library import engine_sources, kernel_library
 from engine.runtime.sources import PACKAGE
@@ -43,6 +45,16 @@ SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
 #: media, things that move, the radiance cache, what learns, and trees.
 AHEAD_PARTS = ("passes", "media", "motion", "cache", "learning", "fields")
 
+#: What parts take, one after the other on a machine with nothing else to do: for telling how long it will take.
+#: `tests/engine/render/test_precompile.py` compares the numbers of kernels.
+WORK = {
+    "shaders": Work(1, 20.0),
+    "tracing": Work(26, 25.0),
+    "guiding": Work(27, 22.0),
+    "spectral": Work(19, 18.0),
+    "spectral_guiding": Work(15, 17.0),
+}
+
 _POLL_SECONDS = 0.05
 
 # Inside Blender the engine is a package within packages that are Blender's to make: stand-ins are enough.
@@ -57,6 +69,11 @@ for depth in range(1, len(parents) + 1):
     sys.modules[module.__name__] = module
 importlib.import_module(package + ".render.precompile_worker").compile_part(part)
 """
+
+
+def count_file(part: str) -> Path:
+    """File that grows by a byte with each kernel of `part` that is compiled."""
+    return stamp_file(part).with_suffix(".count")
 
 
 def stamp_file(part: str) -> Path:
@@ -76,20 +93,19 @@ def is_cold(parts: Sequence[str] = PARTS) -> bool:
 
 
 def compile_ahead(
-    poll: Callable[[float], None], *, is_guided: bool = False, is_spectral: bool = False
+    poll: Callable[[CompileProgress], None], *, is_guided: bool = False, is_spectral: bool = False
 ) -> None:
     """Fill the cache, if it is cold; does nothing where that is impossible.
 
     Parameters
     ----------
     poll : callable
-        Called often with the seconds so far. What it raises ends the helpers and is raised again.
+        Called often with how far it is. What it raises ends the helpers and is raised again.
     is_guided : bool
         Whether the kernels of guiding are needed too.
     is_spectral : bool
         Whether paths have wavelengths: tracing has kernels of its own for them.
     """
-    started = time.monotonic()
     needed: list[tuple[str, ...]] = [PARTS]
     if is_guided:
         needed.append(GUIDED_PARTS)
@@ -97,9 +113,23 @@ def compile_ahead(
         needed.append(SPECTRAL_PARTS)
     if is_guided and is_spectral:
         needed.append(SPECTRAL_GUIDED_PARTS)
-    for parts in needed:
-        if is_cold(parts):
-            _compile_parts(parts, lambda: poll(time.monotonic() - started))
+    steps = [tuple(part for part in parts if not stamp_file(part).is_file()) for parts in needed if is_cold(parts)]
+    clock = CompileClock([{part: WORK[part] for part in parts} for parts in steps], os.cpu_count() or 1)
+    for step, parts in enumerate(steps):
+        _compile_parts(parts, partial(_tell, poll, clock, step, parts, time.monotonic()))
+
+
+def _tell(
+    poll: Callable[[CompileProgress], None], clock: CompileClock, step: int, parts: Sequence[str], started: float
+) -> None:
+    done = {
+        part: WORK[part].kernels
+        if stamp_file(part).is_file()
+        # Before its stamp is there a part is not done, whatever it has compiled.
+        else min(reported(count_file(part)), WORK[part].kernels - 1)
+        for part in parts
+    }
+    poll(clock.progress(step, done, time.monotonic() - started))
 
 
 def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
@@ -109,9 +139,7 @@ def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
     helpers: list[subprocess.Popen] = []
     try:
         with contextlib.suppress(OSError):
-            for part in parts:
-                if not stamp_file(part).is_file():
-                    helpers.append(_start(python, part))
+            helpers += [_start(python, part) for part in parts]
         while any(helper.poll() is None for helper in helpers):
             poll()
             time.sleep(_POLL_SECONDS)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from engine.builder.geometry import plain_instances
 from engine.render import precompile
+from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
 from engine.scene.description import (
     Aov,
@@ -48,6 +50,9 @@ def compile_part(part: str) -> None:
     with precompile.exclusive(part):
         stamp = precompile.stamp_file(part)
         if not stamp.is_file():
+            count = precompile.count_file(part)
+            count.unlink(missing_ok=True)
+            _report_kernels_to(count)
             {
                 "shaders": _compile_shaders,
                 "tracing": _compile_tracing,
@@ -62,6 +67,19 @@ def compile_part(part: str) -> None:
                 "fields": _compile_fields,
             }[part]()
             stamp.touch()
+            count.unlink(missing_ok=True)
+
+
+def _report_kernels_to(file: Path) -> None:
+    """Note each kernel that is compiled from now on in a file, for whoever waits."""
+    others = kernel_cache.on_compiled
+
+    def note(key: str, compiled: Any) -> None:
+        if others is not None:
+            others(key, compiled)
+        report_to(file)
+
+    kernel_cache.on_compiled = note
 
 
 def _compile_shaders() -> None:

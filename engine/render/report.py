@@ -33,6 +33,7 @@ ENDINGS = {
 class Progress:
     """Where a render stands. `remaining` is in seconds, None while unknown.
 
+    While kernels are compiled ahead `fraction` is of that; the render then begins at 0.
     `noisy_share` is the share of the pixels that a noise threshold has left, None without one, or while nobody has
     looked.
     """

@@ -20,6 +20,7 @@ from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.batch import Statistics
+from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
 from engine.render.film import Film, Images, PassImages, film_layout
 from engine.render.job import AnyJob, Job
@@ -43,7 +44,6 @@ from engine.state.media import MAX_MEDIA
 from engine.wavefront.columns import CACHED_DEPTHS
 
 #: Said while there is nothing to show yet.
-_COMPILING = "Compiling kernels (once, takes about a minute)"
 _BUILDING = "Building the scene"
 _DENOISING = "Denoising"
 #: Of most passes, or nearly.
@@ -167,15 +167,16 @@ class Session:
             self._tracer.let_go()
         samples = self.settings.samples
 
-        def poll(message: str, seconds: float) -> None:
+        start = time.perf_counter()
+
+        def poll(message: str, fraction: float = 0.0) -> None:
             if should_cancel is not None and should_cancel():
                 raise LoadCancelled
             if on_progress is not None:
-                on_progress(Progress(0.0, 0, samples, seconds, None, 0.0, message))
+                on_progress(Progress(fraction, 0, samples, time.perf_counter() - start, None, 0.0, message))
 
-        start = time.perf_counter()
         compile_ahead(
-            lambda seconds: poll(_COMPILING, seconds), is_guided=self.settings.is_guided,
+            lambda compiling: poll(compiling.sentence, compiling.fraction), is_guided=self.settings.is_guided,
             is_spectral=_is_spectral(self.settings, description),
         )
         self._compile_seconds = time.perf_counter() - start
@@ -183,7 +184,8 @@ class Session:
         if not keeps_meshes and self.settings.is_guided:
             # It is asked for when what was learned is kept, and that is too late.
             self._light_digest = light_digest(description)
-        self.scene = self._build(description, keeps_meshes, lambda: poll(_BUILDING, time.perf_counter() - start))
+        first_calls = FirstCalls()
+        self.scene = self._build(description, keeps_meshes, lambda: poll(first_calls.message(_BUILDING)))
         self._build_seconds = time.perf_counter() - start
         return [*self.scene.notices, *_cache_notices()]
 
@@ -471,9 +473,7 @@ class Session:
             if settings.radiance_cache != "OFF":
                 guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
-            guiding.chosen = "OFF"
-            guiding.sentence = "chose to render without guiding: so few samples are over before it could pay"
-            guiding.lines = [guiding.sentence]
+            guiding.describe_left_out()
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *self._unused(settings),

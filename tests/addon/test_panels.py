@@ -3,31 +3,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
+
+import pytest
 
 from tests.helpers.blender_scenes import stand_in
 
 
 class Layout:
-    """Notes what a panel draws: owners and names of properties, and operators."""
+    """Notes what a panel draws: owners and names of properties, texts, operators, and choices of menus."""
 
     def __init__(self) -> None:
         self.drawn: list[tuple[Any, str]] = []
+        self.texts: list[str] = []
         self.operators: list[str] = []
+        self.popovers: list[str] = []
+        self.choices: list[str] = []
         self.active = self.enabled = True
 
-    def prop(self, owner: Any, name: str, **_look: Any) -> None:
+    def prop(self, owner: Any, name: str, **look: Any) -> None:
         getattr(owner, name)
         self.drawn.append((owner, name))
+        self.texts.append(look.get("text") or owner.bl_rna.properties[name].name)
 
-    def column(self, **_look: Any) -> Layout:
+    def prop_enum(self, _owner: Any, _name: str, value: str) -> None:
+        self.choices.append(value)
+
+    def menu(self, name: str, text: str) -> None:
+        import bpy
+
+        self.texts.append(text)
+        getattr(bpy.types, name).draw(SimpleNamespace(layout=self), bpy.context)
+
+    def popover(self, panel: str, **_look: Any) -> None:
+        self.popovers.append(panel)
+
+    def column(self, heading: str = "", **_look: Any) -> Layout:
+        self.texts += [heading] if heading else []
         return self
 
-    row = box = column
+    row = box = split = column
 
-    def label(self, **_look: Any) -> None:
-        pass
+    def label(self, text: str = "", **_look: Any) -> None:
+        self.texts.append(text)
 
     def template_curve_mapping(self, owner: Any, name: str) -> None:
         self.prop(owner, name)
@@ -41,7 +61,7 @@ def draw(panel: Any, context: Any) -> Layout:
     """What a panel of ours draws."""
     layout = Layout()
     drawer = stand_in(panel, layout)
-    for method in ("draw_header", "draw"):
+    for method in ("draw_header", "draw_header_preset", "draw"):
         if hasattr(panel, method):
             getattr(panel, method)(drawer, context)
     return layout
@@ -61,7 +81,19 @@ def draw_all(context: Any) -> Layout:
         part = draw(panel, context)
         whole.drawn += part.drawn
         whole.operators += part.operators
+        whole.choices += part.choices
     return whole
+
+
+@pytest.fixture
+def preferences(blender: Any) -> Iterator[Any]:
+    """The add-on's preferences, as of a user who has enabled it."""
+    from addon.preferences import NeuralGuidePreferences
+
+    entry = blender.context.preferences.addons.new()
+    entry.module = NeuralGuidePreferences.bl_idname
+    yield entry.preferences
+    blender.context.preferences.addons.remove(entry)
 
 
 def test_panels_come_and_go(blender: Any) -> None:
@@ -160,23 +192,132 @@ def test_settings_for_experiments_are_shown_where_the_preferences_ask_for_it(ble
         context.preferences.addons.remove(entry)
 
 
-def test_every_setting_of_a_user_is_in_a_panel(blender: Any) -> None:
+def test_artists_choose_automatic_or_off_and_keep_the_method_of_a_file(preferences: Any, blender: Any) -> None:
+    from addon import guiding_panels
+
+    ours, panel = blender.context.scene.neuralguide, guiding_panels.NEURALGUIDE_PT_guiding
+    layout = draw(panel, blender.context)
+    assert layout.choices == ["AUTO", "OFF"] and "Automatic" in layout.texts
+    assert (ours, "guiding_method") not in layout.drawn
+    ours.guiding_method = "VMM_RIS"  # a script, or a file
+    layout = draw(panel, blender.context)
+    assert layout.choices == ["AUTO", "OFF", "VMM_RIS"] and "Mixtures, Resampled" in layout.texts
+    assert ours.guiding_method == "VMM_RIS"
+    preferences.show_experiments = True
+    layout = draw(panel, blender.context)
+    assert (ours, "guiding_method") in layout.drawn and layout.choices == []
+
+
+def test_viewport_and_render_are_apart_as_in_cycles(blender: Any) -> None:
+    from addon import sampling_panels
+
+    scene = blender.context.scene
+    cycles = scene.cycles
+    viewport = draw(sampling_panels.NEURALGUIDE_PT_sampling_viewport, blender.context)
+    assert viewport.drawn == [
+        (cycles, name)
+        for name in (
+            "use_preview_adaptive_sampling", "preview_adaptive_threshold", "preview_samples",
+            "preview_adaptive_min_samples",
+        )
+    ]  # fmt: skip
+    assert viewport.popovers == ["CYCLES_PT_viewport_sampling_presets"]
+    final = draw(sampling_panels.NEURALGUIDE_PT_sampling_render, blender.context)
+    assert final.drawn == [
+        (cycles, name)
+        for name in ("use_adaptive_sampling", "adaptive_threshold", "samples", "adaptive_min_samples", "time_limit")
+    ]
+    assert final.popovers == ["CYCLES_PT_sampling_presets"]
+    assert "Max Samples" in viewport.texts and "Max Samples" in final.texts
+    cycles.use_preview_adaptive_sampling = False
+    viewport = draw(sampling_panels.NEURALGUIDE_PT_sampling_viewport, blender.context)
+    assert (cycles, "preview_adaptive_min_samples") not in viewport.drawn and "Samples" in viewport.texts
+    denoised = draw(sampling_panels.NEURALGUIDE_PT_sampling_viewport_denoise, blender.context)
+    assert [name for _, name in denoised.drawn] == [
+        "use_preview_denoising", "preview_denoising_input_passes", "preview_denoising_prefilter",
+        "preview_denoising_quality", "preview_denoising_start_sample",
+    ]  # fmt: skip
+    # Presets set what Cycles has: where that does not count they would do nothing.
+    scene.neuralguide.use_cycles_settings = False
+    final = draw(sampling_panels.NEURALGUIDE_PT_sampling_render, blender.context)
+    assert final.popovers == [] and (scene.neuralguide, "adaptive_threshold") in final.drawn
+
+
+def test_subpanels_follow_their_parents_in_cycles_order(blender: Any) -> None:
+    from addon import ui
+
+    labels = [panel.bl_label for panel in render_panels_in_order(ui)]
+    order = ["Sampling", "Viewport", "Denoise", "Render", "Denoise", "Light Paths", "Simplify", "Motion Blur", "Film"]
+    assert [label for label in labels if label in order][:5] == order[:5]
+    places = [labels.index(label) for label in order[5:]]
+    assert places == sorted(places)
+
+
+def render_panels_in_order(ui: Any) -> list[Any]:
+    """As registered, which is the order of the properties editor."""
+    return [panel for panel in ui.CLASSES if panel in render_panels()]
+
+
+def test_simplify_is_shown_and_grease_pencil_is_not(blender: Any) -> None:
+    from addon import simplify_panels
+
+    render = blender.context.scene.render
+    drawn = [entry for panel in simplify_panels.PANELS for entry in draw(panel, blender.context).drawn]
+    assert {(render, "use_simplify"), (render, "simplify_subdivision"), (render, "simplify_subdivision_render")} <= {
+        *drawn
+    }
+    shown = [
+        panel
+        for panel in blender.types.Panel.__subclasses__()
+        if "NEURALGUIDE" in getattr(panel, "COMPAT_ENGINES", ()) or panel.__name__.startswith("NEURALGUIDE")
+    ]
+    names = [f"{panel.__name__} {getattr(panel, 'bl_label', '')}".lower() for panel in shown]
+    assert names and not [name for name in names if "gpencil" in name or "grease" in name]
+
+
+def test_every_pass_that_can_be_written_has_a_box(blender: Any) -> None:
+    from addon import passes, ui
+
+    layer = blender.context.view_layer
+    drawn = draw(ui.NEURALGUIDE_PT_passes, blender.context).drawn
+    drawn += draw(ui.NEURALGUIDE_PT_passes_cryptomatte, blender.context).drawn
+    for owner, switches in (
+        (layer, [*passes.LIGHT, *(name for name, is_ours, _ in passes.OPTIONAL if not is_ours)]),
+        (layer.neuralguide, [name for name, is_ours, _ in passes.OPTIONAL if is_ours]),
+        (layer.cycles, [*passes.CYCLES_LIGHT, "denoising_store_passes"]),
+        (layer, [name for name, _ in passes.MATTES]),
+    ):
+        assert not [name for name in switches if (owner, name) not in drawn]
+
+
+def test_texture_memory_says_when_it_is_automatic(blender: Any) -> None:
+    from addon import ui
+
+    ours = blender.context.scene.neuralguide
+    assert "Automatic" in draw(ui.NEURALGUIDE_PT_performance, blender.context).texts
+    ours.texture_memory = 512
+    assert "Automatic" not in draw(ui.NEURALGUIDE_PT_performance, blender.context).texts
+
+
+def test_every_setting_of_a_user_is_in_a_panel(preferences: Any, blender: Any) -> None:
     """But for threads, which stand there once they are set: else Blender's own number does."""
     from addon.declared_settings import SCENE_SETTINGS
 
     scene = blender.context.scene
     scene.neuralguide.use_cycles_settings, scene.neuralguide.threads = False, 2
+    preferences.show_experiments = True
     drawn = {name for owner, name in draw_all(blender.context).drawn if owner == scene.neuralguide}
     assert drawn == {setting.name for setting in SCENE_SETTINGS.values() if not setting.is_experiment}
 
 
 def test_layer_samples_are_offered_where_a_layer_has_its_own(blender: Any) -> None:
-    from addon import ui
+    from addon import sampling_panels
 
     scene = blender.context.scene
-    assert (scene.cycles, "use_layer_samples") not in draw(ui.NEURALGUIDE_PT_sampling_advanced, blender.context).drawn
+    panel = sampling_panels.NEURALGUIDE_PT_sampling_advanced
+    assert (scene.cycles, "use_layer_samples") not in draw(panel, blender.context).drawn
     scene.view_layers[0].samples = 5
-    assert (scene.cycles, "use_layer_samples") in draw(ui.NEURALGUIDE_PT_sampling_advanced, blender.context).drawn
+    assert (scene.cycles, "use_layer_samples") in draw(panel, blender.context).drawn
 
 
 def test_motion_blur_can_be_chosen(blender: Any) -> None:

@@ -186,9 +186,42 @@ def test_every_shared_setting_is_in_the_table_of_this_test() -> None:
     from addon.shared_settings import SHARED_SETTINGS
 
     named = {name: (owner, their_name) for name, (owner, their_name, _) in CYCLES_VALUES.items()}
-    # What the two of these do is not to be seen in the settings of a render.
-    others = {"use_animated_seed": ("cycles", "use_animated_seed"), "preview_samples": ("cycles", "preview_samples")}
+    # What these do is not to be seen in the settings of a render.
+    others = {name: ("cycles", name) for name in ("use_animated_seed", "preview_denoising_start_sample")}
+    others |= {name: ("cycles", name) for name in VIEWPORT_VALUES}
     assert named | others == SHARED_SETTINGS
+
+
+#: What Cycles' viewports have: a value, and the setting of a viewport that it comes to.
+VIEWPORT_VALUES = {
+    "preview_samples": (77, "samples"),
+    "use_preview_adaptive_sampling": (False, "use_adaptive_sampling"),
+    "preview_adaptive_threshold": (0.25, "adaptive_threshold"),
+    "preview_adaptive_min_samples": (9, "adaptive_min_samples"),
+    "use_preview_denoising": (True, "use_denoising"),
+    "preview_denoising_input_passes": ("RGB", "denoising_input_passes"),
+    "preview_denoising_prefilter": ("NONE", "denoising_prefilter"),
+    "preview_denoising_quality": ("FAST", "denoising_quality"),
+}
+
+
+@pytest.mark.parametrize("name", VIEWPORT_VALUES)
+def test_viewports_have_settings_of_their_own(name: str, blender: Any) -> None:
+    """Cycles', or ours where they are set or the scene does not follow it; a render sees nothing of them."""
+    from addon.viewport.settings import preview_settings
+
+    scene = blender.context.scene
+    value, seen_as = VIEWPORT_VALUES[name]
+    before, default = settings_of(scene), getattr(scene.neuralguide, name)
+    assert default != value and getattr(preview_settings(scene), seen_as) == pytest.approx(default)
+    setattr(scene.cycles, name, value)
+    assert getattr(preview_settings(scene), seen_as) == pytest.approx(value)
+    scene.neuralguide.use_cycles_settings = False
+    assert getattr(preview_settings(scene), seen_as) == pytest.approx(default)
+    setattr(scene.neuralguide, name, value)
+    assert getattr(preview_settings(scene), seen_as) == pytest.approx(value)
+    scene.neuralguide.use_cycles_settings = True
+    assert settings_of(scene) == before
 
 
 @pytest.mark.parametrize("name", CYCLES_VALUES)

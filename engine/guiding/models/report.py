@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 
 from engine.methods import METHODS
 
+#: Efficiency from which its first decimal says that guiding paid.
+_PAYS_FROM = 1.05
+
 
 @dataclass
 class GuidingReport:
@@ -65,8 +68,14 @@ class GuidingReport:
     cache_stopped_at: int = 0
 
     lines: list[str] = field(default_factory=list)
-    #: The one of them that says what guiding came to; '' where there was nothing to decide.
+    #: What guiding came to, for those who render rather than measure; '' where nothing was guided.
     sentence: str = ""
+
+    def describe_left_out(self) -> None:
+        """Write that a method which compares did not begin, since the render is over before it could pay."""
+        self.chosen = "OFF"
+        self.lines = ["chose to render without guiding: so few samples are over before it could pay"]
+        self.sentence = "Rendered without guiding: so few samples are over before it could pay"
 
     def describe_cache(self, cached_shares: Sequence[float]) -> None:
         """Add a line on the radiance cache, in which these shares of the paths ended: after one scattering, after two,
@@ -83,7 +92,7 @@ class GuidingReport:
         self.lines.append(line)
 
     def describe(self, stage_seconds: dict[str, float]) -> None:
-        """Write `lines` for people, given the time of the tracing threads by stage."""
+        """Write `lines` for who measures and `sentence` for all others, given the tracing threads' time by stage."""
         tracing = sum(stage_seconds.values())
         training = self.training_seconds + self.source_seconds
         everything = max(tracing + self.field_seconds + training, 1e-9)
@@ -98,15 +107,14 @@ class GuidingReport:
             self.lines.append(f"started from what earlier renders had learned: {self.started_from}")
         if self.lost_before:
             self.lines.append(f"guiding did not pay in earlier renders ({self.lost_before}): learned anew")
+        self.sentence = self._verdict()
         if METHODS[self.method].rungs:
-            self.sentence = self._choice()
+            self.lines.append(self._choice())
         elif self.stopped_at:
-            self.sentence = (
+            self.lines.append(
                 f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
                 f"{self.stopped_at + 1} on are not guided"
             )
-        if self.sentence:
-            self.lines.append(self.sentence)
         if self.guides and not self.stopped_at:
             is_known = not self.guides.startswith("surfaces alone") and not math.isnan(self.guided_media_share)
             of_media = f"; collisions in {self.guided_media_share:.0%} of the regions" if is_known else ""
@@ -143,6 +151,18 @@ class GuidingReport:
             self.lines.append(
                 f"radiance network: held-out records promised {self.network_promise:.2f} of the efficiency without it"
             )
+
+    def _verdict(self) -> str:
+        """What guiding came to. Noise is variance in equal time, which is what efficiency compares."""
+        if self.method == "OFF":
+            return ""
+        if self.stopped_at:
+            return f"Guiding did not pay here and was switched off after {self.stopped_at} samples"
+        if math.isnan(self.efficiency):
+            return "Guiding was on, and was not compared with going without"
+        if self.efficiency >= _PAYS_FROM:
+            return f"Guiding paid: {self.efficiency:.1f} times less noise than without"
+        return "Guiding made no difference: about as much noise as without"
 
     def _choice(self) -> str:
         """What was chosen, where and why, in a line."""

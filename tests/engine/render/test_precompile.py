@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -70,7 +71,8 @@ def test_cancel_ends_the_helpers(cold: Path) -> None:
     with pytest.raises(LoadCancelled):
         session.load(small_scene(), should_cancel=should_cancel, on_progress=messages.append)
     assert time.monotonic() - started[-1] < 0.3
-    assert messages[-1].message.startswith("Compiling kernels (once")
+    assert messages[-1].message.startswith("Compiling kernels (once): ")
+    assert f"of {sum(precompile.WORK[part].kernels for part in precompile.PARTS)} kernels" in messages[-1].message
     # Nobody holds the lock any more: the helpers are gone.
     with precompile.exclusive(precompile.PARTS[0]):
         pass
@@ -81,7 +83,7 @@ def test_cancel_ends_the_helpers(cold: Path) -> None:
 def test_without_a_python_to_start_nothing_happens(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/opt/blender/blender")
     monkeypatch.setattr(sys, "prefix", str(cold))
-    precompile.compile_ahead(lambda seconds: pytest.fail("something was started"))
+    precompile.compile_ahead(lambda progress: pytest.fail("something was started"))
     assert precompile.is_cold()
 
 
@@ -94,7 +96,7 @@ def test_a_helper_that_fails_is_no_failure(cold: Path, monkeypatch: pytest.Monke
         return helpers[-1]
 
     monkeypatch.setattr(subprocess, "Popen", start_failing)
-    precompile.compile_ahead(lambda seconds: None)
+    precompile.compile_ahead(lambda progress: None)
     assert [helper.returncode for helper in helpers] == [3] * len(precompile.PARTS)
     assert precompile.is_cold()
 
@@ -112,7 +114,7 @@ def test_inside_blender_its_python_is_found(cold: Path, tmp_path: Path, monkeypa
         raise OSError("not in this test")
 
     monkeypatch.setattr(subprocess, "Popen", note)
-    precompile.compile_ahead(lambda seconds: None)
+    precompile.compile_ahead(lambda progress: None)
     assert started == [str(python)]
 
 
@@ -132,7 +134,12 @@ def test_helpers_compile_everything_a_render_needs(cold: Path) -> None:
         return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
     first = render()
-    assert "Compiling kernels (once" in first
+    said = [tuple(map(int, found)) for found in re.findall(r"Compiling kernels \(once\): (\d+) of (\d+)", first)]
+    done, totals = zip(*said, strict=True)
+    assert list(done) == sorted(done) and len(set(done)) > 20, "it counts them while they are compiled"
+    # What is told beforehand is what there is.
+    assert set(totals) == {sum(precompile.WORK[part].kernels for part in parts)}
+    assert 0.8 * totals[0] < len(machine_code(cold)) < 1.25 * totals[0]
     assert "compiled True" in first
     assert not precompile.is_cold()
     made = {path: (cold / path).stat().st_mtime for path in machine_code(cold)}
