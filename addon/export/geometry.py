@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
 from engine.scene.description import Attribute, Mesh
@@ -118,28 +119,73 @@ def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
 
 
 def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
-    """Split normals, float32 (T, 3, 3), or None where every face is flat."""
+    """Normals of the triangles' corners, float32 (T, 3, 3), or None where every face is flat.
+
+    As in Cycles a smooth face has its vertices' normals, over all faces around them, flat ones too. It has Blender's own
+    normals of corners, which stop at flat faces, only where edges are sharp or normals are custom.
+    """
     if hasattr(mesh, "corner_normals"):
-        if mesh.normals_domain == "FACE":
-            return None
-        if mesh.normals_domain == "POINT":
-            # Corners have their vertices' normals, and asking for theirs would have Blender keep them all.
-            flat = np.empty(len(mesh.vertices) * 3, np.float32)
-            mesh.vertex_normals.foreach_get("vector", flat)
-            return gather(flat.reshape(-1, 3), topology.vertices.reshape(-1)).reshape(-1, 3, 3)
+        return _read_normals_by_domain(mesh, topology)
+    # Before Blender 4.1 normals are split on demand, and only where auto smooth is on do angles and flat faces count.
+    smooth = np.empty(len(mesh.polygons), bool)
+    mesh.polygons.foreach_get("use_smooth", smooth)
+    if not smooth.any():
+        return None
+    flat = np.empty(len(mesh.loops) * 3, np.float32)
+    mesh.calc_normals_split()
+    mesh.loops.foreach_get("normal", flat)
+    mesh.free_normals_split()
+    return gather(flat.reshape(-1, 3), topology.corners).reshape(-1, 3, 3)
+
+
+def _read_normals_by_domain(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
+    is_flat = _read_face_flags(mesh, "sharp_face")
+    if mesh.normals_domain == "FACE" if is_flat is None else is_flat.all():
+        return None
+    # Custom normals that are free vectors are an attribute only.
+    is_custom = mesh.has_custom_normals or "custom_normal" in mesh.attributes
+    if mesh.normals_domain == "CORNER" and (is_custom or _has_sharp_edges(mesh)):
         flat = np.empty(len(mesh.loops) * 3, np.float32)
         mesh.corner_normals.foreach_get("vector", flat)
+        rows = topology.corners
     else:
-        # Before Blender 4.1 normals are split on demand, and only where auto smooth is on do angles count.
-        smooth = np.empty(len(mesh.polygons), bool)
-        mesh.polygons.foreach_get("use_smooth", smooth)
-        if not smooth.any():
-            return None
-        flat = np.empty(len(mesh.loops) * 3, np.float32)
-        mesh.calc_normals_split()
-        mesh.loops.foreach_get("normal", flat)
-        mesh.free_normals_split()
-    return gather(flat.reshape(-1, 3), topology.corners).reshape(-1, 3, 3)
+        flat = np.empty(len(mesh.vertices) * 3, np.float32)
+        mesh.vertex_normals.foreach_get("vector", flat)
+        rows = topology.vertices.reshape(-1)
+    normals = gather(flat.reshape(-1, 3), rows).reshape(-1, 3, 3)
+    if is_flat is not None and is_flat.any():
+        of_triangles = gather(is_flat, topology.polygons)
+        normals[of_triangles] = _flat_normals(read_positions(mesh), topology.vertices[of_triangles])[:, None]
+    return normals
+
+
+def _flat_normals(vertices: Float32Array, triangles: npt.NDArray[np.integer]) -> Float32Array:
+    """Normals of the planes of triangles, float32 (T, 3); (0, 0, 1) for those that are degenerate."""
+    a, b, c = (vertices[triangles[:, corner]].astype(np.float64) for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    is_degenerate = ~(lengths > 0.0)
+    normals[is_degenerate], lengths[is_degenerate] = (0.0, 0.0, 1.0), 1.0
+    return (normals / lengths[:, None]).astype(np.float32)
+
+
+def _has_sharp_edges(mesh: bpy.types.Mesh) -> bool:
+    stored = mesh.attributes.get("sharp_edge")
+    if stored is None:
+        return False
+    is_sharp = np.empty(len(stored.data), bool)
+    stored.data.foreach_get("value", is_sharp)
+    return bool(is_sharp.any())
+
+
+def _read_face_flags(mesh: bpy.types.Mesh, name: str) -> npt.NDArray[np.bool_] | None:
+    """A boolean attribute of faces, None where the mesh does not have it."""
+    stored = mesh.attributes.get(name)
+    if stored is None or (stored.domain, stored.data_type) != ("FACE", "BOOLEAN"):
+        return None
+    flags = np.empty(len(stored.data), bool)
+    stored.data.foreach_get("value", flags)
+    return flags
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:

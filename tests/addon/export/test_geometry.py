@@ -94,6 +94,80 @@ def test_sharp_edge_splits_normals(scene: Any) -> None:
     np.testing.assert_allclose(np.abs(mesh.corner_normals.reshape(-1, 3)), [(half, 0.0, half)] * 12, atol=1e-6)
 
 
+def add_prism(is_smooth: list[bool]) -> Any:
+    """A wedge with a square floor, two slopes and two gables; which faces are smooth, in this order."""
+    vertices = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (1, 0, 1), (1, 2, 1)]
+    faces = [(3, 2, 1, 0), (0, 4, 5, 3), (1, 2, 5, 4), (0, 1, 4), (3, 5, 2)]
+    prism = add_mesh(vertices, faces, "Prism")
+    prism.data.polygons.foreach_set("use_smooth", is_smooth)
+    prism.data.update()
+    return prism
+
+
+SLOPES = [False, True, True, False, False]
+
+
+def normals_by_height(mesh: Mesh, height: float) -> np.ndarray:
+    """Normals of the slopes' corners there."""
+    assert mesh.corner_normals is not None
+    points = mesh.vertices[mesh.triangles]
+    planes = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    is_slope = (planes[:, 2] > 0.0)[:, None] & (points[:, :, 2] == height)
+    return mesh.corner_normals[is_slope]
+
+
+def test_smooth_faces_have_normals_of_vertices_beside_flat_ones(scene: Any) -> None:
+    import bpy
+
+    prism = add_prism(SLOPES)
+    mesh = export().meshes[0]
+    points = mesh.vertices[mesh.triangles]
+    planes = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    is_slope = planes[:, 2] > 0.0
+    assert mesh.corner_normals is not None
+    np.testing.assert_allclose(mesh.corner_normals[~is_slope], np.repeat(planes[~is_slope][:, None], 3, 1), atol=1e-6)
+    evaluated = prism.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    expected = np.array([vertex.normal for vertex in evaluated.vertices])
+    assert (np.abs(expected[:, 1]) > 0.1).all()  # gables lean on them
+    np.testing.assert_allclose(mesh.corner_normals[is_slope], expected[mesh.triangles[is_slope]], atol=1e-6)
+
+
+def test_sharp_edges_and_custom_normals_keep_corners_apart(scene: Any) -> None:
+    prism = add_prism(SLOPES)
+    for edge in prism.data.edges:
+        edge.use_edge_sharp = set(edge.vertices) == {4, 5}
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(np.abs(normals_by_height(export().meshes[0], 1.0)), [(half, 0.0, half)] * 6, atol=1e-6)
+    for edge in prism.data.edges:
+        edge.use_edge_sharp = False
+    prism.data.normals_split_custom_set([(0.0, 0.6, 0.8)] * len(prism.data.loops))
+    np.testing.assert_allclose(normals_by_height(export().meshes[0], 1.0), [(0.0, 0.6, 0.8)] * 6, atol=1e-3)
+
+
+@pytest.mark.parametrize("domain", ["POINT", "FACE", "CORNER"])
+def test_free_normals_are_those_of_smooth_faces(scene: Any, domain: str) -> None:
+    prism = add_prism(SLOPES)
+    stored = prism.data.attributes.new("custom_normal", "FLOAT_VECTOR", domain)
+    stored.data.foreach_set("vector", [0.0, 0.6, 0.8] * len(stored.data))
+    np.testing.assert_allclose(normals_by_height(export().meshes[0], 1.0), [(0.0, 0.6, 0.8)] * 6, atol=1e-6)
+
+
+def test_triangles_of_a_bent_flat_face_have_their_own_normals(scene: Any) -> None:
+    bent = add_mesh(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0), (-1, 0, 0), (-1, 1, 0)], [(0, 1, 2, 3), (4, 0, 3, 5)], "Bent"
+    )
+    bent.data.polygons.foreach_set("use_smooth", [False, True])
+    mesh = export().meshes[0]
+    assert mesh.corner_normals is not None
+    points = mesh.vertices[mesh.triangles]
+    planes = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    is_flat = points[:, :, 0].max(axis=1) > 0.0
+    assert is_flat.sum() == 2
+    np.testing.assert_allclose(mesh.corner_normals[is_flat], np.repeat(planes[is_flat][:, None], 3, 1), atol=1e-6)
+
+
 def test_modifiers_are_applied(scene: Any) -> None:
     square = add_square()
     square.modifiers.new("Array", "ARRAY").count = 3
