@@ -22,6 +22,8 @@ RENAMED_PASSES: Version = (5, 0)
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
+#: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
+NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.scene.description import Attribute, Mesh
 
+from ..versions import NORMALS_STOP_AT_FLAT_FACES, is_since
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
@@ -121,42 +122,61 @@ def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
 def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
     """Normals of the triangles' corners, float32 (T, 3, 3), or None where every face is flat.
 
-    As in Cycles a smooth face has its vertices' normals, over all faces around them, flat ones too. It has Blender's own
-    normals of corners, which stop at flat faces, only where edges are sharp or normals are custom.
+    Where Cycles takes Blender's own normals of corners, which stop at flat faces and sharp edges, so do we. Else smooth
+    faces have their vertices' normals, over all faces around them, and triangles of flat faces their own.
     """
-    if hasattr(mesh, "corner_normals"):
-        return _read_normals_by_domain(mesh, topology)
-    # Before Blender 4.1 normals are split on demand, and only where auto smooth is on do angles and flat faces count.
-    smooth = np.empty(len(mesh.polygons), bool)
-    mesh.polygons.foreach_get("use_smooth", smooth)
-    if not smooth.any():
+    is_flat = _read_flat_faces(mesh)
+    if is_flat.all():
         return None
-    flat = np.empty(len(mesh.loops) * 3, np.float32)
-    mesh.calc_normals_split()
-    mesh.loops.foreach_get("normal", flat)
-    mesh.free_normals_split()
-    return gather(flat.reshape(-1, 3), topology.corners).reshape(-1, 3, 3)
-
-
-def _read_normals_by_domain(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
-    is_flat = _read_face_flags(mesh, "sharp_face")
-    if mesh.normals_domain == "FACE" if is_flat is None else is_flat.all():
-        return None
-    # Custom normals that are free vectors are an attribute only.
-    is_custom = mesh.has_custom_normals or "custom_normal" in mesh.attributes
-    if mesh.normals_domain == "CORNER" and (is_custom or _has_sharp_edges(mesh)):
-        flat = np.empty(len(mesh.loops) * 3, np.float32)
-        mesh.corner_normals.foreach_get("vector", flat)
-        rows = topology.corners
-    else:
-        flat = np.empty(len(mesh.vertices) * 3, np.float32)
+    if _has_normals_of_corners(mesh):
+        return gather(_read_corner_normals(mesh), topology.corners).reshape(-1, 3, 3)
+    flat = np.empty(len(mesh.vertices) * 3, np.float32)
+    if hasattr(mesh, "vertex_normals"):
         mesh.vertex_normals.foreach_get("vector", flat)
-        rows = topology.vertices.reshape(-1)
-    normals = gather(flat.reshape(-1, 3), rows).reshape(-1, 3, 3)
-    if is_flat is not None and is_flat.any():
+    else:
+        mesh.vertices.foreach_get("normal", flat)
+    normals = gather(flat.reshape(-1, 3), topology.vertices.reshape(-1)).reshape(-1, 3, 3)
+    if is_flat.any():
         of_triangles = gather(is_flat, topology.polygons)
         normals[of_triangles] = _flat_normals(read_positions(mesh), topology.vertices[of_triangles])[:, None]
     return normals
+
+
+def _read_flat_faces(mesh: bpy.types.Mesh) -> npt.NDArray[np.bool_]:
+    """Which faces are flat; where no face says so, sharp edges or normals of faces may make all of them flat."""
+    if hasattr(mesh, "normals_domain") and "sharp_face" not in mesh.attributes:
+        return np.full(len(mesh.polygons), mesh.normals_domain == "FACE")
+    is_smooth = np.empty(len(mesh.polygons), bool)
+    mesh.polygons.foreach_get("use_smooth", is_smooth)
+    return ~is_smooth
+
+
+def _has_normals_of_corners(mesh: bpy.types.Mesh) -> bool:
+    """Whether Cycles takes normals of corners, not of vertices."""
+    if not hasattr(mesh, "normals_domain"):
+        return mesh.use_auto_smooth
+    if mesh.normals_domain != "CORNER":
+        return False
+    # Custom normals that are free vectors are an attribute only.
+    return (
+        is_since(NORMALS_STOP_AT_FLAT_FACES)
+        or mesh.has_custom_normals
+        or "custom_normal" in mesh.attributes
+        or _has_sharp_edges(mesh)
+    )
+
+
+def _read_corner_normals(mesh: bpy.types.Mesh) -> Float32Array:
+    """Blender's own, float32 (corners, 3)."""
+    flat = np.empty(len(mesh.loops) * 3, np.float32)
+    if hasattr(mesh, "corner_normals"):
+        mesh.corner_normals.foreach_get("vector", flat)
+    else:
+        # Before Blender 4.1 normals are split on demand.
+        mesh.calc_normals_split()
+        mesh.loops.foreach_get("normal", flat)
+        mesh.free_normals_split()
+    return flat.reshape(-1, 3)
 
 
 def _flat_normals(vertices: Float32Array, triangles: npt.NDArray[np.integer]) -> Float32Array:
@@ -176,16 +196,6 @@ def _has_sharp_edges(mesh: bpy.types.Mesh) -> bool:
     is_sharp = np.empty(len(stored.data), bool)
     stored.data.foreach_get("value", is_sharp)
     return bool(is_sharp.any())
-
-
-def _read_face_flags(mesh: bpy.types.Mesh, name: str) -> npt.NDArray[np.bool_] | None:
-    """A boolean attribute of faces, None where the mesh does not have it."""
-    stored = mesh.attributes.get(name)
-    if stored is None or (stored.domain, stored.data_type) != ("FACE", "BOOLEAN"):
-        return None
-    flags = np.empty(len(stored.data), bool)
-    stored.data.foreach_get("value", flags)
-    return flags
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:
