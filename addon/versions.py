@@ -18,6 +18,8 @@ NEWEST_KNOWN: Version = (5, 2)
 
 #: Passes have their new names, also as sockets of the compositor.
 RENAMED_PASSES: Version = (5, 0)
+#: Node groups are dissolved before Cycles sees them: sockets in between do not count.
+GROUPS_INLINED: Version = (5, 0)
 #: The background has motion vectors.
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
