@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh
+from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
 from tests.helpers.blender_scenes import empty_scene, export
 
 
@@ -363,6 +363,31 @@ def test_collection_instances_share_their_mesh(scene: Any) -> None:
     np.testing.assert_allclose(description.instances.transform[:, :3, 3], [(i, 2.0, 0.0) for i in range(3)])
     np.testing.assert_allclose(description.instances.transform[:, 3], [(0.0, 0.0, 0.0, 1.0)] * 3)
     assert len(set(description.instances.random.tolist())) == 3
+
+
+def test_instances_have_the_color_of_their_instancer(scene: Any) -> None:
+    import bpy
+
+    square = add_square()
+    square.color = (0.4, 0.5, 0.1, 1.0)
+    add_material(square, ("ShaderNodeAttribute", {"attribute_type": "OBJECT", "attribute_name": "color"}))
+    collection = bpy.data.collections.new("Hidden")
+    collection.objects.link(square)
+    colors = [(1.0, 0.0, 0.0, 0.25), (0.0, 1.0, 0.0, 0.5), (0.0, 0.0, 1.0, 0.75)]
+    for color in colors:
+        empty = bpy.data.objects.new("Empty", None)
+        empty.instance_type, empty.instance_collection, empty.color = "COLLECTION", collection, color
+        scene.collection.objects.link(empty)
+    instances = export().instances
+    # The square itself, then its instances.
+    expected = [tuple(square.color), *colors]
+    np.testing.assert_allclose(instances.color, expected, rtol=1e-6)
+    np.testing.assert_allclose(properties_of_instances(export(), "object:color"), expected, rtol=1e-6)
+
+
+def properties_of_instances(description: SceneDescription, name: str) -> list[Any]:
+    """What instances have of a property that materials read."""
+    return [description.meshes[row].attributes[name].data[0] for row in description.instances.mesh]
 
 
 def test_face_instances_carry_texture_coordinates_when_wanted(scene: Any) -> None:
