@@ -26,6 +26,8 @@ BACKGROUND_VECTORS: Version = (5, 2)
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
 #: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
 NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
+#: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.
+ALPHA_AS_SET: Version = (5, 2)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

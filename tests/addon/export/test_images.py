@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from engine.scene.description import Image, SceneDescription
+from engine.shaders.image_pool import build_image_pool, is_associated
 from tests.helpers.blender_scenes import Altered, empty_scene, export, export_context
 
 
@@ -288,6 +289,86 @@ def test_half_and_grey_files_have_four_channels(node: Any, tmp_path: Path) -> No
     exported = shown()
     assert exported is not None and exported.pixels.shape == (2, 2, 4)
     assert (exported.pixels[..., 3] == 255).all() and np.ptp(exported.pixels[..., :3]) == 0
+
+
+def save_half_transparent(path: Path, file_format: str, depth: str) -> None:
+    """A file of one colour, linear (0.246, 0.912, 0.7) by alpha 0.5, stored as sRGB unless the format is linear."""
+    import bpy
+
+    settings = bpy.context.scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = file_format, "RGBA", depth
+    bpy.context.scene.view_settings.view_transform = "Standard"
+    image = make_image(np.full((2, 2, 4), (0.123, 0.456, 0.35, 0.5)), "Source", is_float=True)
+    image.save_render(str(path), scene=bpy.context.scene)
+    bpy.data.images.remove(image)
+
+
+#: As the files of `save_half_transparent` store their colours, and these times alpha.
+STORED = np.array([0.5333, 0.9608, 0.8549])
+MULTIPLIED = 0.5 * STORED
+
+
+def as_pooled(image: Image | None) -> np.ndarray:
+    """The first texel as kernels filter it."""
+    assert image is not None
+    pool = build_image_pool([image])
+    if image.pixels.dtype == np.uint8:
+        return pool.pixels_byte[:3] / 255.0
+    return pool.pixels_float[:3]
+
+
+def is_by_setting() -> bool:
+    """Whether Cycles goes by the image's setting, not by what the file says of itself."""
+    import bpy
+
+    return bpy.app.version >= (5, 2)
+
+
+@pytest.mark.parametrize(("file_format", "depth"), [("PNG", "8"), ("PNG", "16"), ("TIFF", "8"), ("TARGA", "8")])
+@pytest.mark.parametrize("mode", ["STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE"])
+def test_alpha_of_straight_files(node: Any, tmp_path: Path, file_format: str, depth: str, mode: str) -> None:
+    import bpy
+
+    path = tmp_path / "half"
+    save_half_transparent(path, file_format, depth)
+    node.image = bpy.data.images.load(str(path))
+    node.image.alpha_mode = mode
+    exported = shown()
+    assert exported is not None and exported.encoding == "SRGB" and exported.alpha_mode == mode
+    leaves_colors = mode in ("CHANNEL_PACKED", "NONE") or mode == "PREMUL" and is_by_setting()
+    np.testing.assert_allclose(as_pooled(exported), STORED if leaves_colors else MULTIPLIED, atol=0.006)
+    assert is_associated(exported) == (mode in ("STRAIGHT", "PREMUL"))
+    node.image.colorspace_settings.name = "Non-Color"
+    np.testing.assert_allclose(as_pooled(shown()), STORED, atol=0.006)
+
+
+@pytest.mark.parametrize("mode", ["STRAIGHT", "PREMUL"])
+def test_alpha_of_multiplied_files(node: Any, tmp_path: Path, mode: str) -> None:
+    import bpy
+
+    node.image = None
+    for name, file_format, depth, stored in (
+        ("half.tif", "TIFF", "16", MULTIPLIED),
+        ("half.exr", "OPEN_EXR", "32", (0.123, 0.456, 0.35)),
+    ):
+        path = tmp_path / name
+        save_half_transparent(path, file_format, depth)
+        node.image = bpy.data.images.load(str(path))
+        node.image.alpha_mode = mode
+        factor = 0.5 if mode == "STRAIGHT" and is_by_setting() else 1.0
+        np.testing.assert_allclose(as_pooled(shown()), factor * np.array(stored), atol=2e-3)
+
+
+def test_packed_files_are_blenders_own(node: Any, tmp_path: Path) -> None:
+    import bpy
+
+    path = tmp_path / "half.png"
+    save_half_transparent(path, "PNG", "16")
+    node.image = bpy.data.images.load(str(path))
+    node.image.pack()
+    exported = shown()
+    assert exported is not None and exported.encoding == "LINEAR" and exported.is_associated
+    np.testing.assert_allclose(as_pooled(exported), (0.123, 0.456, 0.35), atol=2e-3)
 
 
 @pytest.mark.parametrize("kind", ["missing", "corrupt", "none"])
