@@ -24,6 +24,8 @@ GROUPS_INLINED: Version = (5, 0)
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
+#: Pink stands for a missing image beyond its edges too, where the texture clips.
+MISSING_IMAGES_UNCLIPPED: Version = (5, 2)
 #: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
 NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
 #: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.

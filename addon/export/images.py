@@ -22,6 +22,7 @@ from .image_headers import expected_bytes
 from .image_memory import ImageMemory
 
 _PINK = "Blender's pink"
+_PINK_TEXEL = (255, 0, 255, 255)
 #: Up to so many bytes of images that Blender had not decoded stay decoded, for the next render.
 MOST_LEFT = 1 << 27
 
@@ -35,6 +36,8 @@ class ImageExporter:
     #: What was asked for, in order: what identifies an image, and its index.
     met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
+    #: Index of what stands for images that cannot be read.
+    _missing: int | None = None
     #: Full names of the images so far.
     _names: set[str] = field(default_factory=set)
     #: Of the pixels so far, in memory and in files [bytes].
@@ -45,32 +48,43 @@ class ImageExporter:
     _left: int = 0
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
-        """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
+        """Index into `images` of what a texture node shows at this frame: one pink texel if it cannot be read."""
         self.context.check_cancel()
         frame = _frame_number(self.context, image, user)
         identity = (image.name_full, frame)
         if identity not in self._indices:
-            exported = self._export(image, frame, subject)
-            self._indices[identity] = -1 if exported is None else len(self.images)
-            if exported is not None:
-                self.images.append(exported)
+            self._add(identity, self._export(image, frame, subject))
         index = self._indices[identity]
         self.met.append((identity, index))
-        if index < 0:
+        if self.is_missing(index):
             what = f"the file {bpy.path.abspath(image.filepath)}" if image.filepath else "the image"
             self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
 
     def take_over(self, identity: Hashable) -> int:
-        """Index into `images` of one that is as it was at the last export, -1 if it could not be read then."""
+        """Index into `images` of one that is as it was at the last export, which may not have been able to read it."""
         if identity not in self._indices:
             kept = self.context.cache.images.get(identity)
-            self._indices[identity] = -1 if kept is None else len(self.images)
             if kept is not None:
                 kept.last_used = self.context.cache.export_count
-                self.images.append(kept.image)
+            self._add(identity, None if kept is None else kept.image)
         self.met.append((identity, self._indices[identity]))
         return self._indices[identity]
+
+    def is_missing(self, index: int) -> bool:
+        """Whether this is what stands for images that cannot be read."""
+        return index == self._missing
+
+    def _add(self, identity: Hashable, exported: Image | None) -> None:
+        """Append an image; those that cannot be read have one texel, which textures repeat or clip like any."""
+        if exported is None and self._missing is not None:
+            self._indices[identity] = self._missing
+            return
+        self._indices[identity] = len(self.images)
+        if exported is None:
+            self._missing = len(self.images)
+            exported = Image(("missing",), "missing", np.array([[_PINK_TEXEL]], np.uint8), "LINEAR")
+        self.images.append(exported)
 
     def export_file(self, path: str) -> int:
         """Index into `images` of a file that no datablock of the scene shows, -1 if it cannot be read."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.scene.description import Link, Node, NodeGraph
 
-from ..versions import GROUPS_INLINED, is_since
+from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, is_since
 from .context import ExportContext
 from .images import ImageExporter
 from .node_defaults import changed_parts
@@ -274,7 +274,9 @@ class GraphExporter:
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True
         if hasattr(node, "image"):
-            properties["image"] = self._image(node)
+            properties["image"] = index = self._image(node)
+            if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
+                properties["extension"] = "REPEAT"
         if getattr(node, "object", None) is not None:
             self.reads.add(node.object.original.as_pointer())
             matrix = np.array(node.object.matrix_world, np.float64)

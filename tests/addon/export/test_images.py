@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from engine.scene.description import Image, SceneDescription
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
 from engine.shaders.image_pool import build_image_pool, is_associated
 from tests.helpers.blender_scenes import Altered, empty_scene, export, export_context
 
@@ -375,6 +377,7 @@ def test_packed_files_are_blenders_own(node: Any, tmp_path: Path) -> None:
 def test_missing_and_corrupt_files(node: Any, tmp_path: Path, kind: str) -> None:
     import bpy
 
+    node.extension = "CLIP"
     if kind != "none":
         path = tmp_path / "texture.png"
         write(path, gradient() / 255.0)
@@ -384,14 +387,43 @@ def test_missing_and_corrupt_files(node: Any, tmp_path: Path, kind: str) -> None
             path.write_bytes(b"no image at all")
         node.image.reload()
     description = export()
-    assert shown(description) is None and description.images == []
     if kind == "none":
-        # A node without an image is black in Cycles, and nothing to complain about.
-        assert description.notices == []
+        # What is not there at all the engine reports.
+        assert shown(description) is None and description.images == [] and description.notices == []
     else:
+        image = shown(description)
+        # A texel like any: where textures are clipped, so is it, until Blender 5.2.
+        assert image is not None and image.encoding == "LINEAR"
+        nodes = description.materials[0].graph.nodes  # type: ignore[union-attr]
+        assert nodes[0].properties["extension"] == ("REPEAT" if bpy.app.version >= (5, 2) else "CLIP")
+        np.testing.assert_array_equal(image.pixels, [[(255, 0, 255, 255)]])
         assert [notice.subject for notice in description.notices] == [
             "Plane / Material / Image Texture / texture.png"
         ]
+
+
+def test_a_missing_image_is_reported_once(node: Any, tmp_path: Path) -> None:
+    """By the export, with its path; the engine finds the texel that stands for it."""
+    import bpy
+
+    path = tmp_path / "texture.png"
+    write(path, gradient() / 255.0)
+    for texture in (node, node.id_data.nodes.new("ShaderNodeTexImage")):
+        texture.image = bpy.data.images.load(str(path), check_existing=False)
+    tree = node.id_data
+    mix = tree.nodes.new("ShaderNodeMixRGB")
+    tree.links.new(node.outputs[0], mix.inputs[1])
+    tree.links.new(texture.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], next(item for item in tree.nodes if item.type == "EMISSION").inputs["Color"])
+    path.unlink()
+    for image in bpy.data.images:
+        image.reload()
+    description = export()
+    assert len(description.images) == 1 and len(description.notices) == 2
+    _shaders, _names, notices = compile_programs(
+        [ProgramSource("Plane / Material", description.materials[0].graph)], description.images
+    )
+    assert notices == []
 
 
 def test_image_shared_by_nodes_is_exported_once(node: Any) -> None:
@@ -419,17 +451,18 @@ def test_sequences_follow_the_frame(node: Any, tmp_path: Path) -> None:
     user = node.image_user
     user.frame_duration, user.frame_start, user.use_auto_refresh = 3, 5, True
 
-    def value(frame: int) -> int | None:
+    def value(frame: int) -> int:
         bpy.context.scene.frame_set(frame)
         exported = shown()
-        return None if exported is None else int(exported.pixels[0, 0, 0])
+        assert exported is not None
+        return int(exported.pixels[0, 0, 0])
 
     assert [value(frame) for frame in (5, 6, 7, 9)] == [10, 20, 30, 30]
     user.use_cyclic = True
     assert [value(frame) for frame in (8, 9)] == [10, 20]
     user.use_cyclic, user.frame_offset = False, 1
     assert [value(frame) for frame in (5, 6)] == [20, 30]
-    assert value(7) is None
+    assert value(7) == 255 and export().notices  # pink: there is no such file
     assert len(bpy.data.images) == 1
 
 
