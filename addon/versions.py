@@ -18,10 +18,18 @@ NEWEST_KNOWN: Version = (5, 2)
 
 #: Passes have their new names, also as sockets of the compositor.
 RENAMED_PASSES: Version = (5, 0)
+#: Node groups are dissolved before Cycles sees them: sockets in between do not count.
+GROUPS_INLINED: Version = (5, 0)
 #: The background has motion vectors.
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
+#: Pink stands for a missing image beyond its edges too, where the texture clips.
+MISSING_IMAGES_UNCLIPPED: Version = (5, 2)
+#: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
+NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
+#: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.
+ALPHA_AS_SET: Version = (5, 2)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

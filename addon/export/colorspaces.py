@@ -80,6 +80,17 @@ _SPACES: dict[str, tuple[Callable[[Float32Array], Float32Array], str]] = {
     "Linear FilmLight E-Gamut": (_identity, "E-Gamut"),
 }
 
+def to_srgb(pixels: Float32Array, *, is_associated: bool) -> Float32Array:
+    """Scene-linear colours of Rec.709 as sRGB stores them; alpha untouched, and multiplied to colours as before."""
+    result = pixels.copy()
+    colors, alpha = result[..., :3], result[..., 3:]
+    factor = np.where(alpha > 0.0, alpha, np.float32(1.0)) if is_associated else np.float32(1.0)
+    colors /= factor
+    curve = np.float32(1.055) * np.maximum(colors, np.float32(0.0031308)) ** np.float32(1.0 / 2.4) - np.float32(0.055)
+    result[..., :3] = np.where(colors <= np.float32(0.0031308), colors * np.float32(12.92), curve) * factor
+    return result
+
+
 #: Names for data that is no colour.
 DATA_SPACES = ("Non-Color", "Raw", "Generic Data", "Utility - Raw")
 

@@ -15,12 +15,14 @@ from engine.array_types import Float32Array
 from engine.scene.description import Image
 from engine.scene.texel_file import TexelFile, check_room
 
-from .colorspaces import DATA_SPACES, to_scene_linear
+from .alpha_of_files import is_data_space, is_read_from_file, loaded_anew, reading_of
+from .colorspaces import to_scene_linear, to_srgb
 from .context import CachedImage, ExportContext
 from .image_headers import expected_bytes
 from .image_memory import ImageMemory
 
 _PINK = "Blender's pink"
+_PINK_TEXEL = (255, 0, 255, 255)
 #: Up to so many bytes of images that Blender had not decoded stay decoded, for the next render.
 MOST_LEFT = 1 << 27
 
@@ -34,6 +36,8 @@ class ImageExporter:
     #: What was asked for, in order: what identifies an image, and its index.
     met: list[tuple[Hashable, int]] = field(default_factory=list)
     _indices: dict[Hashable, int] = field(default_factory=dict)
+    #: Index of what stands for images that cannot be read.
+    _missing: int | None = None
     #: Full names of the images so far.
     _names: set[str] = field(default_factory=set)
     #: Of the pixels so far, in memory and in files [bytes].
@@ -44,32 +48,43 @@ class ImageExporter:
     _left: int = 0
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
-        """Index into `images` of what a texture node shows at this frame, -1 if it cannot be read."""
+        """Index into `images` of what a texture node shows at this frame: one pink texel if it cannot be read."""
         self.context.check_cancel()
         frame = _frame_number(self.context, image, user)
         identity = (image.name_full, frame)
         if identity not in self._indices:
-            exported = self._export(image, frame, subject)
-            self._indices[identity] = -1 if exported is None else len(self.images)
-            if exported is not None:
-                self.images.append(exported)
+            self._add(identity, self._export(image, frame, subject))
         index = self._indices[identity]
         self.met.append((identity, index))
-        if index < 0:
+        if self.is_missing(index):
             what = f"the file {bpy.path.abspath(image.filepath)}" if image.filepath else "the image"
             self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
 
     def take_over(self, identity: Hashable) -> int:
-        """Index into `images` of one that is as it was at the last export, -1 if it could not be read then."""
+        """Index into `images` of one that is as it was at the last export, which may not have been able to read it."""
         if identity not in self._indices:
             kept = self.context.cache.images.get(identity)
-            self._indices[identity] = -1 if kept is None else len(self.images)
             if kept is not None:
                 kept.last_used = self.context.cache.export_count
-                self.images.append(kept.image)
+            self._add(identity, None if kept is None else kept.image)
         self.met.append((identity, self._indices[identity]))
         return self._indices[identity]
+
+    def is_missing(self, index: int) -> bool:
+        """Whether this is what stands for images that cannot be read."""
+        return index == self._missing
+
+    def _add(self, identity: Hashable, exported: Image | None) -> None:
+        """Append an image; those that cannot be read have one texel, which textures repeat or clip like any."""
+        if exported is None and self._missing is not None:
+            self._indices[identity] = self._missing
+            return
+        self._indices[identity] = len(self.images)
+        if exported is None:
+            self._missing = len(self.images)
+            exported = Image(("missing",), "missing", np.array([[_PINK_TEXEL]], np.uint8), "LINEAR")
+        self.images.append(exported)
 
     def export_file(self, path: str) -> int:
         """Index into `images` of a file that no datablock of the scene shows, -1 if it cannot be read."""
@@ -171,10 +186,37 @@ def _is_equal(a: Image, b: Image) -> bool:
 
 
 def _read_loaded(context: ExportContext, image: bpy.types.Image, memory: ImageMemory) -> Image | None:
-    """Read pixels as Blender stores them, and bring them into an encoding the engine knows."""
+    """Read pixels as Cycles has them, and bring them into an encoding the engine knows."""
     width, height = image.size
     if width < 1 or height < 1:
         return None
+    reading = reading_of(image)
+    if reading is None:
+        return _read_pixels(context, image, memory)
+    with loaded_anew(image) as other:
+        other.alpha_mode = reading.alpha_mode
+        if other.size[0] < 1:
+            return None
+        exported = _read_pixels(context, other, memory, image.alpha_mode, is_multiplied=reading.is_multiplied)
+    if exported is not None:
+        exported.name = image.name
+    return exported
+
+
+def _read_pixels(
+    context: ExportContext, image: bpy.types.Image, memory: ImageMemory, alpha_mode: str = "", *,
+    is_multiplied: bool = False,
+) -> Image | None:
+    """Read pixels as Blender stores them.
+
+    Parameters
+    ----------
+    alpha_mode : str
+        Of the image, where it is not that which Blender reads it by.
+    is_multiplied : bool
+        Whether colours that Blender has left alone count as multiplied by alpha.
+    """
+    width, height = image.size
     channels = image.channels
     size = width * height * channels
     flat = None if image.is_float else memory.floats(size)
@@ -186,12 +228,16 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image, memory: ImageMe
         return None
     raw = _four_channels(flat.reshape(height, width, channels))
     space = image.colorspace_settings.name
-    is_data = space in DATA_SPACES or bool(getattr(image.colorspace_settings, "is_data", False))
-    exported = Image(None, image.name, raw, alpha_mode=image.alpha_mode)
+    is_data = is_data_space(image)
+    exported = Image(None, image.name, raw, alpha_mode=alpha_mode or image.alpha_mode)
+    exported.is_associated = is_multiplied
     if image.is_float:
         # Blender converts floats on loading, and multiplies them with their alpha.
+        exported.is_associated |= image.alpha_mode not in ("CHANNEL_PACKED", "NONE")
         exported.encoding = "RAW" if is_data else "LINEAR"
-        exported.is_associated = image.alpha_mode not in ("CHANNEL_PACKED", "NONE")
+        if space == "sRGB" and context.working_space == "Rec.709" and is_read_from_file(image):
+            # As Cycles, which filters such files as they are stored.
+            exported.pixels, exported.encoding = to_srgb(raw, is_associated=exported.is_associated), "SRGB"
         return exported
     if is_data:
         exported.encoding = "RAW"
@@ -200,16 +246,28 @@ def _read_loaded(context: ExportContext, image: bpy.types.Image, memory: ImageMe
     elif space in ("Linear Rec.709", "Linear") and context.working_space == "Rec.709":
         exported.encoding = "LINEAR"
     else:
-        linear = to_scene_linear(raw, space, context.working_space)
+        factor = _divisor(raw) if is_multiplied else None
+        stored = raw if factor is None else raw / factor
+        linear = to_scene_linear(stored, space, context.working_space)
         if linear is None:
-            linear = _converted_by_blender(raw, space)
+            linear = _converted_by_blender(stored, space)
         if linear is not None:
             exported.pixels, exported.encoding = linear.copy() if linear is raw else linear, "LINEAR"
+            if factor is not None:
+                exported.pixels *= factor
             return exported
         context.notice(image.name, f"colour space {space!r} is not supported", "read as sRGB")
         exported.encoding = "SRGB"
     exported.pixels = memory.converted(raw)
     return exported
+
+
+def _divisor(pixels: Float32Array) -> Float32Array:
+    """What takes alpha out of colours, float32 (height, width, 4)."""
+    factor = np.ones_like(pixels)
+    alpha = pixels[..., 3:]
+    factor[..., :3] = np.where(alpha > 0.0, alpha, np.float32(1.0))
+    return factor
 
 
 def _decoded_size(image: bpy.types.Image) -> int:

@@ -226,7 +226,8 @@ def _classify(
             owner=owner,
             visibility=visibility,
             pass_index=shown.pass_index,
-            color=tuple(shown.color),
+            # Of instances that of their instancer, which `shown` has only where Python had not met what is instanced.
+            color=tuple(parent.color),
             is_holdout=is_holdout,
             terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
             is_instance=item.is_instance,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -14,6 +14,7 @@ import numpy as np
 
 from engine.scene.description import Link, Node, NodeGraph
 
+from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, is_since
 from .context import ExportContext
 from .images import ImageExporter
 from .node_defaults import changed_parts
@@ -24,6 +25,8 @@ from .object_properties import read_property
 #: Linear Rec.709 luminance: what a typed-in colour becomes on a float socket in any working space. Blender makes it so,
 #: before Cycles sees it.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+_BLACK = (0.0, 0.0, 0.0, 1.0)
 
 _FLOAT_SOCKETS = ("VALUE", "INT", "BOOLEAN")
 _VALUE_SOCKETS = (*_FLOAT_SOCKETS, "VECTOR", "RGBA", "STRING", "ROTATION", "MENU")
@@ -117,9 +120,17 @@ class GraphExporter:
     # Sockets
 
     def _input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
-        """Link or constant of an input socket."""
+        """Link or constant of an input socket.
+
+        As in Blender 5.0, the socket that a link ends at says what counts where Cycles does not know what it comes from;
+        before, the first one on the way did, be it a group's.
+        """
         source = self._linked(tree, socket)
-        return _constant(socket) if source is None else source
+        if source is None:
+            return _constant(socket)
+        if isinstance(source, Link) and (source.otherwise is None or is_since(GROUPS_INLINED)):
+            return replace(source, otherwise=_constant(socket))
+        return source
 
     def _linked(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
         """What is linked to an input socket (a constant if a group hands one on), None if nothing is."""
@@ -204,11 +215,17 @@ class GraphExporter:
         if source is None or from_type == to_type or to_type == "CUSTOM":
             return source
         if to_type == "SHADER":
-            self._graph.nodes.append(Node("ShaderNodeEmission", "conversion", {"Color": source, "Strength": 1.0}))
+            is_link = isinstance(source, Link)
+            inputs = {"Color": replace(source, otherwise=_BLACK) if is_link else source, "Strength": 1.0}
+            self._graph.nodes.append(Node("ShaderNodeEmission", "conversion", inputs, {"is_conversion": is_link}))
             return Link(len(self._graph.nodes) - 1, "Emission")
         if from_type == "SHADER":
             return None
-        return source if isinstance(source, Link) else _convert_constant(source, from_type, to_type)
+        if isinstance(source, Link):
+            if source.otherwise is None:
+                return source
+            return replace(source, otherwise=_convert_constant(source.otherwise, from_type, to_type))
+        return _convert_constant(source, from_type, to_type)
 
     # -----------------------------------------------------------------------------------------------------------------
     # Nodes
@@ -257,7 +274,9 @@ class GraphExporter:
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True
         if hasattr(node, "image"):
-            properties["image"] = self._image(node)
+            properties["image"] = index = self._image(node)
+            if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
+                properties["extension"] = "REPEAT"
         if getattr(node, "object", None) is not None:
             self.reads.add(node.object.original.as_pointer())
             matrix = np.array(node.object.matrix_world, np.float64)

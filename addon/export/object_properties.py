@@ -28,7 +28,7 @@ def find_property(
         if item.particle_system is not None:
             owners.append(item.particle_system.settings)
         owners.append(item.parent)
-    owners += [item.object, item.object.data]
+    owners += [_owner(item, name), item.object.data]
     for owner in owners:
         value = read_property(owner, name)
         if value is not None:
@@ -36,6 +36,15 @@ def find_property(
     if kind == "instancer" and item.is_instance:
         context.notice(subject, f"attribute {name!r} of geometry nodes' instances is not supported", "0")
     return (0.0, 0.0, 0.0, 0.0)
+
+
+def _owner(item: bpy.types.DepsgraphObjectInstance, name: str) -> Any:
+    """Whose property of the object it is: Blender gives instances the colour of what instances them.
+
+    `item.object` has that only where Python had not met what is instanced before.
+    """
+    is_color = name.partition("[")[0] == "color" and item.object.get(name) is None
+    return item.parent if item.is_instance and is_color else item.object
 
 
 def read_property(owner: Any, name: str) -> Value | None:

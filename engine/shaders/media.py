@@ -285,6 +285,11 @@ NODES: dict[str, VolumeNode] = {
 }  # fmt: skip
 
 
+def is_shader(kind: str) -> bool:
+    """Whether nodes of this kind are known as shaders, of surfaces or volumes."""
+    return kind in nodes_closure.CLOSURES or kind in nodes_closure.MIXES or kind in NODES
+
+
 def fold_medium(values: NodeValues, volume: Link) -> Medium | None:
     """The medium of a graph.
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from engine.kernels.shader import ops_input, ops_math
 from engine.scene.description import Image, Link, Node, NodeGraph
 from engine.shaders import nodes_bump, nodes_closure, nodes_image, nodes_input, nodes_texture_math
-from engine.shaders.arithmetic import ZERO, Arithmetic
+from engine.shaders.arithmetic import Arithmetic
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
@@ -20,13 +20,16 @@ from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
 NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_texture_math.NODES
 
+#: What counts instead of a link from what is not known.
+UNLINKED = "as if it were not linked"
+
 #: Identifier of an output to its value.
 _Outputs = dict[str, tuple[Value, SocketType]]
 
 
 def gives_values(kind: str) -> bool:
-    """Whether nodes of this kind are in the table, as what `Operation`s or single outputs say."""
-    return kind in NODES or kind in nodes_input.OUTPUTS
+    """Whether nodes of this kind are in the table, as what `Operation`s, composites or single outputs say."""
+    return kind in NODES or kind in nodes_input.OUTPUTS or kind in nodes_bump.COMPOSITES
 
 
 class NodeValues:
@@ -79,15 +82,18 @@ class NodeValues:
         """Whether anything in the graph reads this output."""
         return (index, identifier) in self._linked_outputs
 
-    def value(self, link: Link, axis: int, width: float) -> tuple[Value, SocketType]:
-        """What an output carries, at the point displaced along `axis`."""
+    def value(self, link: Link, axis: int, width: float) -> tuple[Value, SocketType] | None:
+        """What an output carries, at the point displaced along `axis`; None: nothing is known of it.
+
+        Then there is no link, as in Cycles, which leaves links out whose node or output it does not know.
+        """
         node = self.graph.nodes[link.node]
         outputs = self.outputs(link.node, axis, width)
         if link.output in outputs:
             return outputs[link.output]
         if outputs:
-            self.notice(node, f"has no output {link.output!r}", "0")
-        return ZERO, FLOAT
+            self.notice(node, f"has no output {link.output!r}", UNLINKED)
+        return None
 
     def outputs(self, index: int, axis: int, width: float) -> _Outputs:
         """All that a node's outputs carry, at the point displaced along `axis`."""
@@ -132,11 +138,11 @@ class NodeValues:
             return _LazyOutputs(self, node, builder, separate)
         entry = NODES.get(node.kind)
         if entry is None:
-            if node.kind in nodes_closure.CLOSURES:
+            if node.kind in nodes_closure.CLOSURES or node.kind in nodes_closure.MIXES:
                 problem = "is a shader linked to a value"
             else:
                 problem = f"{node.kind} is not supported"
-            self.notice(node, problem, "0")
+            self.notice(node, problem, UNLINKED)
             return {}
         operation = entry if isinstance(entry, Operation) else entry(node, builder)
         # What has no instruction has been reported whole, or has no inputs.
@@ -181,10 +187,10 @@ class NodeBuilder:
         given = self.node.inputs.get(socket.identifier) if socket.identifier else None
         values = self._values
         if isinstance(given, Link):
-            if values.exists(given, self.node.name):
-                value, type_ = values.value(given, self.axis, self._width)
-                return values.arithmetic.convert(value, type_, socket.type)
-            given = None
+            found = values.value(given, self.axis, self._width) if values.exists(given, self.node.name) else None
+            if found is not None:
+                return values.arithmetic.convert(*found, socket.type)
+            given = given.otherwise
         if given is None:
             given = socket.default
         if isinstance(given, Implicit):

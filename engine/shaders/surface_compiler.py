@@ -9,7 +9,7 @@ from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
 from engine.shaders.facts import with_facts
-from engine.shaders.media import VaryingError, fold_medium
+from engine.shaders.media import LEFT_OUT, VaryingError, fold_medium, is_shader
 from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
@@ -41,10 +41,17 @@ class SurfaceCompiler:
         self._code = self._arithmetic.code
         #: Instructions that each mode runs for their effect.
         self._roots: dict[int, list[int]] = {MODE_CLOSURES: [], MODE_EMISSION: [], MODE_TRANSPARENCY: []}
+        #: What is linked to the output, but for nodes that are not known: these are no link in Cycles either.
+        self._surface_link: Link | None = None
+        self._volume_link: Link | None = None
 
     def compile(self) -> CompiledProgram:
         """Walk the graph from its surface output."""
         asked, notices = self._pools.begin()
+        self._surface_link, self._volume_link = (
+            self._known(link, otherwise)
+            for link, otherwise in ((self._graph.surface, "no surface"), (self._graph.volume, LEFT_OUT))
+        )
         if self.source.graph is None:
             self._default_surface()
         else:
@@ -52,8 +59,8 @@ class SurfaceCompiler:
             self._surface()
             self._aovs()
         program = with_facts(self.source, self._code.instructions, self._roots, asked, notices)
-        if self._graph.volume is not None:
-            self._inside(program, self._graph.volume)
+        if self._volume_link is not None:
+            self._inside(program, self._volume_link)
         if self._is_boundary:
             program.is_boundary = True
             program.flags |= PROGRAM_IS_BOUNDARY | PROGRAM_MAY_BE_TRANSPARENT
@@ -78,7 +85,18 @@ class SurfaceCompiler:
     @property
     def _is_boundary(self) -> bool:
         """Whether there is a volume inside and nothing on the surface, which then is not there for light."""
-        return self.source.kind == "MATERIAL" and self._graph.volume is not None and self._graph.surface is None
+        return self.source.kind == "MATERIAL" and self._volume_link is not None and self._surface_link is None
+
+    def _known(self, link: Link | None, otherwise: str) -> Link | None:
+        if link is None or not self._values.exists(link, "the output"):
+            return None
+        node = self._graph.nodes[link.node]
+        if node.properties.get("is_conversion"):
+            return link if self._known(node.inputs["Color"], otherwise) is not None else None
+        if is_shader(node.kind) or gives_values(node.kind):
+            return link
+        self._values.notice(node, f"{node.kind} is not supported", otherwise)
+        return None
 
     def add_closure(self, instruction: Instruction, modes: tuple[int, ...]) -> None:
         """Append a closure instruction that the given modes run."""
@@ -96,12 +114,12 @@ class SurfaceCompiler:
             builder.closure(ops_closure.OP_EMISSION, ONE, (color, ONE), modes=(MODE_CLOSURES, MODE_EMISSION))
 
     def _surface(self) -> None:
-        surface = self._graph.surface
+        surface = self._surface_link
         if self._is_boundary:
             builder = _ClosureBuilder(self, self._values, -1)
             modes = (MODE_CLOSURES, MODE_TRANSPARENCY)
             builder.closure(ops_closure.OP_TRANSPARENT, ONE, (_WHITE,), modes=modes)
-        if surface is None or not self._values.exists(surface, "the output"):
+        if surface is None:
             return
         weights: dict[int, Value] = {surface.node: ONE}
         for index in self._shader_order(surface.node):
@@ -191,8 +209,10 @@ class SurfaceCompiler:
         normal = builder.input(Socket("Normal", VECTOR, Implicit.NORMAL))
         heights = []
         for axis in (0, 1, 2):
-            value, type_ = self._values.value(link, axis, 0.1)
-            vector = self._arithmetic.convert(value, type_, VECTOR)
+            found = self._values.value(link, axis, 0.1)
+            if found is None:
+                return
+            vector = self._arithmetic.convert(*found, VECTOR)
             heights.append(self._code.append(Instruction(ops_input.OP_DOT, (vector, normal), (1,)))[0])
         if len(set(heights)) == 1:
             return

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh
+from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
 from tests.helpers.blender_scenes import empty_scene, export
 
 
@@ -92,6 +92,104 @@ def test_sharp_edge_splits_normals(scene: Any) -> None:
     assert mesh.corner_normals is not None
     half = np.sqrt(0.5)
     np.testing.assert_allclose(np.abs(mesh.corner_normals.reshape(-1, 3)), [(half, 0.0, half)] * 12, atol=1e-6)
+
+
+def add_prism(is_smooth: list[bool]) -> Any:
+    """A wedge with a square floor, two slopes and two gables; which faces are smooth, in this order."""
+    vertices = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (1, 0, 1), (1, 2, 1)]
+    faces = [(3, 2, 1, 0), (0, 4, 5, 3), (1, 2, 5, 4), (0, 1, 4), (3, 5, 2)]
+    prism = add_mesh(vertices, faces, "Prism")
+    prism.data.polygons.foreach_set("use_smooth", is_smooth)
+    prism.data.update()
+    return prism
+
+
+SLOPES = [False, True, True, False, False]
+
+
+def normals_by_height(mesh: Mesh, height: float) -> np.ndarray:
+    """Normals of the slopes' corners there."""
+    assert mesh.corner_normals is not None
+    points = mesh.vertices[mesh.triangles]
+    planes = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    is_slope = (planes[:, 2] > 0.0)[:, None] & (points[:, :, 2] == height)
+    return mesh.corner_normals[is_slope]
+
+
+def planes_of(mesh: Mesh) -> np.ndarray:
+    """Normals of the planes of the triangles."""
+    points = mesh.vertices[mesh.triangles]
+    planes = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    return planes / np.linalg.norm(planes, axis=1, keepdims=True)
+
+
+def test_smooth_faces_beside_flat_ones_have_normals_as_in_cycles(scene: Any) -> None:
+    import bpy
+
+    prism = add_prism(SLOPES)
+    mesh = export().meshes[0]
+    planes = planes_of(mesh)
+    is_slope = planes[:, 2] > 0.0
+    assert mesh.corner_normals is not None
+    np.testing.assert_allclose(mesh.corner_normals[~is_slope], np.repeat(planes[~is_slope][:, None], 3, 1), atol=1e-6)
+    evaluated = prism.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    of_vertices = np.array([vertex.normal for vertex in evaluated.vertices])
+    assert (np.abs(of_vertices[:, 1]) > 0.1).all()  # gables lean on them
+    if bpy.app.version < (5, 2):
+        np.testing.assert_allclose(
+            mesh.corner_normals[is_slope], of_vertices[mesh.triangles[is_slope]], atol=1e-6
+        )
+    else:
+        np.testing.assert_allclose(mesh.corner_normals[is_slope][..., 1], 0.0, atol=1e-6)
+
+
+def test_all_edges_sharp_count_only_where_no_face_is_flat(scene: Any) -> None:
+    prism = add_prism(SLOPES)
+    prism.data.edges.foreach_set("use_edge_sharp", [True] * len(prism.data.edges))
+    assert np.abs(normals_by_height(export().meshes[0], 1.0)[:, 1]).min() > 0.1
+    prism.data.shade_smooth()
+    prism.data.edges.foreach_set("use_edge_sharp", [True] * len(prism.data.edges))
+    assert export().meshes[0].corner_normals is None
+
+
+def test_sharp_edges_and_custom_normals_keep_corners_apart(scene: Any) -> None:
+    prism = add_prism(SLOPES)
+    for edge in prism.data.edges:
+        edge.use_edge_sharp = set(edge.vertices) == {4, 5}
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(np.abs(normals_by_height(export().meshes[0], 1.0)), [(half, 0.0, half)] * 6, atol=1e-6)
+    for edge in prism.data.edges:
+        edge.use_edge_sharp = False
+    prism.data.normals_split_custom_set([(0.0, 0.6, 0.8)] * len(prism.data.loops))
+    np.testing.assert_allclose(normals_by_height(export().meshes[0], 1.0), [(0.0, 0.6, 0.8)] * 6, atol=1e-3)
+
+
+@pytest.mark.parametrize("domain", ["POINT", "FACE", "CORNER"])
+def test_free_normals_are_those_of_smooth_faces(scene: Any, domain: str) -> None:
+    prism = add_prism(SLOPES)
+    stored = prism.data.attributes.new("custom_normal", "FLOAT_VECTOR", domain)
+    stored.data.foreach_set("vector", [0.0, 0.6, 0.8] * len(stored.data))
+    np.testing.assert_allclose(normals_by_height(export().meshes[0], 1.0), [(0.0, 0.6, 0.8)] * 6, atol=1e-6)
+
+
+def test_bent_flat_faces(scene: Any) -> None:
+    """Their triangles have their own normals, or those of faces if normals of corners are taken."""
+    import bpy
+
+    bent = add_mesh(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0), (-1, 0, 0), (-1, 1, 0)], [(0, 1, 2, 3), (4, 0, 3, 5)], "Bent"
+    )
+    bent.data.polygons.foreach_set("use_smooth", [False, True])
+    for is_sharp in (False, True):
+        bent.data.edges.foreach_set("use_edge_sharp", [is_sharp] + [False] * (len(bent.data.edges) - 1))
+        mesh = export().meshes[0]
+        assert mesh.corner_normals is not None
+        is_flat = mesh.vertices[mesh.triangles][:, :, 0].max(axis=1) > 0.0
+        assert is_flat.sum() == 2
+        expected = planes_of(mesh)[is_flat][:, None]
+        if is_sharp or bpy.app.version >= (5, 2):
+            expected = np.array(bent.data.polygons[0].normal)
+        np.testing.assert_allclose(mesh.corner_normals[is_flat], np.broadcast_to(expected, (2, 3, 3)), atol=1e-6)
 
 
 def test_modifiers_are_applied(scene: Any) -> None:
@@ -265,6 +363,31 @@ def test_collection_instances_share_their_mesh(scene: Any) -> None:
     np.testing.assert_allclose(description.instances.transform[:, :3, 3], [(i, 2.0, 0.0) for i in range(3)])
     np.testing.assert_allclose(description.instances.transform[:, 3], [(0.0, 0.0, 0.0, 1.0)] * 3)
     assert len(set(description.instances.random.tolist())) == 3
+
+
+def test_instances_have_the_color_of_their_instancer(scene: Any) -> None:
+    import bpy
+
+    square = add_square()
+    square.color = (0.4, 0.5, 0.1, 1.0)
+    add_material(square, ("ShaderNodeAttribute", {"attribute_type": "OBJECT", "attribute_name": "color"}))
+    collection = bpy.data.collections.new("Hidden")
+    collection.objects.link(square)
+    colors = [(1.0, 0.0, 0.0, 0.25), (0.0, 1.0, 0.0, 0.5), (0.0, 0.0, 1.0, 0.75)]
+    for color in colors:
+        empty = bpy.data.objects.new("Empty", None)
+        empty.instance_type, empty.instance_collection, empty.color = "COLLECTION", collection, color
+        scene.collection.objects.link(empty)
+    instances = export().instances
+    # The square itself, then its instances.
+    expected = [tuple(square.color), *colors]
+    np.testing.assert_allclose(instances.color, expected, rtol=1e-6)
+    np.testing.assert_allclose(properties_of_instances(export(), "object:color"), expected, rtol=1e-6)
+
+
+def properties_of_instances(description: SceneDescription, name: str) -> list[Any]:
+    """What instances have of a property that materials read."""
+    return [description.meshes[row].attributes[name].data[0] for row in description.instances.mesh]
 
 
 def test_face_instances_carry_texture_coordinates_when_wanted(scene: Any) -> None:

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from engine.scene.description import Image, SceneDescription
+from engine.shaders.compiled_program import ProgramSource
+from engine.shaders.compiler import compile_programs
+from engine.shaders.image_pool import build_image_pool, is_associated
 from tests.helpers.blender_scenes import Altered, empty_scene, export, export_context
 
 
@@ -290,10 +293,91 @@ def test_half_and_grey_files_have_four_channels(node: Any, tmp_path: Path) -> No
     assert (exported.pixels[..., 3] == 255).all() and np.ptp(exported.pixels[..., :3]) == 0
 
 
+def save_half_transparent(path: Path, file_format: str, depth: str) -> None:
+    """A file of one colour, linear (0.246, 0.912, 0.7) by alpha 0.5, stored as sRGB unless the format is linear."""
+    import bpy
+
+    settings = bpy.context.scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = file_format, "RGBA", depth
+    bpy.context.scene.view_settings.view_transform = "Standard"
+    image = make_image(np.full((2, 2, 4), (0.123, 0.456, 0.35, 0.5)), "Source", is_float=True)
+    image.save_render(str(path), scene=bpy.context.scene)
+    bpy.data.images.remove(image)
+
+
+#: As the files of `save_half_transparent` store their colours, and these times alpha.
+STORED = np.array([0.5333, 0.9608, 0.8549])
+MULTIPLIED = 0.5 * STORED
+
+
+def as_pooled(image: Image | None) -> np.ndarray:
+    """The first texel as kernels filter it."""
+    assert image is not None
+    pool = build_image_pool([image])
+    if image.pixels.dtype == np.uint8:
+        return pool.pixels_byte[:3] / 255.0
+    return pool.pixels_float[:3]
+
+
+def is_by_setting() -> bool:
+    """Whether Cycles goes by the image's setting, not by what the file says of itself."""
+    import bpy
+
+    return bpy.app.version >= (5, 2)
+
+
+@pytest.mark.parametrize(("file_format", "depth"), [("PNG", "8"), ("PNG", "16"), ("TIFF", "8"), ("TARGA", "8")])
+@pytest.mark.parametrize("mode", ["STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE"])
+def test_alpha_of_straight_files(node: Any, tmp_path: Path, file_format: str, depth: str, mode: str) -> None:
+    import bpy
+
+    path = tmp_path / "half"
+    save_half_transparent(path, file_format, depth)
+    node.image = bpy.data.images.load(str(path))
+    node.image.alpha_mode = mode
+    exported = shown()
+    assert exported is not None and exported.encoding == "SRGB" and exported.alpha_mode == mode
+    leaves_colors = mode in ("CHANNEL_PACKED", "NONE") or mode == "PREMUL" and is_by_setting()
+    np.testing.assert_allclose(as_pooled(exported), STORED if leaves_colors else MULTIPLIED, atol=0.006)
+    assert is_associated(exported) == (mode in ("STRAIGHT", "PREMUL"))
+    node.image.colorspace_settings.name = "Non-Color"
+    np.testing.assert_allclose(as_pooled(shown()), STORED, atol=0.006)
+
+
+@pytest.mark.parametrize("mode", ["STRAIGHT", "PREMUL"])
+def test_alpha_of_multiplied_files(node: Any, tmp_path: Path, mode: str) -> None:
+    import bpy
+
+    node.image = None
+    for name, file_format, depth, stored in (
+        ("half.tif", "TIFF", "16", MULTIPLIED),
+        ("half.exr", "OPEN_EXR", "32", (0.123, 0.456, 0.35)),
+    ):
+        path = tmp_path / name
+        save_half_transparent(path, file_format, depth)
+        node.image = bpy.data.images.load(str(path))
+        node.image.alpha_mode = mode
+        factor = 0.5 if mode == "STRAIGHT" and is_by_setting() else 1.0
+        np.testing.assert_allclose(as_pooled(shown()), factor * np.array(stored), atol=2e-3)
+
+
+def test_packed_files_are_blenders_own(node: Any, tmp_path: Path) -> None:
+    import bpy
+
+    path = tmp_path / "half.png"
+    save_half_transparent(path, "PNG", "16")
+    node.image = bpy.data.images.load(str(path))
+    node.image.pack()
+    exported = shown()
+    assert exported is not None and exported.encoding == "LINEAR" and exported.is_associated
+    np.testing.assert_allclose(as_pooled(exported), (0.123, 0.456, 0.35), atol=2e-3)
+
+
 @pytest.mark.parametrize("kind", ["missing", "corrupt", "none"])
 def test_missing_and_corrupt_files(node: Any, tmp_path: Path, kind: str) -> None:
     import bpy
 
+    node.extension = "CLIP"
     if kind != "none":
         path = tmp_path / "texture.png"
         write(path, gradient() / 255.0)
@@ -303,14 +387,43 @@ def test_missing_and_corrupt_files(node: Any, tmp_path: Path, kind: str) -> None
             path.write_bytes(b"no image at all")
         node.image.reload()
     description = export()
-    assert shown(description) is None and description.images == []
     if kind == "none":
-        # A node without an image is black in Cycles, and nothing to complain about.
-        assert description.notices == []
+        # What is not there at all the engine reports.
+        assert shown(description) is None and description.images == [] and description.notices == []
     else:
+        image = shown(description)
+        # A texel like any: where textures are clipped, so is it, until Blender 5.2.
+        assert image is not None and image.encoding == "LINEAR"
+        nodes = description.materials[0].graph.nodes  # type: ignore[union-attr]
+        assert nodes[0].properties["extension"] == ("REPEAT" if bpy.app.version >= (5, 2) else "CLIP")
+        np.testing.assert_array_equal(image.pixels, [[(255, 0, 255, 255)]])
         assert [notice.subject for notice in description.notices] == [
             "Plane / Material / Image Texture / texture.png"
         ]
+
+
+def test_a_missing_image_is_reported_once(node: Any, tmp_path: Path) -> None:
+    """By the export, with its path; the engine finds the texel that stands for it."""
+    import bpy
+
+    path = tmp_path / "texture.png"
+    write(path, gradient() / 255.0)
+    for texture in (node, node.id_data.nodes.new("ShaderNodeTexImage")):
+        texture.image = bpy.data.images.load(str(path), check_existing=False)
+    tree = node.id_data
+    mix = tree.nodes.new("ShaderNodeMixRGB")
+    tree.links.new(node.outputs[0], mix.inputs[1])
+    tree.links.new(texture.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], next(item for item in tree.nodes if item.type == "EMISSION").inputs["Color"])
+    path.unlink()
+    for image in bpy.data.images:
+        image.reload()
+    description = export()
+    assert len(description.images) == 1 and len(description.notices) == 2
+    _shaders, _names, notices = compile_programs(
+        [ProgramSource("Plane / Material", description.materials[0].graph)], description.images
+    )
+    assert notices == []
 
 
 def test_image_shared_by_nodes_is_exported_once(node: Any) -> None:
@@ -338,17 +451,18 @@ def test_sequences_follow_the_frame(node: Any, tmp_path: Path) -> None:
     user = node.image_user
     user.frame_duration, user.frame_start, user.use_auto_refresh = 3, 5, True
 
-    def value(frame: int) -> int | None:
+    def value(frame: int) -> int:
         bpy.context.scene.frame_set(frame)
         exported = shown()
-        return None if exported is None else int(exported.pixels[0, 0, 0])
+        assert exported is not None
+        return int(exported.pixels[0, 0, 0])
 
     assert [value(frame) for frame in (5, 6, 7, 9)] == [10, 20, 30, 30]
     user.use_cyclic = True
     assert [value(frame) for frame in (8, 9)] == [10, 20]
     user.use_cyclic, user.frame_offset = False, 1
     assert [value(frame) for frame in (5, 6)] == [20, 30]
-    assert value(7) is None
+    assert value(7) == 255 and export().notices  # pink: there is no such file
     assert len(bpy.data.images) == 1
 
 

@@ -268,6 +268,52 @@ def test_color_on_the_surface_is_emitted(tree: Any) -> None:
     assert color == Link(0, "Color") and nodes[1].inputs["Strength"] == 1.0
 
 
+def test_links_carry_what_their_socket_holds(tree: Any) -> None:
+    """It counts where nothing is known of the node that is linked, as with EEVEE's Shader to RGB in Cycles."""
+    group, inside, outside = make_group(
+        ("Color", "INPUT", "NodeSocketColor"), ("Shader", "OUTPUT", "NodeSocketShader")
+    )
+    inner = group.nodes.new("ShaderNodeEmission")
+    inner.inputs["Color"].default_value = (0.1, 0.2, 0.7, 1.0)
+    group.links.new(inside.outputs["Color"], inner.inputs["Color"])
+    group.links.new(inner.outputs[0], outside.inputs["Shader"])
+    node = add_group(tree, group)
+    node.inputs["Color"].default_value = (0.9, 0.5, 0.1, 1.0)
+    unknown, reroute = tree.nodes.new("ShaderNodeShaderToRGB"), tree.nodes.new("NodeReroute")
+    tree.links.new(unknown.outputs["Color"], reroute.inputs[0])
+    tree.links.new(reroute.outputs[0], node.inputs["Color"])
+    tree.links.new(node.outputs["Shader"], output(tree).inputs["Surface"])
+    _nodes, color = surface_color(only_material())
+    assert color == Link(0, "Color")
+    np.testing.assert_allclose(color.otherwise, (0.1, 0.2, 0.7, 1.0), rtol=1e-6)
+
+
+def test_before_groups_are_dissolved_their_sockets_count(tree: Any, monkeypatch: Any) -> None:
+    import addon.export.nodes as exported_nodes
+
+    monkeypatch.setattr(exported_nodes, "is_since", lambda version: version != exported_nodes.GROUPS_INLINED)
+    group, inside, outside = make_group(
+        ("Value", "INPUT", "NodeSocketFloat"), ("Shader", "OUTPUT", "NodeSocketShader")
+    )
+    inner = group.nodes.new("ShaderNodeEmission")
+    group.links.new(inside.outputs["Value"], inner.inputs["Color"])
+    group.links.new(inner.outputs[0], outside.inputs["Shader"])
+    node = add_group(tree, group)
+    node.inputs["Value"].default_value = 0.25
+    unknown = tree.nodes.new("ShaderNodeShaderToRGB")
+    tree.links.new(unknown.outputs["Color"], node.inputs["Value"])
+    tree.links.new(node.outputs["Shader"], output(tree).inputs["Surface"])
+    _nodes, color = surface_color(only_material())
+    assert color.otherwise == (0.25, 0.25, 0.25, 1.0)
+
+
+def test_unknown_node_on_the_surface_emits_nothing(tree: Any) -> None:
+    unknown = tree.nodes.new("ShaderNodeShaderToRGB")
+    tree.links.new(unknown.outputs["Color"], output(tree).inputs["Surface"])
+    nodes, color = surface_color(only_material())
+    assert color.otherwise == (0.0, 0.0, 0.0, 1.0) and nodes[1].properties["is_conversion"]
+
+
 def test_loop_of_links_is_cut(tree: Any) -> None:
     one, two = tree.nodes.new("ShaderNodeGamma"), tree.nodes.new("ShaderNodeGamma")
     tree.links.new(one.outputs[0], two.inputs["Color"])

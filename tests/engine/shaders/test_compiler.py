@@ -23,6 +23,7 @@ from engine.state.shaders import (
     PROGRAM_FLAGS,
     PROGRAM_HAS_EMISSION,
     PROGRAM_HAS_LOBES,
+    PROGRAM_IS_BOUNDARY,
     PROGRAM_IS_CONSTANT,
     PROGRAM_IS_LAMBERTIAN,
     PROGRAM_MAY_BE_TRANSPARENT,
@@ -203,10 +204,54 @@ def test_unsupported_nodes_are_reported_once() -> None:
     odd = graph.link("ShaderNodeFromTheFuture", "Value", name="Odd")
     sky = graph.link("ShaderNodeTexSky", "Color", name="Sky")
     _shaders, _names, notices = compile_one(graph.emit(sky, odd))
-    assert [(n.subject, n.fallback) for n in notices] == [("M / Sky", "a constant blue"), ("M / Odd", "0")]
+    assert [(n.subject, n.fallback) for n in notices] == [
+        ("M / Sky", "a constant blue"),
+        ("M / Odd", "as if it were not linked"),
+    ]
     graph = Graph()
     _shaders, _names, notices = compile_one(graph.surface(graph.link("ShaderNodeBsdfOdd", "BSDF", name="Odd")))
     assert [n.subject for n in notices] == ["M / Odd"]
+
+
+def test_links_from_what_is_not_known_are_none() -> None:
+    graph = Graph()
+    odd = graph.add("ShaderNodeFromTheFuture", name="Odd")
+    old = graph.add("ShaderNodeRGB", name="Old", value=(1.0, 1.0, 1.0, 1.0))
+    color = Link(odd, "Color", otherwise=(0.9, 0.5, 0.1, 1.0))
+    strength = Link(old, "Not Yet", otherwise=0.5)
+    shaders, _names, notices = compile_one(graph.emit(color, strength))
+    np.testing.assert_allclose(run(shaders).emission[0, :3], (0.45, 0.25, 0.05), rtol=1e-6)
+    assert {(notice.subject, notice.fallback) for notice in notices} == {
+        ("M / Odd", "as if it were not linked"),
+        ("M / Old", "as if it were not linked"),
+    }
+
+
+def test_closure_on_a_value_is_no_link() -> None:
+    for kind in ("ShaderNodeEmission", "ShaderNodeMixShader"):
+        graph = Graph()
+        shader = Link(graph.add(kind, name="Shader"), "Out", otherwise=(0.9, 0.5, 0.1, 1.0))
+        shaders, _names, notices = compile_one(graph.emit(shader))
+        np.testing.assert_allclose(run(shaders).emission[0, :3], (0.9, 0.5, 0.1), rtol=1e-6)
+        assert [notice.problem for notice in notices] == ["is a shader linked to a value"]
+
+
+def test_output_linked_to_what_is_not_known_is_not_linked() -> None:
+    graph = Graph()
+    odd = Link(graph.add("ShaderNodeFromTheFuture", name="Odd"), "Color", otherwise=(0.0, 0.0, 0.0, 1.0))
+    converted = Link(
+        graph.add("ShaderNodeEmission", inputs={"Color": odd, "Strength": 1.0}, is_conversion=True), "Emission"
+    )
+    fog = graph.link("ShaderNodeVolumeAbsorption", "Volume", inputs={"Color": (0.5, 0.5, 0.5, 1.0), "Density": 1.0})
+    for unknown in (odd, converted):
+        # Nothing on the surface: it is nothing but the boundary of its volume.
+        shaders, _names, notices = compile_one(NodeGraph(graph.nodes, surface=unknown, volume=fog))
+        assert flags(shaders) & PROGRAM_IS_BOUNDARY and len(notices) == 1
+        shaders, _names, notices = compile_one(NodeGraph(graph.nodes, volume=unknown))
+        assert not flags(shaders) & PROGRAM_IS_BOUNDARY and len(notices) == 1
+        diffuse = graph.link("ShaderNodeBsdfDiffuse", "BSDF")
+        shaders, _names, notices = compile_one(NodeGraph(graph.nodes, surface=diffuse, displacement=odd))
+        assert flags(shaders) & PROGRAM_IS_LAMBERTIAN and len(notices) == 1
 
 
 def test_cycles_are_cut_and_reported() -> None:
