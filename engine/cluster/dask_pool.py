@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Workers behind a scheduler of Dask: the only module that imports `distributed`.
+"""Workers behind a scheduler of Dask.
 
 Who does what is decided by `engine.cluster.crew`: each task is for one worker. Dask carries orders, scenes and sums,
-and knows who is there. TLS is its own affair too: its configuration says where certificates lie.
+and knows who is there. Who may come in is the affair of `engine.cluster.encryption`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,20 @@ import queue
 import time
 import uuid
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import dask
 from distributed import Client, Future, LocalCluster, Security, Worker
 
+from engine.cluster.encryption import (
+    LOOPBACK,
+    check_encryption,
+    listening_host,
+    shared_security,
+    throwaway_certificate,
+)
 from engine.cluster.local import LocalWorkers
 from engine.cluster.pool import ClusterError
 from engine.cluster.version import source_version
@@ -246,42 +254,6 @@ def _heartbeat_ages() -> Any:
     return ages
 
 
-def check_encryption(address: str, role: str) -> None:
-    """See whether Dask's configuration has what connecting there takes: Dask itself tries till its time is over.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    role : {'client', 'worker'}
-
-    Raises
-    ------
-    ClusterError
-        If something is missing.
-    """
-    security = Security()
-    if not address.startswith("tls:"):
-        if security.require_encryption and address.startswith("tcp:"):
-            raise ClusterError(f"Cluster: Dask's configuration requires encryption: write tls:// instead of {address}")
-        return
-    tls = security.get_tls_config_for_role(role)
-    for name, key, is_needed in (
-        ("ca_file", "CA_FILE", True), ("cert", f"{role.upper()}__CERT", True), ("key", f"{role.upper()}__KEY", False),
-    ):
-        path, variable = tls.get(name), f"DASK_DISTRIBUTED__COMM__TLS__{key}"
-        if not path and is_needed:
-            raise ClusterError(f"Cluster: {address} asks for certificates, and {variable} names no file")
-        # Dask takes certificates themselves, too.
-        if path and "\n" not in path and not os.path.isfile(path):
-            problem = f"{variable} names {path}: there is no such file"
-            raise ClusterError(f"Cluster: {address} asks for certificates, and {problem}")
-    try:
-        security.get_connection_args(role)
-    except (OSError, ValueError) as error:
-        raise ClusterError(f"Cluster: the certificates for {address} cannot be used: {error}") from None
-
-
 def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
     """Join a cluster, or make one.
 
@@ -311,12 +283,15 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
 
 
 def _open_local(count: int, threads: int, silence: float) -> DaskPool:
-    cluster = LocalCluster(
-        n_workers=0, processes=True, host="127.0.0.1", protocol="tcp://", dashboard_address=None,
-        silence_logs=logging.ERROR,
-    )
+    # Whoever else uses this machine reaches these ports too.
+    certificate, key = throwaway_certificate()
+    with dask.config.set({"distributed.scheduler.http.routes": []}):
+        cluster = LocalCluster(
+            n_workers=0, processes=True, host=LOOPBACK, protocol="tls://", security=shared_security(certificate, key),
+            dashboard_address=f"{LOOPBACK}:0", scheduler_kwargs={"dashboard": False}, silence_logs=logging.ERROR,
+        )
     client = Client(cluster, **_CLIENT_OPTIONS)
-    local = LocalWorkers(cluster.scheduler_address, count, threads)
+    local = LocalWorkers(cluster.scheduler_address, count, threads, certificate, key)
     pool = DaskPool(client, local, cluster, silence)
     deadline = time.monotonic() + _START_TIMEOUT
     try:
@@ -330,23 +305,54 @@ def _open_local(count: int, threads: int, silence: float) -> DaskPool:
     return pool
 
 
-def run_worker(address: str, name: str | None = None) -> None:
+def run_worker(
+    address: str, host: str | None = None, name: str | None = None, *, trusts_network: bool = False,
+    on_listening: Callable[[str], None] = lambda address: None,
+) -> None:
     """Be a worker of the scheduler there, until that is gone.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    host, trusts_network
+        As `engine.cluster.encryption.listening_host` takes them.
+    name : str, optional
+        Under which the scheduler lists it.
+    on_listening : callable(str)
+        Told the address that the worker listens on.
 
     Raises
     ------
     ClusterError
-        If there is no scheduler, or certificates are missing.
+        If there is no scheduler, certificates are missing, or others could come in without one.
     """
-    logging.getLogger("distributed").setLevel(logging.ERROR)
     check_encryption(address, "worker")
     try:
-        asyncio.run(_work(address, name))
+        chosen = listening_host(address, host, trusts_network=trusts_network)
+        asyncio.run(_work(address, chosen, Security(), name, on_listening))
+    except ClusterError:
+        raise
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise ClusterError(f"no scheduler answers at {address} ({error})") from None
 
 
-async def _work(address: str, name: str | None) -> None:
-    # One range at a time, on all threads. What memory it takes is the engine's affair.
-    async with Worker(address, nthreads=1, name=name, memory_limit=0, dashboard=False) as worker:
-        await worker.finished()
+def run_local_worker(address: str, certificate: str, key: str) -> None:
+    """Be a worker of the scheduler of this machine that has this certificate, until that is gone."""
+    asyncio.run(_work(address, LOOPBACK, shared_security(certificate, key)))
+
+
+async def _work(
+    address: str, host: str, security: Security, name: str | None = None,
+    on_listening: Callable[[str], None] = lambda address: None,
+) -> None:
+    logging.getLogger("distributed").setLevel(logging.ERROR)
+    # One range at a time, on all threads. What memory it takes is the engine's affair. Dask's pages about a worker have
+    # no certificate: nobody is served any, and on this machine only.
+    with dask.config.set({"distributed.worker.http.routes": []}):
+        async with Worker(
+            address, nthreads=1, name=name, memory_limit=0, dashboard=False, host=host, security=security,
+            dashboard_address=f"{LOOPBACK}:0",
+        ) as worker:
+            on_listening(worker.listen_address)
+            await worker.finished()
