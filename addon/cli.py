@@ -272,6 +272,7 @@ def _keep(path: Path) -> str:
     try:
         bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
     except (KeyError, RuntimeError):
+        rescue.parent.rmdir()
         return ""
     if was_written(rescue, started):
         return f" The picture is kept in {rescue}"

@@ -30,6 +30,7 @@ from engine.cluster.encryption import (
     throwaway_certificate,
 )
 from engine.cluster.local import LocalWorkers
+from engine.cluster.place import Place
 from engine.cluster.pool import ClusterError
 from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, LOST, REFUSED, Answer, keep, trace
@@ -56,8 +57,9 @@ _FETCHES = 16
 class DaskPool:
     """Workers behind a scheduler, as `engine.cluster.pool.Pool`; `open_pool` makes one.
 
-    Whoever holds something that others fetch may hang meanwhile, and they would wait for ever. So a worker that is not
-    heard of counts as gone until it is; what is held is then held anew by another, under another key, and orders that
+    Whoever holds something that others fetch may hang meanwhile or go away, and they would wait for ever. So a worker
+    that is not heard of counts as gone until it is. At each roll call the scheduler is asked where what is held is;
+    where that is no good (`Place.is_safe`), it is held anew by those who are there, under another key, and orders that
     may wait for the old one are given out again.
     """
 
@@ -121,8 +123,9 @@ class DaskPool:
             return
         self._contents[name] = digest, blob
         whom: dict[str, Any] = {}
-        if self._hanging:
-            whom = {"workers": sorted(self._connected() - self._hanging), "allow_other_workers": False}
+        present = self._connected() - self._hanging if self._hanging else frozenset()
+        if present:
+            whom = {"workers": sorted(present), "allow_other_workers": False}
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
             self._held[name] = self._ask(lambda: self._client.submit(keep, blob, key=key, **whom))
 
@@ -133,16 +136,19 @@ class DaskPool:
         """Addresses of who is connected, and does not hang."""
         if self._local is not None:
             self._local.check()
-        ages: dict[str, float] = self._ask(lambda: self._client.run_on_scheduler(_heartbeat_ages()))
+        keys = {name: held.key for name, held in self._held.items()}
+        ages, known = self._ask(lambda: self._client.run_on_scheduler(_roll_call(), keys=list(keys.values())))
         is_regular, self._counted = self.now - self._counted < _REGULAR, self.now
         for name, age in ages.items():
             is_silent = is_regular and age > self._silence
             self._silent_calls[name] = self._silent_calls[name] + 1 if is_silent else 0
-        hanging = frozenset(name for name in ages if self._silent_calls[name] >= _SILENT_ROLL_CALLS)
-        before, self._hanging = self._hanging, hanging
-        if hanging - before and hanging != frozenset(ages):
-            self._hold_anew()
-        return frozenset(ages) - hanging
+        self._hanging = frozenset(name for name in ages if self._silent_calls[name] >= _SILENT_ROLL_CALLS)
+        present = frozenset(ages) - self._hanging
+        # What the scheduler does not know is still on its way there.
+        places = [_place(*known[key]) if key in known else Place() for key in keys.values()]
+        if present and not all(place.is_safe(present) for place in places):
+            self._hold_anew(present, frozenset.intersection(*(place.holders for place in places)))
+        return present
 
     @property
     def holders(self) -> frozenset[str]:
@@ -150,16 +156,13 @@ class DaskPool:
         found = self._ask(lambda: self._client.who_has(list(self._held.values())))
         return frozenset.intersection(*(frozenset(names) for names in found.values()))
 
-    def _hold_anew(self) -> None:
-        """Have what is held come from others than those who hang, and give out again what may wait for it."""
-        if not self._held:
-            return
-        have_all = self.holders
+    def _hold_anew(self, present: frozenset[str], have_all: frozenset[str]) -> None:
+        """Have those who are there hold what is held, and give out again what may wait for it."""
         self._generation += 1
         for name, (digest, blob) in list(self._contents.items()):
             self._hold(name, digest, blob)
         for ticket, (worker, order) in list(self._orders.items()):
-            if worker not in have_all and worker not in self._hanging:
+            if worker in present and worker not in have_all:
                 self.cancel([ticket])
                 self.submit(ticket, worker, order)
 
@@ -243,15 +246,31 @@ def _process_id() -> int:
     return os.getpid()
 
 
-def _heartbeat_ages() -> Any:
-    """What a scheduler is asked: how long ago each worker was heard of [s]. By value: it need not know this engine."""
+def _roll_call() -> Any:
+    """What a scheduler is asked: how long ago each worker was heard of [s], and of those keys that it knows their
+    state, who has each, who makes it, and who may. By value: it need not know this engine.
+    """
 
-    def ages(dask_scheduler: Any) -> dict[str, float]:
+    def call(dask_scheduler: Any, keys: list[str]) -> tuple[dict[str, float], dict[str, tuple[Any, ...]]]:
         import time
 
-        return {name: time.time() - worker.last_seen for name, worker in dask_scheduler.workers.items()}
+        now = time.time()
+        ages = {name: now - worker.last_seen for name, worker in dask_scheduler.workers.items()}
+        tasks = {key: dask_scheduler.tasks[key] for key in keys if key in dask_scheduler.tasks}
+        known = {
+            key: (
+                task.state, [worker.address for worker in task.who_has or ()],
+                task.processing_on.address if task.processing_on else "", list(task.worker_restrictions or ()),
+            )
+            for key, task in tasks.items()
+        }
+        return ages, known
 
-    return ages
+    return call
+
+
+def _place(state: str, holders: list[str], maker: str, allowed: list[str]) -> Place:
+    return Place(frozenset(holders), maker, frozenset(allowed), state == "erred")
 
 
 def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
@@ -285,7 +304,8 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
 def _open_local(count: int, threads: int, silence: float) -> DaskPool:
     # Whoever else uses this machine reaches these ports too.
     certificate, key = throwaway_certificate()
-    with dask.config.set({"distributed.scheduler.http.routes": []}):
+    # Who is silent for long is not shut out by Dask: the pool sees to it, and he may come back.
+    with dask.config.set({"distributed.scheduler.http.routes": [], "distributed.scheduler.worker-ttl": None}):
         cluster = LocalCluster(
             n_workers=0, processes=True, host=LOOPBACK, protocol="tls://", security=shared_security(certificate, key),
             dashboard_address=f"{LOOPBACK}:0", scheduler_kwargs={"dashboard": False}, silence_logs=logging.ERROR,
