@@ -19,6 +19,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from engine.runtime.plain_files import open_at_once
+
 try:
     import grp
     import pwd
@@ -67,7 +69,7 @@ def read_trusted(path: Path) -> bytes | None:
         If it cannot be read.
     """
     try:
-        with open(path, "rb", opener=_open_at_once) as file:
+        with open(path, "rb", opener=open_at_once) as file:
             info = os.fstat(file.fileno())
             if not stat.S_ISREG(info.st_mode):
                 return None
@@ -95,11 +97,6 @@ def write_trusted(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             os.unlink(unfinished)
         raise
-
-
-def _open_at_once(name: str, flags: int) -> int:
-    """As `os.open`, but that nobody waits for whoever writes to a pipe."""
-    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _way_to(path: Path) -> Iterator[tuple[Path, os.stat_result]]:

@@ -286,14 +286,16 @@ class GuidingTrial:
         self._paths[int(is_challenger)] += path_count
 
     def efficiency(self, weights: np.ndarray) -> float:
-        """Efficiency of the challenger, 1 / (variance x cost), over the other's; NaN if nothing was compared.
+        """Efficiency of the challenger, 1 / (variance x cost), over the other's; NaN if nothing was compared, or the
+        challenger has no variance, as a black picture has.
 
         Parameters
         ----------
         weights : float32 (P,), of the pixels' variances
         """
         variance = np.stack([moments.variance() for moments in self._moments])
-        known = np.isfinite(variance).all(axis=0)
+        # Of variances too large for float32 the arm that has them loses.
+        known = ~np.isnan(variance).any(axis=0)
         if not known.any() or 0 in self._paths:
             return float("nan")
         variance = variance[:, known] * weights[known]
@@ -302,8 +304,8 @@ class GuidingTrial:
             total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
-        other, challenger = total * cost
-        return float(other / challenger) if challenger > 0.0 else float("nan")
+        other, challenger = (total * cost).tolist()
+        return other / challenger if challenger > 0.0 else math.nan
 
 
 def rehearse(channel_count: int) -> None:
