@@ -104,7 +104,7 @@ class GuidingReport:
             self.sentence = self._choice()
         elif self.stopped_at:
             share = f"{self.efficiency:.2f} of the efficiency without"
-            reason = "no light came of it" if math.isnan(self.efficiency) else share
+            reason = share if self.efficiency > 0.0 else "its samples were of no use"
             self.sentence = (
                 f"guiding did not pay here ({reason}): samples from {self.stopped_at + 1} on are not guided"
             )
@@ -153,7 +153,7 @@ class GuidingReport:
         """What was chosen, where and why, in a line."""
         compared = "" if math.isnan(self.efficiency) else f", {self.efficiency:.2f} times as efficient"
         if self.stopped_at:
-            reason = f"it was{compared[1:]} as going without" if compared else "no light came of it"
+            reason = f"it was{compared[1:]} as going without" if self.efficiency > 0.0 else "its samples were of no use"
             return f"chose to render without guiding from sample {self.stopped_at + 1} on: {reason}"
         where = "" if math.isnan(self.guided_share) else f" in {self.guided_share:.0%} of the regions"
         return f"chose {METHODS[self.chosen].words}{where}{compared + ' as without' if compared else ''}"

@@ -200,8 +200,8 @@ class Choice:
         least = trial.least_efficiency(
             self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious
         )
-        # Written so that NaN loses: a guided picture that is black has no variance.
-        self.has_lost = not efficiency >= least
+        # Written so that NaN, nothing compared, goes on.
+        self.has_lost = efficiency < least
         self._was_part = is_part
         is_first_part = is_part and self._compared_at == min(trial.LEAST_EFFICIENCY)
         self._least_paying = trial.SURE_OF_FIRST_PART if is_first_part else trial.LEAST_OF_SHORT
@@ -210,13 +210,16 @@ class Choice:
 
     def _look(self, efficiency: float, next_sample: int) -> None:
         """Take a later comparison with unguided rendering."""
+        if math.isnan(efficiency):
+            return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self.has_lost = not efficiency >= _LEAST_LATER
+        self.has_lost = efficiency < _LEAST_LATER
         self._look_from = _AGAIN * next_sample
 
     def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
-        # What cannot be compared has lost.
+        if math.isnan(efficiency):
+            return
         self._evidence.append(math.log(efficiency) if efficiency > 0.0 else -math.inf)
         mean = math.exp(sum(self._evidence) / len(self._evidence))
         stage = min(len(self._evidence), len(TAKEN)) - 1
