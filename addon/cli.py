@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import tempfile
@@ -264,15 +263,21 @@ def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
 
 def _keep(path: Path) -> str:
     """Save the picture in the folder for temporary files instead; returns a sentence that says so, '' if in vain."""
-    rescue = Path(tempfile.gettempdir()) / f"neuralguide_{os.getpid()}_{path.name}"
     started = time.time()
+    try:
+        # Others write there too, and must not know the name before.
+        rescue = Path(tempfile.mkdtemp(prefix="neuralguide_")) / path.name
+    except OSError:
+        return ""
     try:
         bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
     except (KeyError, RuntimeError):
+        rescue.parent.rmdir()
         return ""
     if was_written(rescue, started):
         return f" The picture is kept in {rescue}"
     rescue.unlink(missing_ok=True)
+    rescue.parent.rmdir()
     return ""
 
 

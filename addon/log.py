@@ -9,6 +9,7 @@ import sys
 import tempfile
 import traceback
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 
 logger = logging.getLogger("neuralguide")
@@ -35,17 +36,27 @@ class _TerminalHandler(logging.StreamHandler):  # type: ignore[type-arg]
 
 
 def log_file() -> Path:
-    """The file that tracebacks go to: beside the kernel cache, else in the folder for temporary files."""
+    """The file that tracebacks go to: beside the kernel cache, else one of this process's in the folder for temporary
+    files. Where others may write they could have put a link, by which we would write to whatever it leads to.
+    """
     from engine.runtime.kernel_cache import cache_root  # imports numba: not while Blender starts
+    from engine.runtime.trusted_files import make_folder, weakness
 
     folder = cache_root().parent
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
+        if not weakness(folder) and os.access(folder, os.W_OK):
+            return folder / "neuralguide.log"
     except OSError:
-        folder = Path(tempfile.gettempdir())
-    if not os.access(folder, os.W_OK):
-        folder = Path(tempfile.gettempdir())
-    return folder / "neuralguide.log"
+        pass
+    return _temporary_log()
+
+
+@cache
+def _temporary_log() -> Path:
+    descriptor, name = tempfile.mkstemp(prefix="neuralguide-", suffix=".log")
+    os.close(descriptor)
+    return Path(name)
 
 
 def register() -> None:

@@ -15,6 +15,13 @@ def main() -> int:
     """Run a worker; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m engine.cluster", description=__doc__)
     parser.add_argument("address", help="of the scheduler: tcp://HOST:PORT or tls://HOST:PORT")
+    parser.add_argument(
+        "--host", help="address of this machine to listen on; default: the one that it reaches the scheduler from"
+    )
+    parser.add_argument(
+        "--trust-network", action="store_true",
+        help="listen to other machines without TLS: whoever reaches this worker runs code as this user",
+    )
     parser.add_argument("--threads", type=int, default=0, help="to trace with; 0: as many as the scene's settings say")
     parser.add_argument("--name", help="under which the scheduler lists this worker")
     arguments = parser.parse_args()
@@ -26,7 +33,10 @@ def main() -> int:
         print(f"NeuralGuide: Error: {problem}", file=sys.stderr)
         return 2
     try:
-        run_worker(arguments.address, arguments.name)
+        run_worker(
+            arguments.address, arguments.host, arguments.name, trusts_network=arguments.trust_network,
+            on_listening=lambda address: print(f"NeuralGuide: this worker listens on {address}", flush=True),
+        )
     except ClusterError as error:
         print(f"NeuralGuide: Error: {error}", file=sys.stderr)
         return 1

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Workers behind a scheduler of Dask: the only module that imports `distributed`.
+"""Workers behind a scheduler of Dask.
 
 Who does what is decided by `engine.cluster.crew`: each task is for one worker. Dask carries orders, scenes and sums,
-and knows who is there. TLS is its own affair too: its configuration says where certificates lie.
+and knows who is there. Who may come in is the affair of `engine.cluster.encryption`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,22 @@ import queue
 import time
 import uuid
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import dask
 from distributed import Client, Future, LocalCluster, Security, Worker
 
+from engine.cluster.encryption import (
+    LOOPBACK,
+    check_encryption,
+    listening_host,
+    shared_security,
+    throwaway_certificate,
+)
 from engine.cluster.local import LocalWorkers
+from engine.cluster.place import Place
 from engine.cluster.pool import ClusterError
 from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, LOST, REFUSED, Answer, keep, trace
@@ -48,8 +57,9 @@ _FETCHES = 16
 class DaskPool:
     """Workers behind a scheduler, as `engine.cluster.pool.Pool`; `open_pool` makes one.
 
-    Whoever holds something that others fetch may hang meanwhile, and they would wait for ever. So a worker that is not
-    heard of counts as gone until it is; what is held is then held anew by another, under another key, and orders that
+    Whoever holds something that others fetch may hang meanwhile or go away, and they would wait for ever. So a worker
+    that is not heard of counts as gone until it is. At each roll call the scheduler is asked where what is held is;
+    where that is no good (`Place.is_safe`), it is held anew by those who are there, under another key, and orders that
     may wait for the old one are given out again.
     """
 
@@ -113,8 +123,9 @@ class DaskPool:
             return
         self._contents[name] = digest, blob
         whom: dict[str, Any] = {}
-        if self._hanging:
-            whom = {"workers": sorted(self._connected() - self._hanging), "allow_other_workers": False}
+        present = self._connected() - self._hanging if self._hanging else frozenset()
+        if present:
+            whom = {"workers": sorted(present), "allow_other_workers": False}
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
             self._held[name] = self._ask(lambda: self._client.submit(keep, blob, key=key, **whom))
 
@@ -125,16 +136,19 @@ class DaskPool:
         """Addresses of who is connected, and does not hang."""
         if self._local is not None:
             self._local.check()
-        ages: dict[str, float] = self._ask(lambda: self._client.run_on_scheduler(_heartbeat_ages()))
+        keys = {name: held.key for name, held in self._held.items()}
+        ages, known = self._ask(lambda: self._client.run_on_scheduler(_roll_call(), keys=list(keys.values())))
         is_regular, self._counted = self.now - self._counted < _REGULAR, self.now
         for name, age in ages.items():
             is_silent = is_regular and age > self._silence
             self._silent_calls[name] = self._silent_calls[name] + 1 if is_silent else 0
-        hanging = frozenset(name for name in ages if self._silent_calls[name] >= _SILENT_ROLL_CALLS)
-        before, self._hanging = self._hanging, hanging
-        if hanging - before and hanging != frozenset(ages):
-            self._hold_anew()
-        return frozenset(ages) - hanging
+        self._hanging = frozenset(name for name in ages if self._silent_calls[name] >= _SILENT_ROLL_CALLS)
+        present = frozenset(ages) - self._hanging
+        # What the scheduler does not know is still on its way there.
+        places = [_place(*known[key]) if key in known else Place() for key in keys.values()]
+        if present and not all(place.is_safe(present) for place in places):
+            self._hold_anew(present, frozenset.intersection(*(place.holders for place in places)))
+        return present
 
     @property
     def holders(self) -> frozenset[str]:
@@ -142,16 +156,13 @@ class DaskPool:
         found = self._ask(lambda: self._client.who_has(list(self._held.values())))
         return frozenset.intersection(*(frozenset(names) for names in found.values()))
 
-    def _hold_anew(self) -> None:
-        """Have what is held come from others than those who hang, and give out again what may wait for it."""
-        if not self._held:
-            return
-        have_all = self.holders
+    def _hold_anew(self, present: frozenset[str], have_all: frozenset[str]) -> None:
+        """Have those who are there hold what is held, and give out again what may wait for it."""
         self._generation += 1
         for name, (digest, blob) in list(self._contents.items()):
             self._hold(name, digest, blob)
         for ticket, (worker, order) in list(self._orders.items()):
-            if worker not in have_all and worker not in self._hanging:
+            if worker in present and worker not in have_all:
                 self.cancel([ticket])
                 self.submit(ticket, worker, order)
 
@@ -235,51 +246,31 @@ def _process_id() -> int:
     return os.getpid()
 
 
-def _heartbeat_ages() -> Any:
-    """What a scheduler is asked: how long ago each worker was heard of [s]. By value: it need not know this engine."""
+def _roll_call() -> Any:
+    """What a scheduler is asked: how long ago each worker was heard of [s], and of those keys that it knows their
+    state, who has each, who makes it, and who may. By value: it need not know this engine.
+    """
 
-    def ages(dask_scheduler: Any) -> dict[str, float]:
+    def call(dask_scheduler: Any, keys: list[str]) -> tuple[dict[str, float], dict[str, tuple[Any, ...]]]:
         import time
 
-        return {name: time.time() - worker.last_seen for name, worker in dask_scheduler.workers.items()}
+        now = time.time()
+        ages = {name: now - worker.last_seen for name, worker in dask_scheduler.workers.items()}
+        tasks = {key: dask_scheduler.tasks[key] for key in keys if key in dask_scheduler.tasks}
+        known = {
+            key: (
+                task.state, [worker.address for worker in task.who_has or ()],
+                task.processing_on.address if task.processing_on else "", list(task.worker_restrictions or ()),
+            )
+            for key, task in tasks.items()
+        }
+        return ages, known
 
-    return ages
+    return call
 
 
-def check_encryption(address: str, role: str) -> None:
-    """See whether Dask's configuration has what connecting there takes: Dask itself tries till its time is over.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    role : {'client', 'worker'}
-
-    Raises
-    ------
-    ClusterError
-        If something is missing.
-    """
-    security = Security()
-    if not address.startswith("tls:"):
-        if security.require_encryption and address.startswith("tcp:"):
-            raise ClusterError(f"Cluster: Dask's configuration requires encryption: write tls:// instead of {address}")
-        return
-    tls = security.get_tls_config_for_role(role)
-    for name, key, is_needed in (
-        ("ca_file", "CA_FILE", True), ("cert", f"{role.upper()}__CERT", True), ("key", f"{role.upper()}__KEY", False),
-    ):
-        path, variable = tls.get(name), f"DASK_DISTRIBUTED__COMM__TLS__{key}"
-        if not path and is_needed:
-            raise ClusterError(f"Cluster: {address} asks for certificates, and {variable} names no file")
-        # Dask takes certificates themselves, too.
-        if path and "\n" not in path and not os.path.isfile(path):
-            problem = f"{variable} names {path}: there is no such file"
-            raise ClusterError(f"Cluster: {address} asks for certificates, and {problem}")
-    try:
-        security.get_connection_args(role)
-    except (OSError, ValueError) as error:
-        raise ClusterError(f"Cluster: the certificates for {address} cannot be used: {error}") from None
+def _place(state: str, holders: list[str], maker: str, allowed: list[str]) -> Place:
+    return Place(frozenset(holders), maker, frozenset(allowed), state == "erred")
 
 
 def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> DaskPool:
@@ -311,12 +302,16 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
 
 
 def _open_local(count: int, threads: int, silence: float) -> DaskPool:
-    cluster = LocalCluster(
-        n_workers=0, processes=True, host="127.0.0.1", protocol="tcp://", dashboard_address=None,
-        silence_logs=logging.ERROR,
-    )
+    # Whoever else uses this machine reaches these ports too.
+    certificate, key = throwaway_certificate()
+    # Who is silent for long is not shut out by Dask: the pool sees to it, and he may come back.
+    with dask.config.set({"distributed.scheduler.http.routes": [], "distributed.scheduler.worker-ttl": None}):
+        cluster = LocalCluster(
+            n_workers=0, processes=True, host=LOOPBACK, protocol="tls://", security=shared_security(certificate, key),
+            dashboard_address=f"{LOOPBACK}:0", scheduler_kwargs={"dashboard": False}, silence_logs=logging.ERROR,
+        )
     client = Client(cluster, **_CLIENT_OPTIONS)
-    local = LocalWorkers(cluster.scheduler_address, count, threads)
+    local = LocalWorkers(cluster.scheduler_address, count, threads, certificate, key)
     pool = DaskPool(client, local, cluster, silence)
     deadline = time.monotonic() + _START_TIMEOUT
     try:
@@ -330,23 +325,54 @@ def _open_local(count: int, threads: int, silence: float) -> DaskPool:
     return pool
 
 
-def run_worker(address: str, name: str | None = None) -> None:
+def run_worker(
+    address: str, host: str | None = None, name: str | None = None, *, trusts_network: bool = False,
+    on_listening: Callable[[str], None] = lambda address: None,
+) -> None:
     """Be a worker of the scheduler there, until that is gone.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    host, trusts_network
+        As `engine.cluster.encryption.listening_host` takes them.
+    name : str, optional
+        Under which the scheduler lists it.
+    on_listening : callable(str)
+        Told the address that the worker listens on.
 
     Raises
     ------
     ClusterError
-        If there is no scheduler, or certificates are missing.
+        If there is no scheduler, certificates are missing, or others could come in without one.
     """
-    logging.getLogger("distributed").setLevel(logging.ERROR)
     check_encryption(address, "worker")
     try:
-        asyncio.run(_work(address, name))
+        chosen = listening_host(address, host, trusts_network=trusts_network)
+        asyncio.run(_work(address, chosen, Security(), name, on_listening))
+    except ClusterError:
+        raise
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise ClusterError(f"no scheduler answers at {address} ({error})") from None
 
 
-async def _work(address: str, name: str | None) -> None:
-    # One range at a time, on all threads. What memory it takes is the engine's affair.
-    async with Worker(address, nthreads=1, name=name, memory_limit=0, dashboard=False) as worker:
-        await worker.finished()
+def run_local_worker(address: str, certificate: str, key: str) -> None:
+    """Be a worker of the scheduler of this machine that has this certificate, until that is gone."""
+    asyncio.run(_work(address, LOOPBACK, shared_security(certificate, key)))
+
+
+async def _work(
+    address: str, host: str, security: Security, name: str | None = None,
+    on_listening: Callable[[str], None] = lambda address: None,
+) -> None:
+    logging.getLogger("distributed").setLevel(logging.ERROR)
+    # One range at a time, on all threads. What memory it takes is the engine's affair. Dask's pages about a worker have
+    # no certificate: nobody is served any, and on this machine only.
+    with dask.config.set({"distributed.worker.http.routes": []}):
+        async with Worker(
+            address, nthreads=1, name=name, memory_limit=0, dashboard=False, host=host, security=security,
+            dashboard_address=f"{LOOPBACK}:0",
+        ) as worker:
+            on_listening(worker.listen_address)
+            await worker.finished()

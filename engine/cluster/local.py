@@ -23,6 +23,8 @@ class LocalWorkers:
     count : int
     threads : int
         Of each, 0: its share of the processors.
+    certificate, key : str
+        By which the scheduler and workers know each other. They go through a pipe: others see a process's arguments.
 
     Raises
     ------
@@ -30,19 +32,19 @@ class LocalWorkers:
         If they cannot be started.
     """
 
-    def __init__(self, address: str, count: int, threads: int = 0) -> None:
+    def __init__(self, address: str, count: int, threads: int, certificate: str, key: str) -> None:
         interpreter = find_interpreter()
         if interpreter is None:
             raise ClusterError("Cluster: there is no Python to start workers with")
         threads = threads or max((os.cpu_count() or 1) // count, 1)
+        config = {"address": address, "certificate": certificate, "key": key}
         self._children: list[Child] = []
         try:
             for _ in range(count):
                 # Its own path comes first, as on other machines: on that of a process that has loaded Blender another
                 # folder is called bpy, and Embree would be another one, which rounds differently.
                 child = Child(
-                    interpreter, _SERVICE, {"address": address}, environment={THREADS_VARIABLE: str(threads)},
-                    has_answers=False,
+                    interpreter, _SERVICE, config, environment={THREADS_VARIABLE: str(threads)}, has_answers=False,
                 )
                 self._children.append(child)
         except OSError as error:

@@ -17,9 +17,9 @@ def serve(config: dict[str, Any], stream: BinaryIO, _answers: TextIO) -> None:
     leave_with_parent(config)
     threading.Thread(target=_leave_with, args=(stream,), name="messages", daemon=True).start()
     try:
-        from engine.cluster.dask_pool import run_worker
+        from engine.cluster.dask_pool import run_local_worker
 
-        run_worker(config["address"])
+        run_local_worker(config["address"], config["certificate"], config["key"])
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +36,14 @@ def _blender_folders() -> Iterator[Path]:
     yield from list(executable.parents)[:_ANCESTORS_OF_PYTHON]
 
 
+def _is_for_all(folder: Path) -> bool:
+    """Whether anybody may put a library there, as where temporary files lie, which a Blender may have been put into."""
+    try:
+        return os.name == "posix" and bool(folder.stat().st_mode & stat.S_IWOTH)
+    except OSError:
+        return False
+
+
 def find_libraries(patterns: tuple[str, ...], further: tuple[Path, ...] = ()) -> list[Path]:
     """Files that may be a library of Blender's, the best first.
 
@@ -48,6 +58,7 @@ def find_libraries(patterns: tuple[str, ...], further: tuple[Path, ...] = ()) ->
         path
         for root in (*_blender_folders(), *further)
         for folder in _LIBRARY_FOLDERS
+        if not _is_for_all(root / folder)
         for pattern in patterns
         for path in sorted((root / folder).glob(pattern))
     ]

@@ -3,14 +3,18 @@
 
 A cache must never be what breaks a render. A folder that cannot be written is replaced by a temporary one, a disk that
 is full leaves kernels in memory, and a damaged file counts as missing; `problem` says so for the user to be told.
+Nor must it be how others have their code run here: a folder that somebody else may write to is replaced as well
+(`trusted_files`).
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import errno
 import hashlib
 import os
+import pickle
 import shutil
 import sys
 import tempfile
@@ -23,10 +27,12 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import caching, config, sigutils
+from numba.core.serialize import dumps
 
 from engine.runtime.kernel_library import kernel_key, kernel_library
 from engine.runtime.kernel_library import problem as library_problem
 from engine.runtime.sources import PACKAGE, source_hash
+from engine.runtime.trusted_files import make_folder, read_trusted, weakness, write_trusted
 
 #: What went wrong, in words; empty if nothing did.
 _problems: list[str] = []
@@ -39,8 +45,9 @@ origins: Counter[str] = Counter()
 on_compiled: Callable[[str, Any], None] | None = None
 
 
-def chosen_root() -> Path:
-    """Folder that is asked for: `NEURALGUIDE_KERNEL_CACHE`, else one in the user's cache folder."""
+def chosen_root() -> Path | None:
+    """Folder that is asked for: `NEURALGUIDE_KERNEL_CACHE`, else one in the user's cache folder; None without a home.
+    """
     chosen = os.environ.get("NEURALGUIDE_KERNEL_CACHE")
     if chosen:
         return Path(chosen)
@@ -48,13 +55,13 @@ def chosen_root() -> Path:
     if not base:
         try:
             base = str(Path.home() / ".cache")
-        except RuntimeError:  # nobody's home
-            base = tempfile.gettempdir()
+        except RuntimeError:  # nobody's home, as in containers
+            return None
     return Path(base) / "neuralguide" / "kernels"
 
 
 def cache_root() -> Path:
-    """Folder of compiled kernels: the chosen one, or a temporary one for this process where that cannot be written."""
+    """Folder of compiled kernels: the chosen one, or a temporary one for this process where that cannot be used."""
     return _usable(chosen_root())
 
 
@@ -81,22 +88,36 @@ def _reason(error: OSError) -> str:
 
 
 @cache
-def _usable(chosen: Path) -> Path:
+def _usable(chosen: Path | None) -> Path:
+    if chosen is None:
+        _problems.append("this user has no home folder: NEURALGUIDE_KERNEL_CACHE may name one to keep kernels in")
+        return _temporary() or Path(tempfile.gettempdir())
     try:
-        chosen.mkdir(parents=True, exist_ok=True)
+        make_folder(chosen)
+        if why := weakness(chosen):
+            _problems.append(f"cannot use {chosen}: {why}")
+            return _temporary() or chosen
         with tempfile.TemporaryFile(dir=chosen) as file:
             file.write(b"\0")
         return chosen
     except OSError as error:
         reason = _reason(error)
     with contextlib.suppress(OSError):
-        if any(chosen.glob("*.complete")):
+        if any(chosen.glob("*.complete")) and not weakness(chosen):
             return chosen  # somebody else filled it: enough to read
     _problems.append(f"cannot write to {chosen} ({reason})")
+    return _temporary() or chosen
+
+
+def _temporary() -> Path | None:
+    """A folder of this user that goes with this process; None if there can be none.
+
+    Every attempt to save fails then, and kernels live in memory.
+    """
     try:
         folder = tempfile.mkdtemp(prefix="neuralguide-kernels-")
     except OSError:
-        return chosen  # every attempt to save will fail, and kernels live in memory
+        return None
     process = os.getpid()
     atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == process else None)
     return Path(folder)
@@ -180,6 +201,40 @@ class KernelCache(caching.NullCache):
         self._saved.save_overload(sig, data)
 
 
+class _Files(caching.IndexDataCacheFile):
+    """Numba's files of one kernel, each after its own digest: machine code with one bit wrong ends the process."""
+
+    def _load_index(self) -> dict[Any, str]:
+        stored = self._read(self._index_path)
+        return {} if stored is None else stored
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, overloads)
+
+    def _load_data(self, name: str) -> Any:
+        return self._read(self._data_path(name))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _read(self, path: str) -> Any:
+        """What was written; None if nothing was, or it is damaged, or somebody else may have written it."""
+        stored = read_trusted(Path(path)) or b""
+        digest, body = stored[:_DIGEST_SIZE], stored[_DIGEST_SIZE:]
+        return pickle.loads(body) if body and _digest(body) == digest else None
+
+    def _write(self, path: str, content: Any) -> None:
+        body = dumps(content)
+        write_trusted(Path(path), _digest(body) + body)
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
+
+
+_DIGEST_SIZE = len(_digest(b""))
+
+
 class _SavedKernels(caching.FunctionCache):
     """Numba's cache of one kernel, in a folder of no other sources."""
 
@@ -192,13 +247,14 @@ class _SavedKernels(caching.FunctionCache):
             super().__init__(function)
         finally:
             config.CACHE_DIR = previous
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What was saved for a signature; None if nothing was or it is damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:
-            # A file cut short by a crash: unpickling may raise anything. Saving would stumble over it too.
+            # What is whole may still be of no use, such as that of another numba. Saving would stumble over it too.
             with contextlib.suppress(OSError):
                 os.unlink(self._cache_file._index_path)
             return None
@@ -209,7 +265,10 @@ class _SavedKernels(caching.FunctionCache):
         if not _is_saving:
             return
         try:
-            os.makedirs(self.cache_path, exist_ok=True)
+            folder = Path(self.cache_path)
+            make_folder(folder)
+            if why := weakness(folder):
+                raise PermissionError(errno.EACCES, why)
             super().save_overload(sig, data)
         except OSError as error:
             if must_save:

@@ -3,8 +3,8 @@
 
 `tools/kernel_library.py` makes both when the extension is built. They are read where they lie, and nothing is written.
 A library is used if it was made of these very sources, for this Python and this numba, and if the processor has all
-that its level asks for. In any other case `problem` says what does not fit, and kernels come from the cache or are
-compiled here.
+that its level asks for, and nobody but this user and root could have written it. In any other case `problem` says what
+does not fit, and kernels come from the cache or are compiled here.
 
 The library holds numba's own machine code of each kernel and its wrapper for Python, and depends on no other library:
 Python's functions are found in the process, and all else is called through a table of addresses (`SLOTS`), which is
@@ -35,6 +35,7 @@ from numba.core.environment import Environment
 from numba.core.typing import signature
 
 from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source_hash
+from engine.runtime.trusted_files import read_trusted, weakness
 
 #: Version of the two files' form.
 FORMAT = 3
@@ -118,7 +119,9 @@ class KernelLibrary:
     """
 
     def __init__(self, index: Path) -> None:
-        header, _, body = index.read_bytes().partition(b"\n")
+        if why := weakness(index.parent):
+            raise ValueError(why)
+        header, _, body = _read(index).partition(b"\n")
         try:
             facts = json.loads(header)
             made, level, parts, files = facts["made_for"], facts["level"], facts["parts"], facts["files"]
@@ -140,7 +143,7 @@ class KernelLibrary:
         self.parts: frozenset[str] = frozenset(parts)
         self._entries: dict[str, list[Any]] = json.loads(body)
         file = index.with_suffix(_SUFFIXES.get(sys.platform, ".so"))
-        if _digest(file.read_bytes()) != library_digest:
+        if _digest(_read(file)) != library_digest:
             raise ValueError("the library is damaged")
         self._library = ctypes.CDLL(str(file))
         table = (ctypes.c_void_p * len(slots)).in_dll(self._library, SLOTS)
@@ -199,6 +202,13 @@ def _address_of(name: str) -> int:
     if not address:
         raise ValueError(f"there is no {name} in this process")
     return address
+
+
+def _read(file: Path) -> bytes:
+    data = read_trusted(file)
+    if data is None:
+        raise ValueError(f"{file} is missing, or can be written by others")
+    return data
 
 
 def _digest(data: bytes) -> str:

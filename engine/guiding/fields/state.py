@@ -6,6 +6,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+#: No number of a state is larger: kernels' sums of them, in float32, stay finite.
+MOST = 1e30
+
 #: Arrays by name. Dots in a name separate what the array belongs to from what it is.
 State = dict[str, np.ndarray]
 
@@ -26,7 +29,7 @@ def take(state: State, name: str, dtype: npt.DTypeLike, shape: tuple[int | None,
     Raises
     ------
     StateError
-        If it is missing, has another type or shape, or holds a number that is not finite.
+        If it is missing, has another type or shape, or holds a number that is not finite, or beyond `MOST`.
     """
     array = state.get(name)
     if array is None:
@@ -40,6 +43,8 @@ def take(state: State, name: str, dtype: npt.DTypeLike, shape: tuple[int | None,
         raise StateError(f"{name} has the shape {array.shape}, not {shape}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise StateError(f"{name} holds numbers that are not finite")
+    if array.dtype.kind == "f" and array.size and np.abs(array).max() > MOST:
+        raise StateError(f"{name} holds numbers that are too large")
     return np.array(array, order="C")
 
 

@@ -266,5 +266,9 @@ class TableModel:
             _publish_regions(first, last, sums, pyramid, values)
 
         run(work, pieces.size - 1)
+        with np.errstate(all="ignore"):
+            is_sound = np.isfinite(values.sum(axis=(1, 2)))
+        # As regions that have seen nothing: candidates weighed by no number would be lost.
+        sums[~is_sound] = values[~is_sound] = 0.0
         self.field = TableField(values)
         self.update_count += 1

@@ -34,6 +34,8 @@ class UpdateReport:
     #: Records left out: not finite or of impossible density or direction; outside the bounds.
     invalid_count: int = 0
     outside_count: int = 0
+    #: Regions that began anew, since what they had learned was no density.
+    unsound_count: int = 0
     seconds: float = 0.0
 
     def count_rejects(self, rejects: Int64Array) -> None:
@@ -48,6 +50,7 @@ class UpdateReport:
             "records": self.record_count,
             "records_invalid": self.invalid_count,
             "records_outside": self.outside_count,
+            "regions_unsound": self.unsound_count,
             "seconds": self.seconds,
         }
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
-from engine.guiding.fields.state import State, part, prefixed, take
+from engine.guiding.fields.state import State, part, prefixed, require, take
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.model import VmmModel
@@ -129,10 +129,12 @@ class RegionModels:
         """
         mixture = VmmModel.of_state(part(state, "mixture"), field=field)
         count = mixture.region_count
+        max_distance = float(take(state, "max_distance", np.float64, (1,))[0])
+        require(max_distance >= 0.0, "max_distance is negative")
         models = cls(
             mixture, SelectionModel.of_state(part(state, "selection"), guiding_probability, count),
             LightShareModel.of_state(part(state, "light_share"), count), guiding_probability,
-            float(take(state, "max_distance", np.float64, (1,))[0]),
+            max_distance,
         )
         _take_deltas(state, models._deltas)
         collisions = part(state, "collisions")

@@ -23,6 +23,8 @@ class GuidingReport:
     region_count: int = 0
     lobe_count: float = 0.0
     record_count: int = 0
+    #: Regions that began anew, since what they had learned was no density.
+    unsound_count: int = 0
     network_loss: float = float("nan")
     network_step: int = 0
     snapshot_count: int = 0
@@ -111,10 +113,13 @@ class GuidingReport:
         if METHODS[self.method].rungs:
             self.lines.append(self._choice())
         elif self.stopped_at:
+            share = f"{self.efficiency:.2f} of the efficiency without"
+            reason = share if self.efficiency > 0.0 else "its samples were of no use"
             self.lines.append(
-                f"guiding did not pay here ({self.efficiency:.2f} of the efficiency without): samples from "
-                f"{self.stopped_at + 1} on are not guided"
+                f"guiding did not pay here ({reason}): samples from {self.stopped_at + 1} on are not guided"
             )
+        if self.unsound_count:
+            self.lines.append(f"{self.unsound_count} regions began anew: what they had learned was no density")
         if self.guides and not self.stopped_at:
             is_known = not self.guides.startswith("surfaces alone") and not math.isnan(self.guided_media_share)
             of_media = f"; collisions in {self.guided_media_share:.0%} of the regions" if is_known else ""
@@ -168,9 +173,7 @@ class GuidingReport:
         """What was chosen, where and why, in a line."""
         compared = "" if math.isnan(self.efficiency) else f", {self.efficiency:.2f} times as efficient"
         if self.stopped_at:
-            return (
-                f"chose to render without guiding from sample {self.stopped_at + 1} on: it was{compared[1:]} as "
-                "going without"
-            )
+            reason = f"it was{compared[1:]} as going without" if self.efficiency > 0.0 else "its samples were of no use"
+            return f"chose to render without guiding from sample {self.stopped_at + 1} on: {reason}"
         where = "" if math.isnan(self.guided_share) else f" in {self.guided_share:.0%} of the regions"
         return f"chose {METHODS[self.chosen].words}{where}{compared + ' as without' if compared else ''}"

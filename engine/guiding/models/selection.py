@@ -135,7 +135,7 @@ class SelectionModel:
         model.sums = take(state, "sums", np.float64, (region_count, len(PROBABILITIES) + 2))
         model.probability = take(state, "probability", np.float32, (region_count,))
         model.benefit = take(state, "benefit", np.float32, (region_count,))
-        require((model.sums >= 0.0).all(), "sums of squares are negative")
+        require((model.sums >= 0.0).all() and (model.benefit >= 0.0).all(), "sums of squares are negative")
         # Below one, so that the BSDF covers what the guide has not seen.
         is_share = (model.probability >= 0.0) & (model.probability <= MAX_PROBABILITY)
         require(is_share.all(), f"a guiding probability is not from 0 to {MAX_PROBABILITY}")

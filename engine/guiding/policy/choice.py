@@ -197,10 +197,10 @@ class Choice:
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
-        # Written so that NaN, nothing compared, goes on.
         least = trial.least_efficiency(
             self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious
         )
+        # Written so that NaN, nothing compared, goes on.
         self.has_lost = efficiency < least
         self._was_part = is_part
         is_first_part = is_part and self._compared_at == min(trial.LEAST_EFFICIENCY)
@@ -210,7 +210,7 @@ class Choice:
 
     def _look(self, efficiency: float, next_sample: int) -> None:
         """Take a later comparison with unguided rendering."""
-        if not efficiency > 0.0:
+        if math.isnan(efficiency):
             return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
@@ -218,9 +218,9 @@ class Choice:
         self._look_from = _AGAIN * next_sample
 
     def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
-        if not efficiency > 0.0:
+        if math.isnan(efficiency):
             return
-        self._evidence.append(math.log(efficiency))
+        self._evidence.append(math.log(efficiency) if efficiency > 0.0 else -math.inf)
         mean = math.exp(sum(self._evidence) / len(self._evidence))
         stage = min(len(self._evidence), len(TAKEN)) - 1
         is_taken = mean >= TAKEN[stage]

@@ -720,6 +720,7 @@ class Learner:
             predictor.learn_regions(self._regions.mixture, self._executor, self._thread_count)
         field = self._regions.field
         self.report.region_count = len(field.is_ready)
+        self.report.unsound_count = int(self._regions.mixture.report()["regions_unsound"])
         self.report.lobe_count = float(field.lobe_count.mean())
         self.report.field_seconds += (time.perf_counter() - started) * self._thread_count
 

@@ -90,9 +90,9 @@ class MediaTrial:
             return ""
         efficiency = self._trial.efficiency(weights)
         self._is_comparing, self._trial = False, None
-        if not efficiency > 0.0:
+        if math.isnan(efficiency):
             return ""
-        self._evidence.append(math.log(efficiency))
+        self._evidence.append(math.log(efficiency) if efficiency > 0.0 else -math.inf)
         mean = math.exp(sum(self._evidence) / len(self._evidence))
         stage = min(len(self._evidence), len(TAKEN)) - 1
         is_taken = mean >= TAKEN[stage]

@@ -171,6 +171,11 @@ class SampleMoments:
         pixels = np.ascontiguousarray(pixels, np.int64)
         add_moments(self._count, self._mean, self._spread, pixels, radiance, square, sample_count)
 
+    @property
+    def is_known(self) -> np.ndarray:
+        """Of which pixels there are two samples or more, bool (P,)."""
+        return self._count > 1
+
     def variance(self) -> np.ndarray:
         """Variance of a sample, mean over channels, by pixel; NaN of fewer than two.
 
@@ -288,12 +293,15 @@ class GuidingTrial:
     def efficiency(self, weights: np.ndarray) -> float:
         """Efficiency of the challenger, 1 / (variance x cost), over the other's; NaN if nothing was compared.
 
+        It is 0 if the challenger's samples vary without bounds, or not at all, as those of a black picture.
+
         Parameters
         ----------
         weights : float32 (P,), of the pixels' variances
         """
-        variance = np.stack([moments.variance() for moments in self._moments])
-        known = np.isfinite(variance).all(axis=0)
+        known = np.logical_and(*(moments.is_known for moments in self._moments))
+        # What is no number is more than any.
+        variance = np.nan_to_num(np.stack([moments.variance() for moments in self._moments]), nan=np.inf, posinf=np.inf)
         if not known.any() or 0 in self._paths:
             return float("nan")
         variance = variance[:, known] * weights[known]
@@ -302,8 +310,8 @@ class GuidingTrial:
             total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
-        other, challenger = total * cost
-        return float(other / challenger) if challenger > 0.0 else float("nan")
+        other, challenger = (total * cost).tolist()
+        return other / challenger if 0.0 < challenger < math.inf else 0.0
 
 
 def rehearse(channel_count: int) -> None:

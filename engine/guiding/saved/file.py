@@ -8,30 +8,33 @@
 A file is written beside its target and then put in its place, so that nobody ever reads a part of one, and of renders
 that write to the same place the last one's file is whole. Nothing in a file is executed, and what it says is checked
 before anything is made of it.
+
+Our own files end with a digest of all before it, as the zip's comment, and the manifest says so: `is_sealed`. Other
+programs need not write one.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
 import os
 import secrets
-import struct
 import time
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from engine.guiding.fields.state import State, StateError, part
+from engine.guiding.fields.state import MOST, State, part
 from engine.guiding.fields.table import TableModel
 from engine.guiding.models.predictors import NetworkPredictor, TablePredictor, stored_network
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.saved.learned import VERDICTS, LearnedField
 from engine.methods import METHODS
+from engine.runtime.plain_files import read_plain
 from engine.settings import RenderSettings
 
 #: Ends names of files.
@@ -43,11 +46,15 @@ VERSION = 1
 MOST_BYTES = 1 << 29
 
 _MANIFEST = "neuralguide-field.json"
+#: More than a manifest has [bytes].
+_MOST_MANIFEST_BYTES = 1 << 20
 _FOLDER = "arrays/"
 #: Types of numbers, as files have them.
 _TYPES = ("<f4", "<f8", "<i4", "<i8", "|u1")
 _TEXTS = ("light_digest", "rung", "verdict")
 _NUMBERS = ("efficiency", "samples", "records_per_path", "ray_count", "variance", "brightness")
+#: Characters of the digest at the end.
+_SEAL_SIZE = 64
 #: Another program may hold the target open for a moment, on Windows [s].
 _PATIENCE = 2.0
 _NAP = 0.05
@@ -65,6 +72,8 @@ def save_field(path: Path, learned: LearnedField) -> None:
     FieldFileError
         If it cannot be written; what was there before is still there.
     """
+    if path.exists() and not path.is_file():
+        raise FieldFileError(f"{path} cannot be written (it is no plain file): choose another name")
     data = _packed(learned)
     beside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     try:
@@ -99,14 +108,20 @@ def _packed(learned: LearnedField) -> bytes:
     facts = {name: getattr(learned, name) for name in (*_TEXTS, *_NUMBERS)}
     arrays = {name: array.astype(array.dtype.newbyteorder("<"), copy=False) for name, array in learned.state.items()}
     described = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
-    manifest = {"format": FORMAT, "version": VERSION, "facts": facts, "arrays": described}
+    manifest = {"format": FORMAT, "version": VERSION, "is_sealed": True, "facts": facts, "arrays": described}
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         # Stored, so that the first bytes of a file say what it is.
         archive.writestr(zipfile.ZipInfo(_MANIFEST), json.dumps(manifest, indent=1))
         for name, array in arrays.items():
             archive.writestr(_FOLDER + name, np.ascontiguousarray(array).tobytes())
-    return buffer.getvalue()
+        archive.comment = bytes(_SEAL_SIZE)
+    packed = buffer.getvalue()[:-_SEAL_SIZE]
+    return packed + _seal(packed)
+
+
+def _seal(data: bytes) -> bytes:
+    return hashlib.sha256(data).hexdigest().encode()
 
 
 def load_field(path: Path) -> LearnedField:
@@ -121,7 +136,7 @@ def load_field(path: Path) -> LearnedField:
         size = path.stat().st_size
         if size > MOST_BYTES:
             raise FieldFileError(_too_large(path, size))
-        data = path.read_bytes()
+        data = read_plain(path, MOST_BYTES)
     except FileNotFoundError:
         raise FieldFileError(f"there is no file {path}: save a learned field first, or leave the path empty") from None
     except OSError as error:
@@ -131,10 +146,10 @@ def load_field(path: Path) -> LearnedField:
     is_ours = _MANIFEST.encode() in data[: 2 * len(_MANIFEST) + 30]
     try:
         return _unpacked(path, data)
-    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, TypeError, ValueError, StateError,
-            NotImplementedError, RuntimeError, OverflowError) as error:  # fmt: skip
-        if isinstance(error, FieldFileError):
-            raise
+    except FieldFileError:
+        raise
+    except Exception as error:
+        # What is damaged may be anything, and so may be what reading it raises.
         if not is_ours:
             raise FieldFileError(
                 f"{path} is no learned field of NeuralGuide: choose a file that was made by Save Learned Field"
@@ -156,6 +171,8 @@ def _unpacked(path: Path, data: bytes) -> LearnedField:
         unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > MOST_BYTES:
             raise FieldFileError(_too_large(path, unpacked))
+        if archive.getinfo(_MANIFEST).file_size > _MOST_MANIFEST_BYTES:
+            raise ValueError("its manifest is too long")
         manifest = json.loads(archive.read(_MANIFEST))
         if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
             raise ValueError("its manifest is that of something else")
@@ -167,6 +184,12 @@ def _unpacked(path: Path, data: bytes) -> LearnedField:
                 f"{path} was saved by a newer NeuralGuide (version {version} of the file, this one reads {VERSION}):"
                 " update NeuralGuide, or save a learned field by this one"
             )
+        if manifest.get("is_sealed") and _seal(data[:-_SEAL_SIZE]) != data[-_SEAL_SIZE:]:
+            raise ValueError("its digest is another one")
+        # Each is unpacked once, however small the file is.
+        names = [name for name, _kind, _shape in manifest["arrays"]]
+        if len(set(names)) != len(names):
+            raise ValueError("an array is named twice")
         state = {name: _array(archive, name, kind, shape) for name, kind, shape in manifest["arrays"]}
     learned = LearnedField(state, **_facts(manifest["facts"]))
     _check(state)
@@ -194,8 +217,8 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
     if texts["rung"] not in METHODS or texts["verdict"] not in VERDICTS:
         raise ValueError(f"{texts['rung']!r} or {texts['verdict']!r} is unknown")
     numbers = {name: float(facts[name]) for name in _NUMBERS}
-    if not all(math.isfinite(number) and number >= 0.0 for number in numbers.values()):
-        raise ValueError("a number is not finite, or negative")
+    if not all(0.0 <= number <= MOST for number in numbers.values()):
+        raise ValueError("a number is negative, or too large")
     return texts | numbers
 
 

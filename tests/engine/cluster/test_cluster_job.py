@@ -31,13 +31,17 @@ SAMPLES = 200
 
 
 class SimulatedPool:
-    """Workers with a speed each [paths per second], 0: hung; those with a time to die are gone from then on."""
+    """Workers with a speed each [paths per second], 0: hung; those with a time to die are gone from then on.
 
-    def __init__(self, speeds, dies=None, refuses=(), copies=1):
+    Those who are away from one time to another do nothing meanwhile, and forget what they had.
+    """
+
+    def __init__(self, speeds, dies=None, refuses=(), copies=1, away=None):
         self.now = 0.0
         self.begun = []
         self._speeds, self._dies, self._refuses = speeds, dies or {}, refuses
         self._copies = copies
+        self._away = away or {}
         self._free = dict.fromkeys(speeds, 0.0)
         self._events = []
         self._cancelled = set()
@@ -49,7 +53,12 @@ class SimulatedPool:
         pass
 
     def workers(self):
-        return frozenset(name for name in self._speeds if self.now < self._dies.get(name, np.inf))
+        alive = (name for name in self._speeds if self.now < self._dies.get(name, np.inf))
+        return frozenset(name for name in alive if not self._is_away(name, self.now))
+
+    def _is_away(self, name, now):
+        begin, end = self._away.get(name, (np.inf, np.inf))
+        return begin <= now < end
 
     def submit(self, ticket, worker, order):
         wanted = pickle.loads(order)
@@ -59,7 +68,7 @@ class SimulatedPool:
             return
         sums = ones(wanted)
         self._free[worker] = done = max(self._free[worker], self.now) + sums.sums.count.sum() / speed
-        if done >= self._dies.get(worker, np.inf):
+        if done >= self._dies.get(worker, np.inf) or self._is_away(worker, done):
             return
         answer = Answer(SUMS, "", pack_traced(sums))
         if worker in self._refuses:
@@ -164,6 +173,16 @@ def test_ranges_of_a_hung_worker_are_done_by_others():
     film, job = run(SimulatedPool({"a": 1e4, "b": 0.0, "c": 1e4, "d": 1e4}), limit=300.0)
     assert is_whole(film)
     assert "hangs" in job.notices[0].problem and job.notices[0].subject == "Cluster, worker b"
+
+
+def test_whoever_comes_back_or_comes_new_goes_on_where_all_others_are_gone():
+    """One is away, the other dies meanwhile; the first comes back; and another one instead of it."""
+    back = SimulatedPool(dict.fromkeys("ab", 1e4), dies={"b": 10.0}, away={"a": (5.0, 40.0)})
+    film, job = run(back, limit=300.0)
+    assert is_whole(film) and len(job.notices) == 2
+    new = SimulatedPool(dict.fromkeys("abc", 1e4), dies={"a": 5.0, "b": 10.0}, away={"c": (0.0, 40.0)})
+    film, job = run(new, limit=300.0)
+    assert is_whole(film) and {worker for worker, _, _ in new.begun} == set("abc")
 
 
 def test_a_slow_worker_does_not_keep_the_others_waiting():

@@ -109,6 +109,46 @@ def test_the_picture_is_one_machines_whatever_happens_to_workers(pool):
         time.sleep(0.2)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="workers are stopped by signals")
+def test_a_worker_that_comes_back_goes_on_alone():
+    """One that holds the scene hangs, the other one is to hold it and dies, and the first comes back."""
+    from engine.cluster.dask_pool import open_pool
+    from engine.cluster.session import ClusterSession
+
+    pool = open_pool("local:2", threads=1, silence=2.0)
+    ids = pool.process_ids
+    first, second = ids
+    steps = iter(("die", "return", ""))
+    step = next(steps)
+
+    def strike(_progress):
+        nonlocal step
+        if step == "die" and pool.workers() == {second}:
+            os.kill(ids[second], signal.SIGKILL)
+        elif step == "return" and not pool.workers():
+            os.kill(ids[first], signal.SIGCONT)
+        else:
+            return
+        step = next(steps)
+
+    scene = corner_scene(size=(96, 64))
+    deadline = time.monotonic() + 120.0
+    try:
+        session = ClusterSession(SETTINGS, pool, patience=2.0)
+        session.load(scene)
+        while pool.holders != {first}:
+            first, second = second, first
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        os.kill(ids[first], signal.SIGSTOP)
+        result = session.render(passes=PASSES, on_progress=strike, should_cancel=lambda: time.monotonic() > deadline)
+    finally:
+        os.kill(ids[first], signal.SIGCONT)
+        pool.close()
+    assert step == "" and is_same(result, by_one(SETTINGS, scene))
+
+
 def test_without_certificates_the_reason_is_said_at_once(tmp_path):
     import dask
 

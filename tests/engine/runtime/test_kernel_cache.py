@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import importlib.util
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -186,6 +188,49 @@ def test_damaged_files_count_as_missing(tmp_path: Path, suffix: str) -> None:
     assert run_kernel(tmp_path, cache)["hits"] == "2"
 
 
+@pytest.mark.parametrize("place", [0.02, 0.6])
+def test_kernels_with_one_bit_wrong_are_compiled_again(tmp_path: Path, place: float) -> None:
+    """Run, they would end the process."""
+    cache = tmp_path / "cache"
+    run_kernel(tmp_path, cache)
+    for file in cache.rglob("*.nbc"):
+        damaged = bytearray(file.read_bytes())
+        damaged[int(place * len(damaged))] ^= 4
+        file.write_bytes(damaged)
+    again = run_kernel(tmp_path, cache)
+    assert (again["hits"], again["problem"]) == ("0", "")
+    assert run_kernel(tmp_path, cache)["hits"] == "2"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights of another kind")
+def test_what_others_have_put_into_the_cache_is_not_run(tmp_path: Path) -> None:
+    """Files of the right names, with digests that are right, in a folder for all."""
+    cache, mark = tmp_path / "cache", tmp_path / "was run"
+    run_kernel(tmp_path, cache)
+
+    class Planted:
+        def __reduce__(self) -> tuple[object, tuple[Path]]:
+            return Path.touch, (mark,)
+
+    body = pickle.dumps(Planted())
+    for file in cache.rglob("*.nb?"):
+        file.write_bytes(hashlib.sha256(body).digest() + body)
+    assert run_kernel(tmp_path, cache)["hits"] == "0" and mark.exists(), "else this test proves nothing"
+    mark.unlink()
+    for file in cache.rglob("*.nb?"):
+        file.write_bytes(hashlib.sha256(body).digest() + body)
+    cache.chmod(0o1777)
+    facts = run_kernel(tmp_path, cache)
+    assert not mark.exists() and facts["files"] == "2"
+    assert facts["problem"] == f"cannot use {cache}: {cache} can be written by others"
+    assert facts["root"].startswith(str(Path(tempfile.gettempdir()) / "neuralguide-kernels-"))
+    cache.chmod(0o755)
+    for file in cache.rglob("*.nb?"):
+        file.chmod(0o666)
+    assert run_kernel(tmp_path, cache)["hits"] == "0" and not mark.exists()
+    assert run_kernel(tmp_path, cache)["hits"] == "2"
+
+
 @pytest.fixture
 def fresh() -> ModuleType:
     """A copy of the module in which nothing has gone wrong yet."""
@@ -216,6 +261,19 @@ def test_a_read_only_folder_that_is_filled_is_read(
     empty = tmp_path / "empty"
     assert root_of(fresh, empty) != empty
     assert fresh.problem() == f"cannot write to {empty} (Permission denied)"
+
+
+def test_without_a_home_nobody_can_know_the_folder_before(monkeypatch: pytest.MonkeyPatch, fresh: ModuleType) -> None:
+    def nobody() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("NEURALGUIDE_KERNEL_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", nobody)
+    root = fresh.cache_root()
+    assert root == fresh.cache_root() and root.name.startswith("neuralguide-kernels-")
+    assert "no home folder" in fresh.problem() and "NEURALGUIDE_KERNEL_CACHE" in fresh.problem()
+    assert os.name != "posix" or root.stat().st_mode & 0o777 == 0o700
 
 
 def test_without_any_writable_folder_nothing_is_raised(

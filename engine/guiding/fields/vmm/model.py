@@ -17,7 +17,7 @@ from engine.guiding.fields.vmm import fit, tree
 from engine.guiding.fields.vmm import store as columns
 from engine.guiding.fields.vmm.field import NEIGHBOR_COUNT, VmmField
 from engine.guiding.fields.vmm.regions import RegionTree
-from engine.guiding.fields.vmm.state import VmmState
+from engine.guiding.fields.vmm.state import VmmState, unsound_regions
 from engine.guiding.fields.vmm.store import (
     PARAMETER_WIDTH,
     TOTAL_COUNT,
@@ -204,6 +204,7 @@ class VmmModel:
         self.regions.update(records, row_count, run)
         self._follow_cuts()
         self._fit(run, thread_count)
+        self._forget_unsound()
         self.field = self._publish(run, thread_count)
         self.regions.report.seconds += time.perf_counter() - began
 
@@ -251,6 +252,16 @@ class VmmModel:
             )
 
         run(work, pieces.size - 1)
+
+    def _forget_unsound(self) -> None:
+        """Have regions begin anew whose fit has come to nothing: kernels would draw directions from no density, and
+        the picture would lack what they bring.
+        """
+        rows = RegionStore(*(array[: self.region_count] for array in self._store))
+        unsound = np.flatnonzero(unsound_regions(rows, self.settings.max_kappa))
+        for array in rows if unsound.size else ():
+            array[unsound] = 0
+        self.regions.report.unsound_count += unsound.size
 
     def _publish(self, run: Runner | None, thread_count: int) -> VmmField:
         """Copy what kernels need into a new field."""

@@ -28,6 +28,7 @@ from engine.guiding.networks.onnx_files.parameters import gather_parameters
 from engine.guiding.networks.onnx_files.protobuf import ProtobufError
 from engine.guiding.networks.onnx_files.radiance import radiance_graph
 from engine.guiding.networks.radiance import NetworkShape, Snapshot
+from engine.runtime.plain_files import read_plain
 
 #: Number of the format that is written; files of a higher one are refused.
 FORMAT = 1
@@ -188,9 +189,8 @@ def load_network(path: str | Path) -> StoredNetwork:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size > MAX_FILE_BYTES:
-                raise NetworkFileError("it is larger than 2 GiB, as no network is: choose another file")
-            return network_from_onnx(file.read())
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise NetworkFileError("it is larger than 2 GiB, as no network is: choose another file")
+        return network_from_onnx(read_plain(path, MAX_FILE_BYTES))
     except NetworkFileError as error:
         raise NetworkFileError(f"{path}: {error}") from None

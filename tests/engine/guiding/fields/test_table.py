@@ -83,6 +83,16 @@ def test_a_single_bright_sample_stays_small():
     assert predictions(table, 0, [(0.0, -1.0, 0.0)])[0].max() < 0.5
 
 
+def test_light_beyond_all_bounds_is_forgotten():
+    """Candidates weighed by no number would be lost."""
+    def spoil(records):
+        records.radiance[:700] = 1e38
+        records.pdf[:700] = 1e-3
+
+    model, table = learn(1, spoil=spoil)
+    assert np.isfinite(table.values).all()
+
+
 def test_no_light_predicts_none():
     model, tables = VmmModel(BOX), TableModel()
     model.update(uniform_records(np.random.default_rng(2), 2000, lambda d: np.zeros(len(d))), 2000)

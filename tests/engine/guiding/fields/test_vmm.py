@@ -403,6 +403,25 @@ def test_unusable_records_are_left_out_and_counted():
     assert np.array_equal(fields[0].lobes, fields[1].lobes)
 
 
+@pytest.mark.parametrize("radiance", [1e38, 1e30])
+def test_regions_whose_fit_comes_to_nothing_begin_anew(radiance):
+    """Light that is finite, and over its density is not."""
+    rng = np.random.default_rng(21)
+    model = VmmModel(BOX, PARSIMONIOUS)
+    model.update(uniform_records(rng, 2000, constant), 2000)
+    good = model.field
+    absurd = uniform_records(rng, 2000, constant)
+    absurd.radiance[:700] = radiance
+    absurd.pdf[:700] = 1e-3
+    model.update(absurd, 2000)
+    assert good.is_ready.all() and not model.field.is_ready.any() and model.report()["regions_unsound"] == 1
+    assert all(np.isfinite(array).all() for array in model.field._asdict().values())
+    again = VmmModel.of_state(model.state(), PARSIMONIOUS)
+    for learning in (model, again):
+        learning.update(uniform_records(np.random.default_rng(22), 2000, constant), 2000)
+        assert learning.field.is_ready.all() and np.isfinite(learning.field.lobes).all()
+
+
 def test_nothing_to_learn_from():
     model = VmmModel(BOX)
     model.update(uniform_records(np.random.default_rng(21), 16, constant), 0)

@@ -84,6 +84,17 @@ def test_guiding_that_loses_is_given_up_soon():
     assert first <= 1 + 4 * SAMPLES
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+@pytest.mark.parametrize("worth", [np.inf, 1e-60])
+def test_a_black_picture_and_one_without_bounds_have_lost(worth):
+    """Nothing varies in the first, and in the second a variance is no number of float32."""
+    choice, _, first = run({"OFF": 1.0, "VMM": worth})
+    assert choice.has_lost and not choice.is_paying and first <= 1 + 4 * SAMPLES
+    choice, history, _ = run({"OFF": 1.0, "VMM": 4.0, "VMM_RIS": worth}, offers=("VMM_RIS", "VMM"))
+    assert choice.rung == "VMM" and not choice.has_lost
+    assert 0 < sum(challenger == "VMM_RIS" for _, challenger, _ in history) < 5
+
+
 def test_one_lucky_comparison_does_not_bind_for_good():
     """Guiding that looked twice as good once, and is worth less than nothing, is left at four times the samples."""
     for later, is_kept in ((0.9, False), (1.1, True)):

@@ -54,6 +54,17 @@ def test_nothing_compared_is_not_a_number():
     assert np.isnan(tried.efficiency(np.ones(PIXELS, np.float32)))
 
 
+def test_the_arm_whose_variance_is_no_number_loses():
+    """A black picture, and one whose squares are beyond float32."""
+    for square, is_lost in ((0.0, True), (np.inf, True), (4.0, False)):
+        tried = GuidingTrial(PIXELS)
+        for is_challenger in (False, True):
+            squares = np.full((10, 3), square if is_challenger else 8.0, np.float32)
+            tried.add(np.arange(10), np.zeros((10, 3), np.float32), squares, 4, is_challenger)
+            tried.add_cost(1.0, 40, is_challenger)
+        assert (tried.efficiency(np.ones(PIXELS, np.float32)) >= 0.5) != is_lost
+
+
 def test_moments_are_those_of_all_samples_together():
     rng = np.random.default_rng(5)
     values = rng.exponential(size=(12, PIXELS, 3)) + 30.0

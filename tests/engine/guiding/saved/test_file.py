@@ -9,6 +9,7 @@ import os
 import threading
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from tests.helpers.learned_fields import learned_field
 
 MANIFEST = "neuralguide-field.json"
 
+posix = pytest.mark.skipif(os.name != "posix", reason="no pipes among files")
 field = cache(learned_field)
 
 
@@ -167,6 +169,25 @@ def spoil_objects(path: Path) -> None:
     rewritten(path, change)
 
 
+def spoil_copies(path: Path) -> None:
+    """A small file whose array would be unpacked again and again."""
+    rewritten(path, lambda manifest: manifest | {"arrays": 17 * manifest["arrays"][:1] + manifest["arrays"][1:]})
+
+
+def spoil_manifest(path: Path) -> None:
+    rewritten(path, lambda manifest: manifest | {"facts": manifest["facts"] | {"light_digest": "0" * (1 << 20)}})
+
+
+def spoil_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def spoil_device(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
 DAMAGED = "is damaged .*: save a learned field anew"
 FOREIGN = "is no learned field of NeuralGuide: choose a file that was made by Save Learned Field"
 
@@ -177,7 +198,10 @@ FOREIGN = "is no learned field of NeuralGuide: choose a file that was made by Sa
     (spoil_density, DAMAGED), (spoil_probability, DAMAGED), (spoil_shape, DAMAGED), (spoil_facts, DAMAGED),
     (spoil_objects, DAMAGED), (spoil_foreign, FOREIGN), (spoil_foreign_zip, FOREIGN), (spoil_empty, FOREIGN),
     (spoil_missing, "there is no file .*: save a learned field first"), (spoil_folder, "cannot be read .*: choose"),
-    (spoil_bomb, "has 5.. MiB, and no learned field more than 512"),
+    (spoil_bomb, "has 5.. MiB, and no learned field more than 512"), (spoil_copies, DAMAGED),
+    (spoil_manifest, DAMAGED),
+    *[pytest.param(spoil, r"cannot be read \(it is no plain file\): choose", marks=posix)
+      for spoil in (spoil_pipe, spoil_device)],
 ])  # fmt: skip
 def test_a_bad_file_says_what_is_wrong_and_what_to_do(
     spoil: Callable[[Path], None], message: str, tmp_path: Path
@@ -188,6 +212,70 @@ def test_a_bad_file_says_what_is_wrong_and_what_to_do(
     with pytest.raises(FieldFileError, match=message) as raised:
         load_field(path)
     assert str(path) in str(raised.value)
+
+
+def test_whatever_byte_is_damaged_the_file_says_so(tmp_path: Path) -> None:
+    """One bit, all over the file and at each byte of where it says what is where; and files cut short anywhere."""
+    path = tmp_path / "room.ngfield"
+    save_field(path, field())
+    whole = path.read_bytes()
+    directory = whole.index(b"PK\x01\x02")
+    places = [*range(0, 200), *range(200, directory, directory // 60), *range(directory, len(whole), 3)]
+    for number, place in enumerate(places):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << number % 8
+        path.write_bytes(damaged)
+        with pytest.raises(FieldFileError, match=rf"{DAMAGED}|{FOREIGN}|newer NeuralGuide|more than 512"):
+            load_field(path)
+    for size in range(0, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:size])
+        with pytest.raises(FieldFileError, match=f"{DAMAGED}|{FOREIGN}"):
+            load_field(path)
+
+
+def test_files_of_other_programs_need_no_digest_and_are_read_or_refused(tmp_path: Path) -> None:
+    """Whatever their directory says, there is a field or a sentence."""
+    path = tmp_path / "room.ngfield"
+    save_field(path, field())
+    rewritten(path, lambda manifest: {name: what for name, what in manifest.items() if name != "is_sealed"})
+    assert load_field(path).digest == field().digest
+    whole = path.read_bytes()
+    refused = 0
+    directory = whole.index(b"PK\x01\x02")
+    for place in range(directory, len(whole), 5):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << place % 8
+        path.write_bytes(damaged)
+        try:
+            load_field(path)
+        except FieldFileError:
+            refused += 1
+    assert refused > (len(whole) - directory) // 20
+
+
+@pytest.mark.parametrize("name", sorted(name for name, array in field().state.items() if array.dtype.kind == "f"))
+def test_absurd_numbers_are_refused(tmp_path: Path, name: str) -> None:
+    """Finite, so that whoever looks for NaN finds nothing: what is learned on top of them would be none."""
+    path = tmp_path / "room.ngfield"
+    array = np.full_like(field().state[name], 1e300 if field().state[name].dtype == np.float64 else 1e38)
+    save_field(path, replace(field(), state=field().state | {name: array}))
+    with pytest.raises(FieldFileError, match=DAMAGED):
+        load_field(path)
+
+
+@pytest.mark.parametrize("name", ["efficiency", "samples", "records_per_path", "ray_count", "variance", "brightness"])
+def test_absurd_facts_are_refused(tmp_path: Path, name: str) -> None:
+    save_field(tmp_path / "room.ngfield", replace(field(), **{name: 1e300}))
+    with pytest.raises(FieldFileError, match=DAMAGED):
+        load_field(tmp_path / "room.ngfield")
+
+
+@posix
+def test_nothing_but_a_file_is_replaced(tmp_path: Path) -> None:
+    os.mkfifo(path := tmp_path / "pipe")
+    with pytest.raises(FieldFileError, match="no plain file"):
+        save_field(path, field())
+    assert path.is_fifo()
 
 
 def test_a_file_larger_than_any_field_is_not_read(tmp_path: Path, monkeypatch: Any) -> None:
