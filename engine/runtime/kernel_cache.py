@@ -45,10 +45,14 @@ origins: Counter[str] = Counter()
 on_compiled: Callable[[str, Any], None] | None = None
 
 
+#: Names the folder to keep kernels in.
+_VARIABLE = "NEURALGUIDE_KERNEL_CACHE"
+
+
 def chosen_root() -> Path | None:
     """Folder that is asked for: `NEURALGUIDE_KERNEL_CACHE`, else one in the user's cache folder; None without a home.
     """
-    chosen = os.environ.get("NEURALGUIDE_KERNEL_CACHE")
+    chosen = os.environ.get(_VARIABLE)
     if chosen:
         return Path(chosen)
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
@@ -90,7 +94,7 @@ def _reason(error: OSError) -> str:
 @cache
 def _usable(chosen: Path | None) -> Path:
     if chosen is None:
-        _problems.append("this user has no home folder: NEURALGUIDE_KERNEL_CACHE may name one to keep kernels in")
+        _problems.append(f"this user has no home folder: {_VARIABLE} may name one to keep kernels in")
         return _temporary() or Path(tempfile.gettempdir())
     try:
         make_folder(chosen)
@@ -110,7 +114,7 @@ def _usable(chosen: Path | None) -> Path:
 
 
 def _temporary() -> Path | None:
-    """A folder of this user that goes with this process; None if there can be none.
+    """A folder of this user that goes with this process, for those that it starts too; None if there can be none.
 
     Every attempt to save fails then, and kernels live in memory.
     """
@@ -118,6 +122,7 @@ def _temporary() -> Path | None:
         folder = tempfile.mkdtemp(prefix="neuralguide-kernels-")
     except OSError:
         return None
+    os.environ[_VARIABLE] = folder
     process = os.getpid()
     atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == process else None)
     return Path(folder)

@@ -268,11 +268,12 @@ def test_without_a_home_nobody_can_know_the_folder_before(monkeypatch: pytest.Mo
         raise RuntimeError("Could not determine home directory.")
 
     for name in ("NEURALGUIDE_KERNEL_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):
-        monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv(name, "")
     monkeypatch.setattr(Path, "home", nobody)
     root = fresh.cache_root()
     assert root == fresh.cache_root() and root.name.startswith("neuralguide-kernels-")
     assert "no home folder" in fresh.problem() and "NEURALGUIDE_KERNEL_CACHE" in fresh.problem()
+    assert os.environ["NEURALGUIDE_KERNEL_CACHE"] == str(root), "processes that are started use it too"
     assert os.name != "posix" or root.stat().st_mode & 0o777 == 0o700
 
 
