@@ -37,8 +37,8 @@ makes no sense.
                                the file is made, and what is learned is saved to it
   --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
                                tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
-  --resume                     Leave frames alone whose files are there, and make an empty file for each frame when it
-                               begins: Blender's Overwrite off, and Placeholders on
+  --resume                     Leave frames alone whose files are there and whole, and make an empty file for each frame
+                               when it begins: Blender's Overwrite off, and Placeholders on
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -19,6 +20,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
 from engine.render.denoising import Denoising
 from engine.render.film import Film, Images, PassImages, film_layout
@@ -327,6 +329,7 @@ class Session:
             settings = replace(settings, seed=start.seed(settings.seed))
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
+        afterwards = Afterwards()
         layout = film_layout(
             names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
             has_media=scene.media.is_used, has_varying_media=scene.media.varies,
@@ -352,6 +355,11 @@ class Session:
             _watch(job, lambda: images(names), on_progress, on_image, is_to_stop, pace)
         except BaseException:
             job.stop()
+            job.join()
+            if on_image is not None and job.has_paths:
+                # What there is by now may be the only picture that there will be.
+                with contextlib.suppress(Exception):
+                    on_image(images(names))
             raise
         finally:
             job.join()
@@ -359,7 +367,7 @@ class Session:
                 # A thread may still be at it.
                 self._tracer = None
             if job.learner is not None:
-                job.learner.close()
+                afterwards.attempt("Learning", "ending it", job.learner.close, "the picture is whole")
         result_passes: Images = {}
         if shows_cancelled or job.ended_by != "CANCEL":
             result_passes = images(names | denoising.passes)
@@ -370,12 +378,17 @@ class Session:
                 job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
-        report = self._report(job, scene, settings)
-        report.denoise_seconds = denoising.seconds
-        report.notices += dropped + denoising.notices
+        learner = job.learner
         learned = None
-        if keep and isinstance(job.learner, Learner):
-            learned = job.learner.learned(self.light_digest)
+        if keep and isinstance(learner, Learner):
+            learned = afterwards.attempt(
+                "Learned field", "keeping it", lambda: learner.learned(self.light_digest), "the next render learns anew"
+            )
+        report = afterwards.attempt(
+            "Report", "writing it", lambda: self._report(job, scene, settings), "figures are missing"
+        ) or RenderReport(sample_count=float(film.sums.count.mean()), ended_by=job.ended_by)
+        report.denoise_seconds = denoising.seconds
+        report.notices += dropped + denoising.notices + afterwards.notices
         for name in denoising.passes - names:
             result_passes.pop(name, None)
         return RenderResult(result_passes, report, job.guidance, learned)

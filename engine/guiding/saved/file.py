@@ -12,6 +12,7 @@ before anything is made of it.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
@@ -79,7 +80,9 @@ def save_field(path: Path, learned: LearnedField) -> None:
             " and that has room"
         ) from error
     finally:
-        beside.unlink(missing_ok=True)
+        # A file system that is read-only refuses this too, whether or not there is such a file.
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def _replace(source: Path, target: Path) -> None:
