@@ -194,7 +194,11 @@ class CommandLineRenderer:
 
     def _do_render_frame(self, value: str) -> None:
         scene = self._scene
-        for frame in parse_frames(value, scene.frame_start, scene.frame_end):
+        try:
+            frames = parse_frames(value, scene.frame_start, scene.frame_end)
+        except CommandLineError as error:
+            raise CommandLineError(f"-f {value}: {error}") from None
+        for frame in frames:
             self._render([frame])
 
     def _do_render_anim(self, _value: str) -> None:

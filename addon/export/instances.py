@@ -228,7 +228,9 @@ def _classify(
             pass_index=shown.pass_index,
             color=tuple(shown.color),
             is_holdout=is_holdout,
-            terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
+            terminator_offset=context.finite(
+                read_setting(shown, "shadow_terminator_geometry_offset"), 0.0, shown.name, "Geometry Offset"
+            ),
             is_instance=item.is_instance,
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),

@@ -75,6 +75,7 @@ def test_relative_frames(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> 
         (["-S", "Three"], "-S Three: no such scene; there are Scene, Two"),
         (["-E", "LUX"], "-E LUX: no such render engine; there are"),
         (["-F", "XYZ"], "-F XYZ: no such format"),
+        (["-f", "+2..-3"], "-f +2..-3: frame 3 is before frame 5"),
         (["nothing.blend"], "there is no file nothing.blend"),
     ],
 )
