@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
+from typing import ParamSpec
 
 from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
@@ -33,6 +35,7 @@ from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
 from engine.render.uncollected import collect_nothing_while_compiling
+from engine.runtime import heap
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
@@ -50,10 +53,26 @@ _BUILDING = "Building the scene"
 _DENOISING = "Denoising"
 #: Of most passes, or nearly.
 _PASS_CHANNELS = 4
+_P = ParamSpec("_P")
 
 
 class LoadCancelled(Exception):
     """`Session.load` was cancelled; no scene is loaded."""
+
+
+def _frees(render: Callable[_P, RenderResult]) -> Callable[_P, RenderResult]:
+    """A method that renders, and then gives back to the system what nobody has any more once it has returned."""
+
+    @functools.wraps(render)
+    def render_and_free(*args: _P.args, **named: _P.kwargs) -> RenderResult:
+        try:
+            return render(*args, **named)
+        finally:
+            if named.get("pace", FINAL) is FINAL:
+                # Windows are rendered many times a second.
+                heap.give_back()
+
+    return render_and_free
 
 
 def _cache_notices() -> list[Notice]:
@@ -251,6 +270,7 @@ class Session:
         self.scene = self._tracer = None
         self._cache = SceneCache(expects_moves=self._expects_moves)
 
+    @_frees
     def render(
         self,
         *,
