@@ -26,6 +26,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.builder import light_tree as lt
 from engine.builder.emission import ProgramInfo
+from engine.kernels.constants import FLOAT_MAX
 from engine.scene.description import Light, Notice
 from engine.state import lights as la
 
@@ -443,5 +444,8 @@ def _fill(
     table[:, la.LAMP_PROGRAM] = lamps.program
     table[:, la.LAMP_LIGHT] = lamps.index
     table[:, la.LAMP_LIGHT_GROUP] = lamps.light_group
-    rows.values[chosen], rows.table[chosen] = values, table
-    rows.bounds[chosen], rows.distant[chosen] = draft.bounds, draft.distant
+    # What is too bright, or too large, for float32 is as bright and large as can be.
+    rows.values[chosen], rows.bounds[chosen] = (
+        np.clip(numbers, -FLOAT_MAX, FLOAT_MAX) for numbers in (values, draft.bounds)
+    )
+    rows.table[chosen], rows.distant[chosen] = table, draft.distant
