@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Memory that Python and kernels have freed and the C library keeps: of many renders, hundreds of megabytes.
 
-glibc gives each thread an arena of its own and returns what is free at an arena's end only. Others return it themselves.
+glibc gives each thread an arena of its own and returns what is free at an arena's end only. Others return it by
+themselves.
 """
 
 from __future__ import annotations

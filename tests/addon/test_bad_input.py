@@ -388,7 +388,7 @@ def test_a_shutter_that_is_no_number_is_refused(cube_scene: Any, switch: str) ->
     cube_scene.render.use_motion_blur = True
     cube_scene.cycles.rolling_shutter_type = "TOP"
     setattr(cube_scene.render if switch.startswith("motion") else cube_scene.cycles, switch, NAN)
-    with pytest.raises(RuntimeError, match="shutter.* nan"):
+    with pytest.raises(RuntimeError, match=r"shutter.* nan"):
         bpy.ops.render.render()
 
 
