@@ -62,7 +62,7 @@ def compiled(**changes: Any) -> Any:
     }
     done = subprocess.run(
         [str(NODE), "-e", HARNESS, "harness", str(SCRIPT), json.dumps(settings | changes)],
-        capture_output=True, text=True, timeout=60,
+        capture_output=True, text=True,
     )  # fmt: skip
     if done.returncode:
         raise ValueError(done.stderr)

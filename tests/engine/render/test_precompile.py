@@ -70,11 +70,11 @@ def test_cancel_ends_the_helpers(cold: Path) -> None:
     session = Session(RenderSettings(samples=1))
     with pytest.raises(LoadCancelled):
         session.load(small_scene(), should_cancel=should_cancel, on_progress=messages.append)
-    assert time.monotonic() - started[-1] < 0.3
     assert messages[-1].message.startswith("Compiling kernels (once")
     # Nobody holds the lock any more: the helpers are gone.
     with precompile.exclusive(precompile.PARTS[0]):
-        pass
+        # Nor have they been waited for.
+        assert precompile.is_cold()
     with pytest.raises(RuntimeError, match="load a scene"):
         session.render()
 
