@@ -145,7 +145,7 @@ class MaterialExporter:
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             has_smooth_voxels=_has_smooth_voxels(material, graph),
             emission_sampling=_emission_sampling(material),
-            dispersion=dispersion_of(material),
+            dispersion=context.finite(dispersion_of(material), 0.0, f"Material {material.name}", "Dispersion"),
             user=user,
         )
         exported.key = (material.name_full, fingerprint(exported))
