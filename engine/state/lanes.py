@@ -276,7 +276,7 @@ class PathState(Bundle):
         camera's rays, which have none, how far the camera sees [m]
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     min_pdf : float32, smallest scattering density so far (filter_glossy)
-    near : float32 [m], along the ray, behind what it has passed since its origin, which stays that of the last scattering
+    near : float32 [m], along the ray, behind what it has passed since its origin, which is where it was last scattered
     radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
     alpha : float32, 1 - transparency seen by the camera so far
     flags : int32 (RAY_*); depth counters : int32
