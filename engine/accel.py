@@ -3,11 +3,7 @@
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
-Embree calls kernels back (`_skip`, `_keep_next`, `_count_passed`, `_keep_boundary`), whose addresses it gets with the
-ray.
-
-A ray that leaves a surface starts on it, and skips the very triangle it starts on, and no other: this is Cycles' rule.
-So what lies in one place with that triangle is met or not by rounding, as there.
+Embree calls kernels back (`_count_passed`, `_keep_boundary`), whose addresses it gets with the ray.
 """
 
 from __future__ import annotations
@@ -157,23 +153,15 @@ _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
 
-# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches, one set for each filter function;
-# their context, of which Embree knows the first two words; boundaries that were found; and numbers of these in the
-# order of the distance.
-_SKIPPING_ARGUMENTS = 32
-_NEXT_ARGUMENTS = 48
-_PASSING_ARGUMENTS = 64
-_BOUNDARY_ARGUMENTS = 80
-_CONTEXT = 96
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that count what they pass, and of
+# those for boundaries of media; their context, of which Embree knows the first two words; boundaries that were found;
+# and numbers of these in the order of the distance.
+_PASSING_ARGUMENTS = 32
+_BOUNDARY_ARGUMENTS = 48
+_CONTEXT = 64
 _CONTEXT_COUNT = _CONTEXT + 2
 _CONTEXT_INSTANCE_COUNT = _CONTEXT + 3
 _CONTEXT_MASKS = _CONTEXT + 4  # address
-# Triangles by instance and number within their mesh: that which the ray starts on, that which it ends on,
-_CONTEXT_OWN = _CONTEXT + 6
-_CONTEXT_LIGHT = _CONTEXT + 8
-# and, behind their distances, the last that was met, and the best so far of those behind it.
-_CONTEXT_LAST = _CONTEXT + 10
-_CONTEXT_BEST = _CONTEXT + 13
 _FIRST_BOUNDARY = _CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128
@@ -191,89 +179,17 @@ _FOUND_NORMAL, _FOUND_U, _FOUND_V, _FOUND_TRIANGLE, _FOUND_GEOMETRY, _FOUND_INST
 _FOUND_COUNT = (_CONTEXT_COUNT - _CONTEXT) * _WORD_BYTES
 _INSTANCE_COUNT = (_CONTEXT_INSTANCE_COUNT - _CONTEXT) * _WORD_BYTES
 _MASKS = (_CONTEXT_MASKS - _CONTEXT) * _WORD_BYTES
-_OWN = (_CONTEXT_OWN - _CONTEXT) * _WORD_BYTES
-_LIGHT = (_CONTEXT_LIGHT - _CONTEXT) * _WORD_BYTES
-_LAST = (_CONTEXT_LAST - _CONTEXT) * _WORD_BYTES
-_BEST = (_CONTEXT_BEST - _CONTEXT) * _WORD_BYTES
 _ROWS = (_FIRST_BOUNDARY - _CONTEXT) * _WORD_BYTES
-_MINUS_ZERO = 0x80000000
 
 
 @kernel
 def _filtered_instance(context, hit):
-    """Which instance Embree's filter function was called for."""
+    """Which instance Embree's filter function was called for, and its mask."""
     instance = read_half(hit, _FOUND_INSTANCE)
     # As in `read_hit`.
     if instance >= read_half(context, _INSTANCE_COUNT):
         instance = read_half(hit, _FOUND_GEOMETRY)
-    return instance
-
-
-@kernel
-def _filtered_mask(context, instance):
-    """By which rays an instance is found."""
-    return read_half(read_word(context, _MASKS), instance * _WORD_BYTES)
-
-
-@kernel
-def _is_skipped(context, hit):
-    """Whether a hit is on the very triangle that the ray starts on, or on that which it ends on."""
-    triangle = read_half(hit, _FOUND_TRIANGLE)
-    is_own = triangle == read_half(context, _OWN + 4)
-    is_light = triangle == read_half(context, _LIGHT + 4)
-    if not (is_own or is_light):
-        return False
-    instance = _filtered_instance(context, hit)
-    return (is_own and instance == read_half(context, _OWN)) or (is_light and instance == read_half(context, _LIGHT))
-
-
-@kernel(called_by_c=True)
-def _skip(arguments):
-    """Embree's filter function: pass the triangles that the ray starts and ends on.
-
-    Parameters
-    ----------
-    arguments : intp
-        Address of an RTCFilterFunctionNArguments of one ray.
-    """
-    if _is_skipped(read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)):
-        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
-
-
-@kernel
-def _is_behind(context, place, distance, instance, triangle):
-    """Where a hit comes after another one of the context in the order of `trace_next`, where both are as far: 1, at or
-    before it: -1; 0: they are not as far."""
-    if distance != read_half(context, place):
-        return 0
-    other = read_half(context, place + 4)
-    if instance == other:
-        return 1 if triangle > read_half(context, place + 8) else -1
-    return 1 if instance > other else -1
-
-
-@kernel(called_by_c=True)
-def _keep_next(arguments):
-    """Embree's filter function: pass what `_skip` passes, and what does not come next in the order of `trace_next`.
-
-    Parameters
-    ----------
-    arguments : intp
-        Address of an RTCFilterFunctionNArguments of one ray.
-    """
-    context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    # Bits of numbers that are not negative are in their order.
-    distance = read_half(read_word(arguments, _FILTER_RAY), _RAY_END)
-    if distance == _MINUS_ZERO:
-        distance = 0
-    instance, triangle = _filtered_instance(context, hit), read_half(hit, _FOUND_TRIANGLE)
-    is_met = _is_behind(context, _LAST, distance, instance, triangle) < 0
-    if is_met or _is_behind(context, _BEST, distance, instance, triangle) > 0 or _is_skipped(context, hit):
-        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
-        return
-    write_half(context, _BEST, distance)
-    write_half(context, _BEST + 4, instance)
-    write_half(context, _BEST + 8, triangle)
+    return instance, read_half(read_word(context, _MASKS), instance * _WORD_BYTES)
 
 
 @kernel(called_by_c=True)
@@ -286,9 +202,8 @@ def _count_passed(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    if _is_skipped(context, hit):
-        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
-    elif _filtered_mask(context, _filtered_instance(context, hit)) & MASK_SHADOW_TRANSPARENT:
+    _, mask = _filtered_instance(context, hit)
+    if mask & MASK_SHADOW_TRANSPARENT:
         write_half(context, _FOUND_COUNT, read_half(context, _FOUND_COUNT) + 1)
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
@@ -303,11 +218,8 @@ def _keep_boundary(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    if _is_skipped(context, hit):
-        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
-        return
-    instance = _filtered_instance(context, hit)
-    if _filtered_mask(context, instance) & MASK_MEDIUM == 0:
+    instance, mask = _filtered_instance(context, hit)
+    if mask & MASK_MEDIUM == 0:
         return
     count = read_half(context, _FOUND_COUNT)
     if count < MOST_BOUNDARIES:
@@ -339,58 +251,6 @@ def _set_ray(ray, bits, origin, direction, near, far, time, mask):
 
 
 @kernel
-def _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
-    """Whether Embree finds a closest hit; arguments as `trace_closest`, and the address of Embree's own or 0."""
-    _set_ray(ray, bits, origin, direction, near, far, time, mask)
-    bits[_HIT_TRIANGLE] = _NONE
-    bits[_HIT_GEOMETRY] = _NONE
-    bits[_HIT_INSTANCE] = _NONE
-    _rtc_intersect(scene, address, arguments)
-    return bits[_HIT_GEOMETRY] != _NONE
-
-
-@kernel
-def _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
-    """Whether Embree finds a closest hit; arguments as `trace_closest`, and the address of Embree's own or 0."""
-    _set_ray(ray, bits, origin, direction, near, far, time, mask)
-    bits[_HIT_TRIANGLE] = _NONE
-    bits[_HIT_GEOMETRY] = _NONE
-    bits[_HIT_INSTANCE] = _NONE
-    _rtc_intersect(scene, address, arguments)
-    return bits[_HIT_GEOMETRY] != _NONE
-
-
-@kernel
-def _name_triangle(bits, place, geometry, instance, triangle):
-    """Write a triangle, instance -1: none, the way in which Embree's filter functions know it."""
-    bits[_CONTEXT_INSTANCE_COUNT] = geometry.instance_table.shape[0]
-    if instance < 0:
-        bits[place] = _NONE
-        bits[place + 1] = _NONE
-        return
-    mesh = geometry.instance_table[instance, INSTANCE_MESH]
-    bits[place] = instance
-    bits[place + 1] = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
-
-
-@kernel
-def start_on(bits, geometry, instance, triangle):
-    """Say which triangle the next rays start on, which they skip; instance -1: none. They end on none.
-
-    What `trace_closest_from` and the like are told stays until they are told something else.
-    """
-    _name_triangle(bits, _CONTEXT_OWN, geometry, instance, triangle)
-    bits[_CONTEXT_LIGHT] = _NONE
-    bits[_CONTEXT_LIGHT + 1] = _NONE
-
-
-@kernel
-def end_on(bits, geometry, instance, triangle):
-    """Say which triangle the next rays end on, which they skip as well, instance -1: none; after `start_on`."""
-    _name_triangle(bits, _CONTEXT_LIGHT, geometry, instance, triangle)
-
-
-@kernel
 def trace_closest(scene, ray, bits, address, origin, direction, near, far, time, mask):
     """Closest hit along one ray; `read_hit` reads the answer.
 
@@ -406,34 +266,12 @@ def trace_closest(scene, ray, bits, address, origin, direction, near, far, time,
     bool
         True on a hit.
     """
-    return _search_closest(scene, ray, bits, address, 0, origin, direction, near, far, time, mask)
-
-
-@kernel
-def trace_closest_from(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """As `trace_closest`, but for what `start_on` and `end_on` have named."""
-    arguments = address + _SKIPPING_ARGUMENTS * _WORD_BYTES
-    return _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask)
-
-
-@kernel
-def trace_next(scene, ray, bits, address, geometry, origin, direction, near, far, time, mask, instance, triangle):
-    """As `trace_closest_from`, the next hit after one at `near`, so that each is met once whatever lies in one place.
-
-    Parameters
-    ----------
-    instance, triangle : int
-        What was met at `near`, -1: nothing. Hits at one distance come by their instances and triangles.
-    """
-    if instance >= 0:
-        _name_triangle(bits, _CONTEXT_LAST + 1, geometry, instance, triangle)
-        # As bits, and zero without a sign.
-        ray[_CONTEXT_LAST] = near + 0.0
-    else:
-        bits[_CONTEXT_LAST] = _NONE
-    bits[_CONTEXT_BEST] = _NONE
-    arguments = address + _NEXT_ARGUMENTS * _WORD_BYTES
-    return _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask)
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
+    bits[_HIT_TRIANGLE] = _NONE
+    bits[_HIT_GEOMETRY] = _NONE
+    bits[_HIT_INSTANCE] = _NONE
+    _rtc_intersect(scene, address, 0)
+    return bits[_HIT_GEOMETRY] != _NONE
 
 
 @kernel
@@ -468,14 +306,6 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
-def trace_occluded_from(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """As `trace_occluded`, but for what `start_on` and `end_on` have named."""
-    _set_ray(ray, bits, origin, direction, near, far, time, mask)
-    _rtc_occluded(scene, address, address + _SKIPPING_ARGUMENTS * _WORD_BYTES)
-    return ray[_HIT_DISTANCE] < 0.0
-
-
-@kernel
 def prepare_filters(bits, masks, instance_count):
     """Say which instances are of what kind, for `trace_passing` and `trace_boundaries`.
 
@@ -499,7 +329,7 @@ def _search_through(scene, ray, bits, address, arguments, origin, direction, nea
 def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
     """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
 
-    Arguments as `trace_closest`; see `prepare_filters`. What `start_on` and `end_on` have named does not count.
+    Arguments as `trace_closest`; see `prepare_filters`.
     """
     return _search_through(scene, ray, bits, address, _PASSING_ARGUMENTS, origin, direction, near, far, time, mask)
 
@@ -512,7 +342,7 @@ def trace_boundaries(scene, ray, bits, address, origin, direction, near, far, ti
     ----------
     mask : int
         MASK_MEDIUM, and others that end the search where they meet anything else. The others: as `trace_closest`; see
-        `prepare_filters`. What `start_on` and `end_on` have named does not count.
+        `prepare_filters`.
 
     Returns
     -------
@@ -572,16 +402,16 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
 
 
 @cache
-def _filter_addresses() -> tuple[int, ...]:
-    """Where Embree calls its filter functions, in the order of their arguments; 0 where nothing is compiled."""
+def _filter_addresses() -> tuple[int, int]:
+    """Where Embree calls `_count_passed` and `_keep_boundary`; 0 where nothing is compiled."""
     found = []
-    for one in (_skip, _keep_next, _count_passed, _keep_boundary):
+    for one in (_count_passed, _keep_boundary):
         if not isinstance(one, Kernel):
-            return 0, 0, 0, 0
+            return 0, 0
         bound = BoundKernel(one)
         bound.bind(0)
         found.append(bound.c_address)
-    return tuple(found)
+    return found[0], found[1]
 
 
 class RayScratch:
@@ -593,15 +423,11 @@ class RayScratch:
         self.ray = raw[start : start + _SCRATCH_WORDS]
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
-        arguments = (_SKIPPING_ARGUMENTS, _NEXT_ARGUMENTS, _PASSING_ARGUMENTS, _BOUNDARY_ARGUMENTS)
-        for first, function in zip(arguments, _filter_addresses(), strict=True):
-            # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
-            # what is no triangle.
+        for first, function in zip((_PASSING_ARGUMENTS, _BOUNDARY_ARGUMENTS), _filter_addresses(), strict=True):
+            # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
             self.bits[first + 1] = _EVERY_FEATURE
             self.bits[first + 2 : first + 6].view(np.int64)[:] = self.address + _CONTEXT * _WORD_BYTES, function
         self.bits[_CONTEXT : _CONTEXT + 2] = _NONE
-        self.bits[_CONTEXT_OWN : _CONTEXT_OWN + 4] = _NONE
-        self.bits[_CONTEXT_OWN : _CONTEXT_OWN + 4] = _NONE
 
 
 def _release_with(owner: object, release: Callable[[int], None], address: int) -> None:
@@ -680,6 +506,8 @@ class MeshHierarchies:
             scene = _EmbreeScene(self.device, geometry)
             inner = _triangle_geometry(self.device, geometry, mesh)
             _lib.rtcSetGeometryMask(inner, 0xFFFFFFFF)
+            # Which of its instances let light through, or have a medium inside, is not known here.
+            _lib.rtcSetGeometryEnableFilterFunctionFromArguments(inner, True)
             _lib.rtcCommitGeometry(inner)
             _lib.rtcAttachGeometryByID(scene.address, inner, 0)
             _lib.rtcReleaseGeometry(inner)
@@ -728,8 +556,6 @@ class Accelerator:
 def _triangle_geometry(device: _Device, geometry: GeometryArrays, mesh: int) -> int:
     row = geometry.mesh_table[mesh]
     handle = _lib.rtcNewGeometry(device.address, _GEOMETRY_TRIANGLE)
-    _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, True)
-    _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, True)
     vertices, indices = geometry.vertices, geometry.triangles
     # Vertex numbers in `triangles` are global, so the whole vertex array is the buffer and nothing is copied.
     # So are those of a mesh's steps, seen from so far before that its numbers fit.
@@ -767,6 +593,8 @@ def _attach_standing(
     for index in rows.tolist():
         handle = _triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
         _lib.rtcSetGeometryMask(handle, int(masks[index]))
+        is_filtered = int(masks[index]) & (MASK_SHADOW_TRANSPARENT | MASK_MEDIUM) != 0
+        _lib.rtcSetGeometryEnableFilterFunctionFromArguments(handle, is_filtered)
         _lib.rtcCommitGeometry(handle)
         _lib.rtcAttachGeometryByID(scene.address, handle, index)
         _lib.rtcReleaseGeometry(handle)

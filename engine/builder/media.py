@@ -10,12 +10,16 @@ import numpy as np
 
 from engine.builder.majorants import KeptBounds, build_majorants, filled_by_media
 from engine.kernels.bsdf import BsdfTables
+from engine.kernels.surface import RELATIVE_ERROR
 from engine.scene.description import Mesh
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import media as layout
 from engine.state.geometry import INSTANCE_MATERIAL_OFFSET, INSTANCE_MESH, GeometryArrays
 from engine.state.media import MediaArrays
 from engine.state.shaders import ShaderArrays
+
+#: Mean free paths that a ray may skip at a surface: about so much of what dense media scatter back is lost.
+_MOST_SKIPPED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -24,11 +28,13 @@ class SceneMedia:
 
     has_inside : bool (N,), whether there is a medium inside of an instance
     is_boundary : bool (N,), whether all of an instance's surface is a boundary of media and nothing else
+    is_dense : whether what rays skip at surfaces matters; see `find_gaps` of `engine.wavefront.media_stacks`
     """
 
     arrays: MediaArrays
     has_inside: np.ndarray
     is_boundary: np.ndarray
+    is_dense: bool
 
     @property
     def is_used(self) -> bool:
@@ -59,6 +65,24 @@ def _of_slots(wanted: np.ndarray, geometry: GeometryArrays, slot_counts: np.ndar
     ends = np.minimum(starts + slot_counts[table[:, INSTANCE_MESH]], len(of_slot))
     counts = sums[ends] - sums[starts]
     return counts > 0, (counts > 0) & (counts == ends - starts)
+
+
+def _largest_coordinate(geometry: GeometryArrays, meshes: Sequence[Mesh]) -> float:
+    """At most how far from the origin anything is, along each axis [m]; of what moves, at one of the times."""
+    reach = np.array([np.abs(mesh.vertices).max(initial=0.0) for mesh in meshes] or [0.0])
+    placed = np.abs(geometry.transforms.reshape(-1, 3, 4))
+    if not len(placed):
+        return 0.0
+    coordinates = placed[:, :, :3].sum(axis=2) * reach[geometry.instance_table[:, INSTANCE_MESH], None]
+    return float(np.nanmax(coordinates + placed[:, :, 3]))
+
+
+def _is_dense(arrays: MediaArrays, geometry: GeometryArrays, meshes: Sequence[Mesh]) -> bool:
+    """Whether a ray may skip too much of a medium at a surface."""
+    extinction = max(arrays.media[:, layout.MEDIUM_MAJORANT].max(), arrays.majorants.values.max(initial=0.0))
+    if not extinction > 0.0:
+        return False
+    return bool(extinction * RELATIVE_ERROR * _largest_coordinate(geometry, meshes) > _MOST_SKIPPED)
 
 
 def build_media(
@@ -113,4 +137,4 @@ def build_media(
     )
     inside, _ = _of_slots(has_medium, geometry, slot_counts)
     _, boundary = _of_slots(has_medium & is_boundary, geometry, slot_counts)
-    return SceneMedia(arrays, inside, boundary)
+    return SceneMedia(arrays, inside, boundary, _is_dense(arrays, geometry, meshes))

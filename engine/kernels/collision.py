@@ -90,10 +90,7 @@ def set_lobes(scene, closures, media, lane):
 
 @kernel
 def place_collision(paths, points, lane, distance):
-    """Set up a point on a path's ray, within media; its phase functions are `set_lobes`' business.
-
-    `distance` [m] is that from the ray's origin.
-    """
+    """Set up a point on a path's ray, within media; its phase functions are `set_lobes`' business."""
     direction = load(paths.direction, lane)
     p = add(load(paths.origin, lane), scale(direction, distance))
     normal = all_around(direction)
@@ -107,6 +104,7 @@ def place_collision(paths, points, lane, distance):
     real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
     integer[lane, POINT_INSTANCE] = -1
     integer[lane, POINT_PROGRAM] = -1
+    paths.offset[lane] = 0.0
 
 
 @kernel

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Keeping a light sample in its lane, and the point at which its light's program runs."""
 
+import numpy as np
+
 from engine.kernels.constants import FAR
 from engine.kernels.path_depths import store_depths
 from engine.kernels.surface import program_of
-from engine.kernels.vector import store
+from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
+    LIGHT_IS_LAMP,
     LIGHT_USES_MIS,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
@@ -38,6 +41,9 @@ from engine.state.lights import (
     LAMP_TEMPERATURE,
     LIGHT_BACKGROUND,
 )
+
+#: Bound on the relative rounding error of a point on a light.
+_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
 
 
 @kernel(forceinline=True)
@@ -89,8 +95,16 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
             group = lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_LIGHT_GROUP]
         work.passes.group[lane] = group
     flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
+    if instance < 0:
+        flags |= LIGHT_IS_LAMP
     samples.distance[lane] = distance
-    samples.emitter[lane] = emitter
+    # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
+    if distance < FAR:
+        slant = max(abs(dot(q_ng, wi)), 0.004)
+        extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
+        samples.offset[lane] = (extent * _ERROR + paths.offset[lane]) / slant
+    else:
+        samples.offset[lane] = 0.0
     has_program = program >= 0
     if has_program:
         flags |= LIGHT_HAS_PROGRAM

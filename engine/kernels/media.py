@@ -167,9 +167,9 @@ def emitted_length(extinction, distance):
 
 
 @kernel
-def length_in_media(paths, lane):
-    """How much of a path's ray may lie in media before what it meets, or without an end [m]."""
-    return max(paths.hit_distance[lane] - paths.near[lane], 0.0)
+def length_in_media(paths, lanes, lane):
+    """How much of a path's ray may lie in media before what it meets, or without an end [m]; see `find_gaps`."""
+    return max(paths.hit_distance[lane] - lanes.gap[lane], 0.0)
 
 
 @kernel

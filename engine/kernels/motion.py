@@ -177,11 +177,29 @@ def normal_to_object(geometry, instance, time, n):
 
 
 @kernel
-def move_surface(geometry, instance, time, p, ng, ns):
-    """A point of a moving instance's surface, from object to world space, and its normals, not normalised."""
+def move_surface(geometry, instance, time, p, extent, ng, ns):
+    """A point of a moving instance's surface, from object to world space.
+
+    Parameters
+    ----------
+    p, ng, ns : 3-tuples, the point and its normals
+    extent : float32, largest coordinate of its triangle
+
+    Returns
+    -------
+    p, ng, ns : 3-tuples, normals not normalised
+    extent : float32, largest coordinate on the way
+    """
     m = _moving_matrix(geometry, instance, time)
     i = _inverse(m)
-    return apply_point(m, p), _apply_transposed(i, ng), _apply_transposed(i, ns)
+    widest = apply_direction(m, (extent, extent, extent))
+    p = apply_point(m, p)
+    return (
+        p,
+        _apply_transposed(i, ng),
+        _apply_transposed(i, ns),
+        max(abs(widest[0]), abs(widest[1]), abs(widest[2]), abs(p[0]), abs(p[1]), abs(p[2])),
+    )
 
 
 @kernel

@@ -6,8 +6,8 @@ from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
 from engine.kernels.constants import INFINITY
 from engine.kernels.lights import finds_all
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
-from engine.kernels.rounding import next_above
-from engine.kernels.vector import store
+from engine.kernels.surface import offset_origin
+from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_NG,
@@ -52,45 +52,50 @@ def real_3(points, lane, column):
 
 
 @kernel
-def go_on(paths, lane):
-    """Let the ray look on behind what it has met: it stays the same ray, and the camera's ends where the camera sees no
-    farther.
-
-    As in Cycles it passes all that is exactly as far.
-    """
-    paths.near[lane] = next_above(paths.hit_distance[lane])
-    paths.hit_distance[lane] = paths.mis_pdf[lane] if paths.flags[lane] & RAY_CAMERA else INFINITY
+def go_on(paths, lane, origin):
+    """Let the ray begin anew at `origin`, behind what it has met: it stays the same ray, and the camera's ends where
+    the camera sees no farther."""
+    distance = paths.hit_distance[lane]
+    paths.mis_distance[lane] += distance
+    paths.radius[lane] += distance * paths.spread[lane]
+    is_cameras = paths.flags[lane] & RAY_CAMERA
+    left = paths.mis_pdf[lane] - paths.mis_distance[lane]
+    paths.hit_distance[lane] = max(left, 0.0) if is_cameras else INFINITY
+    store(paths.origin, lane, origin)
 
 
 @kernel
-def pass_through(options, paths, lane):
+def pass_through(options, paths, points, lane):
     """Go on behind a transparent surface as the same ray: kind, MIS density and origin stay the last scattering's."""
     flags = paths.flags[lane] | RAY_TRANSPARENT
     if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
-    go_on(paths, lane)
+    origin = offset_origin(
+        real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), load(paths.direction, lane), paths.offset[lane]
+    )
+    go_on(paths, lane, origin)
 
 
 @kernel
-def _set_ray(paths, points, lane, wi, pdf, unguided_pdf):
+def _set_ray(paths, points, lane, origin, wi, pdf, unguided_pdf):
     """The ray of a scattering, and what weighs the emitter that it meets.
 
     Parameters
     ----------
-    wi : tuple of 3 float32, unit
+    origin : tuple of 3 float32, world [m]; wi : tuple of 3 float32, unit
     pdf, unguided_pdf : float32 [sr^-1]
         As `PathState` has them.
     """
-    store(paths.origin, lane, real_3(points, lane, POINT_P))
+    store(paths.origin, lane, origin)
     store(paths.direction, lane, wi)
-    paths.near[lane] = 0.0
     paths.hit_distance[lane] = INFINITY
     paths.radius[lane] = points.real[lane, POINT_RADIUS]
     paths.mis_pdf[lane] = pdf
     paths.unguided_pdf[lane] = unguided_pdf
     store(paths.mis_origin, lane, real_3(points, lane, POINT_P))
     store(paths.mis_normal, lane, real_3(points, lane, POINT_NS))
+    paths.mis_distance[lane] = 0.0
 
 
 @kernel
@@ -104,7 +109,8 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows, and clamping goes
     """
-    _set_ray(paths, points, lane, wi, pdf, bsdf_pdf)
+    p, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
+    _set_ray(paths, points, lane, offset_origin(p, ng, wi, paths.offset[lane]), wi, pdf, bsdf_pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
@@ -141,7 +147,7 @@ def leave_collision(options, paths, points, media, lane, wi, pdf, phase_pdf):
     # Light samples are taken on every segment, collisions happen on some.
     source_pdf = pdf * media.collision_share[lane]
     unguided_pdf = -1.0 if media.is_lit[lane] != 0 else phase_pdf * media.collision_share[lane]
-    _set_ray(paths, points, lane, wi, source_pdf, unguided_pdf)
+    _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf, unguided_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     if count_collision(options, paths, media, lane):

@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rounding down by the processor's instruction: `math.floor` calls a function, before which all vectors are saved.
-
-And the next number after one.
-"""
+"""Rounding down by the processor's instruction: `math.floor` calls a function, before which all vectors are saved."""
 
 import math
 from typing import Any
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-
-from engine.runtime.jit import kernel
 
 
 @intrinsic
@@ -33,9 +27,3 @@ def _round_down(typing_context: Any, x: Any) -> Any:
 
 #: `floor_of(x)`: the largest int64 that is not above a float, as `math.floor`; anything for NaN.
 floor_of = math.floor if numba.config.DISABLE_JIT else _round_down
-
-
-@kernel
-def next_above(x):
-    """The smallest float32 above one that is finite and not negative."""
-    return np.uint32(np.float32(x).view(np.uint32) + np.uint32(1)).view(np.float32)

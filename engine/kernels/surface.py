@@ -1,16 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on surfaces: position, normals, and where rays start that leave them."""
+"""Points on surfaces: position, normals, rounding error, and the ray's start that clears it."""
 
 import numpy as np
 
-from engine.kernels.motion import (
-    direction_to_object,
-    move_surface,
-    normal_to_world,
-    normals_at,
-    point_to_object,
-    triangle_at,
-)
+from engine.kernels.motion import move_surface, normals_at, triangle_at
 from engine.kernels.vector import (
     add,
     cross,
@@ -19,6 +12,7 @@ from engine.kernels.vector import (
     normalize,
     scale,
     subtract,
+    transform_direction,
     transform_normal,
     transform_point,
 )
@@ -47,28 +41,41 @@ from engine.state.lanes import (
     POINT_WO,
 )
 
-#: How far a ray starts off a surface where it must: in steps of float32, but near zero, where these are tiny [m].
-_STEPS = np.float32(256.0)
-_NEAR_ZERO, _STEP_NEAR_ZERO = np.float32(1.0 / 32.0), np.float32(1.0 / 65536.0)
-#: Of float32: by how much of their sum the edges' numbers may be on the wrong side for Embree.
-_ROUNDING = np.float32(2.0**-23)
+#: Bound on the relative rounding error of a point interpolated from a triangle's vertices: gamma(7) of pbrt (Pharr et
+#: al. 2023, section 6.8), four times over for the transform and for Embree's own distance.
+RELATIVE_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+#: Least cosine by which `skipped_distance` divides: rays that only graze a surface skip no more than this says.
+_LEAST_COSINE = np.float32(1e-4)
 
 
 @kernel
 def surface_point(geometry, instance, triangle, u, v, time):
-    """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer)."""
+    """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer), error.
+
+    Returns
+    -------
+    p, ng, ns : 3-tuples
+    error : float32 [m], bound on the rounding error of p
+    """
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
-    edge1, edge2 = subtract(v1, v0), subtract(v2, v0)
-    # Far from the origin edges lose less to rounding than vertices do.
-    p = add(v0, add(scale(edge1, u), scale(edge2, v)))
-    ng = cross(edge1, edge2)
+    w = 1.0 - u - v
+    p = (
+        w * v0[0] + u * v1[0] + v * v2[0],
+        w * v0[1] + u * v1[1] + v * v2[1],
+        w * v0[2] + u * v1[2] + v * v2[2],
+    )
+    extent = max(
+        max(abs(v0[0]), abs(v1[0]), abs(v2[0])),
+        max(abs(v0[1]), abs(v1[1]), abs(v2[1])),
+        max(abs(v0[2]), abs(v1[2]), abs(v2[2])),
+    )
+    ng = cross(subtract(v1, v0), subtract(v2, v0))
     flags = geometry.instance_table[instance, INSTANCE_FLAGS]
     first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     ns = ng
     if first_normal >= 0:
         n0, n1, n2 = normals_at(geometry, mesh, first_normal, triangle, time)
-        w = 1.0 - u - v
         ns = (
             w * n0[0] + u * n1[0] + v * n2[0],
             w * n0[1] + u * n1[1] + v * n2[1],
@@ -80,9 +87,12 @@ def surface_point(geometry, instance, triangle, u, v, time):
             if first_normal < 0:
                 ns = ng
     elif flags & INSTANCE_FLAG_MOVING:
-        p, ng, ns = move_surface(geometry, instance, time, p, ng, ns)
+        p, ng, ns, extent = move_surface(geometry, instance, time, p, extent, ng, ns)
     else:
+        widest = transform_direction(geometry.transforms, instance, (extent, extent, extent))
+        extent = max(abs(widest[0]), abs(widest[1]), abs(widest[2]))
         p = transform_point(geometry.transforms, instance, p)
+        extent = max(extent, abs(p[0]), abs(p[1]), abs(p[2]))
         ng = transform_normal(geometry.inverses, instance, ng)
         ns = transform_normal(geometry.inverses, instance, ns)
     ng = normalize(ng)
@@ -92,13 +102,13 @@ def surface_point(geometry, instance, triangle, u, v, time):
             ns = ng
     else:
         ns = ng
-    return p, ng, ns
+    return p, ng, ns, extent * RELATIVE_ERROR
 
 
 @kernel
 def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, time):
-    """Fill the geometric part of a point to shade."""
-    p, ng, ns = surface_point(geometry, instance, triangle, u, v, time)
+    """Fill the geometric part of a point to shade; returns its error bound [m]."""
+    p, ng, ns, error = surface_point(geometry, instance, triangle, u, v, time)
     flags = 0
     if dot(ng, direction) > 0.0:
         ng = negate(ng)
@@ -117,6 +127,7 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
     points.integer[lane, POINT_TRIANGLE] = triangle
     points.integer[lane, POINT_FLAGS] = flags
     points.integer[lane, POINT_LIGHT] = -1
+    return error
 
 
 @kernel
@@ -127,52 +138,13 @@ def program_of(geometry, instance, triangle):
 
 
 @kernel
-def _is_within(p, direction, v0, v1, v2):
-    """Whether a line meets a triangle so far within its edges that it meets none beside it.
-
-    Found as Embree finds it, by Plücker coordinates.
-    """
-    a, b, c = subtract(v0, p), subtract(v1, p), subtract(v2, p)
-    u = dot(cross(add(c, a), subtract(c, a)), direction)
-    v = dot(cross(add(a, b), subtract(a, b)), direction)
-    w = dot(cross(add(b, c), subtract(b, c)), direction)
-    slack = _ROUNDING * abs(u + v + w)
-    return min(u, v, w) >= slack or max(u, v, w) <= -slack
+def offset_origin(p, ng, direction, offset):
+    """Start of a ray leaving p: off the surface by `offset`, on the side it leaves to."""
+    side = offset if dot(ng, direction) >= 0.0 else -offset
+    return add(p, scale(ng, side))
 
 
 @kernel
-def _step_off(x, n):
-    """A coordinate moved along the normal's, `n`, by more than it may be wrong; as Cycles does it."""
-    if abs(x) < _NEAR_ZERO:
-        return x + n * _STEP_NEAR_ZERO
-    steps = np.int32(n * _STEPS)
-    return np.int32(np.float32(x).view(np.int32) + (-steps if x < 0.0 else steps)).view(np.float32)
-
-
-@kernel
-def ray_start(geometry, instance, triangle, p, direction, time):
-    """Where a ray starts that leaves a triangle at `p`, which it skips: there, with rare exceptions.
-
-    Where rounding has put `p` beside the triangle, or onto its edge, the ray would meet its neighbour. There it starts
-    a little off the surface.
-
-    References
-    ----------
-    Waechter and Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems, chapter 6).
-    """
-    mesh = geometry.instance_table[instance, INSTANCE_MESH]
-    v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
-    is_baked = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED != 0
-    at, along = p, direction
-    if not is_baked:
-        at = point_to_object(geometry, instance, time, p)
-        along = direction_to_object(geometry, instance, time, direction)
-    if _is_within(at, along, v0, v1, v2):
-        return p
-    ng = cross(subtract(v1, v0), subtract(v2, v0))
-    if not is_baked:
-        ng = normal_to_world(geometry, instance, time, ng)
-    ng = normalize(ng)
-    if dot(ng, direction) < 0.0:
-        ng = negate(ng)
-    return _step_off(p[0], ng[0]), _step_off(p[1], ng[1]), _step_off(p[2], ng[2])
+def skipped_distance(ng, direction, offset):
+    """How far from a surface a ray is at its start, if it has left it by `offset_origin`, along itself [m]."""
+    return offset / max(abs(dot(ng, direction)), _LEAST_COSINE)

@@ -50,6 +50,7 @@ from engine.wavefront.columns import (
     ROWS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
+    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
@@ -167,6 +168,7 @@ class Tracer:
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
+        numbers[SCENE_HAS_DENSE_MEDIA] = scene.media.is_dense
         numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
         numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()

@@ -274,17 +274,18 @@ class PathState(Bundle):
     unguided : float32, factor that makes of the throughput what it would be by plain sampling, where nothing has been
         learned: directions by the BSDF, roulette by the throughput. Roulette and clamping go by it
     mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
-        camera's rays, which have none, how far the camera sees [m]
+        camera's rays, which have none, how far the camera sees [m], as `mis_distance` counts
     unguided_pdf : float32 [sr^-1], the same by plain sampling; -1 where light sampling was of whole segments within
         media, whose samples know nothing of this scattering
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
+    mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
     min_pdf : float32, smallest scattering density so far (filter_glossy)
-    near : float32 [m], along the ray, behind what it has passed since its origin, which is where it was last scattered
     radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
     alpha : float32, 1 - transparency seen by the camera so far
     flags : int32 (RAY_*); depth counters : int32
-    hit_* : the closest hit: distance from the origin (before the search: how far to look), barycentrics, instance
-        (-1 = miss), triangle (row of GeometryArrays.triangles). Until the next search, what the ray starts on
+    hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
+        triangle (row of GeometryArrays.triangles)
+    offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
     random : float32 (L, 4), this vertex's numbers for the BSDF; the last for roulette, then made uniform again
     survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
         played the least that guiding asks for, -1 = nothing
@@ -310,6 +311,7 @@ class PathState(Bundle):
     unguided_pdf: Float32Array
     mis_origin: Float32Array
     mis_normal: Float32Array
+    mis_distance: Float32Array
     min_pdf: Float32Array
     radius: Float32Array
     spread: Float32Array
@@ -325,7 +327,7 @@ class PathState(Bundle):
     hit_v: Float32Array
     hit_instance: Int32Array
     hit_triangle: Int32Array
-    near: Float32Array
+    offset: Float32Array
     random: Float32Array
     survival: Float32Array
     unguided_survival: Float32Array
@@ -346,8 +348,6 @@ class ShadowRays(Bundle):
     radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
     weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
     own, other, share : float32, what clamping goes by (`engine.kernels.clamping.Unguided`)
-    emitter : int32, of the light, -1 = none; starts_on : int32, whether the ray starts on the triangle that its path
-        has hit, and skips it
     transparent_depth : int16, transparent surfaces passed, the path's own included; transparent_left : int16, hits on
         what may be transparent that lie ahead
     """
@@ -362,8 +362,6 @@ class ShadowRays(Bundle):
     own: Float32Array
     other: Float32Array
     share: Float32Array
-    emitter: Int32Array
-    starts_on: Int32Array
     transparent_depth: Int16Array
     transparent_left: Int16Array
     channels: tuple[int, ...]
@@ -568,7 +566,7 @@ class LightSamples(Bundle):
     pdf : float32 [sr^-1], the tree's pmf included (a delta light's pmf); 0 = none
     radiance : float32 (L, C), or the factor on the light program's emission where there is a program
     terminate : float32 in [0, 1), for the roulette on dim light samples
-    emitter : int32, row of LightArrays.emitters
+    offset : float32 [m], rounding error of the point on the light along the ray
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
@@ -586,7 +584,7 @@ class LightSamples(Bundle):
     pdf: Float32Array
     radiance: Float32Array
     terminate: Float32Array
-    emitter: Int32Array
+    offset: Float32Array
     flags: Int32Array
     visibility: Int32Array
     bsdf_pdf: Float32Array
@@ -663,8 +661,10 @@ LIGHT_USES_MIS = 1
 LIGHT_CASTS_SHADOW = 2
 #: The program's emission at this sample is in the light closures.
 LIGHT_HAS_PROGRAM = 4
+#: Of a lamp, which is no surface: media go on up to it.
+LIGHT_IS_LAMP = 8
 #: Drawn for a whole segment within media: scattering finds the light as from another point.
-LIGHT_IS_OF_SEGMENT = 8
+LIGHT_IS_OF_SEGMENT = 16
 
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
@@ -679,7 +679,7 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
                 ("pdf", real),
                 ("radiance", real, channel_count),
                 ("terminate", real),
-                ("emitter", integer),
+                ("offset", real),
                 ("flags", integer),
                 ("visibility", integer),
                 ("bsdf_pdf", real),
@@ -709,7 +709,7 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
             ("hit_instance", integer),
             ("hit_triangle", integer),
             ("depth", integer),
-            ("near", real),
+            ("offset", real),
             ("alive", np.uint8),
         ],
         [
@@ -726,6 +726,7 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
         [
             ("mis_origin", real, 3),
             ("mis_normal", real, 3),
+            ("mis_distance", real),
             ("mis_pdf", real),
             ("unguided_pdf", real),
             ("unguided_survival", real),
@@ -763,8 +764,6 @@ def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
                 ("other", real),
                 ("share", real),
                 ("lane", integer),
-                ("emitter", integer),
-                ("starts_on", integer),
                 ("transparent_depth", np.int16),
                 ("transparent_left", np.int16),
             ]

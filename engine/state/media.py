@@ -71,6 +71,7 @@ class MediaLanes(Bundle):
     count : int32 (L + 1,)
     depth : int32 (L + 1,), scatterings by media
     crossings : int32 (L + 1,), surfaces without a shader that the path has crossed
+    gap : float32 (L + 1,) [m], before what the ray meets, in which there are no media; 0 but in scenes of dense ones
     is_lit : uint8 (L + 1,), whether lights have been sampled for all of the segment, so that a collision samples none
     collision_share : float32 (L + 1,), probability with which the path collides on the segment, for MIS weights
     next_instance : int32 (L + 1,), what the ray meets behind the segment, while the lane stands within it
@@ -83,6 +84,7 @@ class MediaLanes(Bundle):
     count: Int32Array
     depth: Int32Array
     crossings: Int32Array
+    gap: Float32Array
     is_lit: Uint8Array
     collision_share: Float32Array
     next_instance: Int32Array
@@ -108,6 +110,7 @@ def allocate_media_lanes(lane_count: int, channel_count: int, *, has_shadows: bo
         count=np.zeros(rows, np.int32),
         depth=np.zeros(rows, np.int32),
         crossings=np.zeros(rows, np.int32),
+        gap=np.zeros(rows, np.float32),
         is_lit=np.zeros(rows, np.uint8),
         collision_share=np.ones(rows, np.float32),
         next_instance=np.zeros(rows, np.int32),

@@ -55,7 +55,7 @@ class TrackedLanes(Bundle):
     """Rays that are followed through media that vary: a row for each of L paths, then one for each of L shadow rays.
 
     is_tracked : uint8, whether the path's ray is followed at all in this round
-    position, end : float32 [m], along the ray from its origin: how far it has come, and where the surface is
+    position, end : float32 [m], along the ray: how far it has come, and where the surface is
     weight : float32 (R, C), of what is left of the light along the ray
     emitted : float32 (R, C), what the media on the way have emitted, seen from the ray's start
     chosen : int32, entry of the row's media that may collide at `position`, of a shadow ray boundaries that may lie
@@ -65,6 +65,7 @@ class TrackedLanes(Bundle):
     u_event, u_roulette : float32, random numbers for what becomes of the ray at `position`
     lamp : int32, lamp on the ray whose light is seen, -1 = none; lamp_count : int32, of how many it was picked;
         lamp_distance : float32 [m]; lamp_weight : float32 (R, C), `weight` there
+    origin : float32 (R, 3), rest : float32 [m], of a shadow ray from the boundary on that it has crossed last
     instance, triangle : int32, of the next boundary, instance -1 = none; u, v : float32, where on it
     """
 
@@ -83,6 +84,8 @@ class TrackedLanes(Bundle):
     lamp_count: Int32Array
     lamp_distance: Float32Array
     lamp_weight: Float32Array
+    origin: Float32Array
+    rest: Float32Array
     instance: Int32Array
     triangle: Int32Array
     u: Float32Array
@@ -95,11 +98,11 @@ def allocate_tracked_lanes(row_count: int, channel_count: int) -> TrackedLanes:
     scalars = {
         "position": real, "end": real, "chosen": integer, "majorant": real, "collision": real, "step": integer,
         "u_event": real, "u_roulette": real,
-        "lamp": integer, "lamp_count": integer, "lamp_distance": real, "instance": integer,
+        "lamp": integer, "lamp_count": integer, "lamp_distance": real, "rest": real, "instance": integer,
         "triangle": integer, "u": real, "v": real, "is_tracked": np.uint8,
     }
     arrays = {name: np.zeros(row_count, dtype) for name, dtype in scalars.items()}
     by_channel = {
         name: np.zeros((row_count, channel_count), real) for name in ("weight", "emitted", "lamp_weight")
     }
-    return TrackedLanes(**arrays, **by_channel)
+    return TrackedLanes(**arrays, **by_channel, origin=np.zeros((row_count, 3), real))

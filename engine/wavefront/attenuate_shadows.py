@@ -14,8 +14,8 @@ from engine.accel import (
     read_boundary,
     read_hit,
     trace_boundaries,
-    trace_next,
-    trace_occluded_from,
+    trace_closest,
+    trace_occluded,
 )
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
@@ -23,14 +23,15 @@ from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundar
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
-from engine.kernels.rounding import next_above
-from engine.kernels.surface import program_of, surface_point
+from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
 from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
-from engine.kernels.vector import add, dot, load, scale
+from engine.kernels.vector import add, dot, load, scale, store
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_SHADOW
 from engine.state.geometry import INSTANCE_VISIBILITY
 from engine.state.lanes import (
+    LIGHT_CASTS_SHADOW,
+    LIGHT_IS_LAMP,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
     POINT_INSTANCE,
@@ -47,6 +48,7 @@ from engine.wavefront.columns import (
     MEDIUM_REJECTS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
+    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_MASK_HANDLE,
     SHADOW_ROWS,
@@ -54,7 +56,6 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
-from engine.wavefront.ray_ends import name_ends
 
 _ROWS_AHEAD = 4
 #: Searches for the boundaries on one shadow ray; one is enough unless there are more than MOST_BOUNDARIES.
@@ -84,23 +85,40 @@ def _stops_light(scene, instance, triangle):
 
 
 @kernel
-def _next_boundary(scene, work, row, near, rest, instance, triangle):
-    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it.
-
-    `instance` and `triangle` are the last one, at `near`; instance -1: there was none.
-    """
-    shadows = work.shadows
+def _next_boundary(scene, work, origin, direction, rest, time):
+    """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
-    name_ends(scene, work, row)
-    hit = trace_next(
-        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], scene.geometry,
-        load(shadows.origin, row), load(shadows.direction, row), near, rest, work.paths.time[shadows.lane[row]],
-        MASK_MEDIUM, instance, triangle,
+    hit = trace_closest(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
+        MASK_MEDIUM,
     )
     if not hit:
         return False, -1, -1, rest, 0.0, 0.0
     instance, triangle, distance, u, v = read_hit(work.ray, work.ray_bits, scene.geometry)
     return True, int(instance), int(triangle), distance, u, v
+
+
+@kernel
+def _meet(scene, direction, instance, triangle, u, v, time):
+    """A boundary that a shadow ray has met: point, normal, error, and how far before it the media end (`find_gaps`)."""
+    p, ng, _ns, error = surface_point(scene.geometry, instance, triangle, u, v, time)
+    gap = 0.0
+    if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+        gap = skipped_distance(ng, direction, error)
+    return p, ng, error, gap
+
+
+@kernel
+def _length_beyond(scene, work, lane):
+    """How far media go on behind the end of a shadow ray [m], which ends before its light by a rounding error.
+
+    Before a surface that glows they end where they end for rays that are scattered there (`find_gaps`). Lamps are no
+    surfaces, and in dense media their light is dimmed on that last bit too.
+    """
+    lamp = LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
+    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or work.samples.flags[lane] & lamp != lamp:
+        return 0.0 * work.samples.offset[lane]
+    return work.samples.offset[lane]
 
 
 @kernel
@@ -123,15 +141,15 @@ def _end_ray(work, row, is_blocked):
 
 
 @kernel
-def _pass_boundaries(scene, work, lane, row, own, rest, mask):
+def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
     """Dim the light of a shadow ray by the media on its way, and find out whether it meets anything else.
 
     Parameters
     ----------
     own : int
         Row of the media that it starts in.
-    rest : float32 [m]
-        To the light.
+    rest, beyond : float32 [m]
+        To the end of the ray, and further to the light.
     mask : int
         MASK_MEDIUM, and MASK_SHADOW_OPAQUE besides to find what is opaque too.
 
@@ -143,8 +161,7 @@ def _pass_boundaries(scene, work, lane, row, own, rest, mask):
     paths, media, shadows, geometry = work.paths, work.media, work.shadows, scene.geometry
     ray, bits, depths = work.ray, work.ray_bits, work.media.coefficients
     origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
-    sees_opaque = mask != MASK_MEDIUM
-    name_ends(scene, work, row)
+    is_dense, sees_opaque = scene.header[SCENE_HAS_DENSE_MEDIA] != 0, mask != MASK_MEDIUM
     for c in range(len(paths.channels)):
         depths[CHANNEL_WEIGHT, c] = 0.0
     near, far, passed = 0.0, rest, 0.0
@@ -162,16 +179,19 @@ def _pass_boundaries(scene, work, lane, row, own, rest, mask):
                 far = middle
                 continue
         for k in range(min(count, MOST_BOUNDARIES)):
-            instance, triangle, distance, _u, _v, is_back = read_boundary(ray, bits, geometry, k)
+            instance, triangle, distance, u, v, is_back = read_boundary(ray, bits, geometry, k)
             if sees_opaque and _stops_light(scene, instance, triangle):
                 return False
-            add_depth(scene, paths, media, lane, own, max(distance - passed, 0.0))
-            passed = distance
+            gap = 0.0
+            if is_dense:
+                _, _, _, gap = _meet(scene, direction, instance, triangle, u, v, time)
+            add_depth(scene, paths, media, lane, own, max(distance - gap - passed, 0.0))
+            passed = distance + gap
             _cross(scene, work, own, instance, triangle, is_back)
         if not far < rest:
             break
-        near, far = next_above(far), rest
-    add_depth(scene, paths, media, lane, own, max(rest - passed, 0.0) if rest < FAR else DISTANT)
+        near, far = far, rest
+    add_depth(scene, paths, media, lane, own, max(rest + beyond - passed, 0.0) if rest < FAR else DISTANT)
     for c in range(len(paths.channels)):
         shadows.radiance[row, c] *= decay(depths[CHANNEL_WEIGHT, c])
     return True
@@ -200,15 +220,15 @@ def attenuate_shadows(scene, unit, work, queue):
         ahead = shadows.lane[min(row + _ROWS_AHEAD, row_count - 1)]
         ask_for_media(media, ahead)
         ask_for_point(work.points, ahead)
-        rest = shadows.distance[row]
-        if not rest > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        rest, beyond = shadows.distance[row], _length_beyond(scene, work, lane)
+        if not rest + beyond > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         _leave_point(scene, work, lane, own, load(shadows.direction, row))
-        if not has_boundaries:
-            attenuate(scene, paths, media, lane, own, rest, shadows.radiance, row)
+        if not has_boundaries or not rest > 0.0:
+            attenuate(scene, paths, media, lane, own, rest + beyond, shadows.radiance, row)
             continue
         mask = MASK_MEDIUM | MASK_SHADOW_OPAQUE if settles else MASK_MEDIUM
-        passes = _pass_boundaries(scene, work, lane, row, own, rest, mask)
+        passes = _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask)
         if settles or not passes:
             _end_ray(work, row, not passes)
 
@@ -217,7 +237,7 @@ def attenuate_shadows(scene, unit, work, queue):
 def _set_leg(tracking, own, instance, triangle, distance, u, v):
     """Note the next boundary of a shadow ray, instance -1: there is none before `distance`."""
     tracking.instance[own] = instance
-    tracking.end[own] = distance
+    tracking.position[own] = distance
     tracking.triangle[own] = triangle
     tracking.u[own] = u
     tracking.v[own] = v
@@ -226,11 +246,12 @@ def _set_leg(tracking, own, instance, triangle, distance, u, v):
 @kernel
 def _look_for_leg(scene, work, row, own):
     """Find the next boundary on a shadow ray, if there may be any."""
-    tracking, rest = work.tracking, work.shadows.distance[row]
+    paths, shadows, tracking = work.paths, work.shadows, work.tracking
+    rest = tracking.rest[own]
     hit, instance, triangle, distance, u, v = False, -1, -1, rest, 0.0, 0.0
-    if tracking.chosen[own] > 0:
+    if tracking.chosen[own] > 0 and rest > 0.0:
         hit, instance, triangle, distance, u, v = _next_boundary(
-            scene, work, row, tracking.position[own], rest, int(tracking.instance[own]), int(tracking.triangle[own])
+            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]]
         )
         tracking.chosen[own] -= 1
     _set_leg(tracking, own, instance, triangle, distance, u, v)
@@ -246,14 +267,12 @@ def _look_along(scene, work, row, own, mask):
         As of `_pass_boundaries`.
     """
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
-    rest, time = shadows.distance[row], paths.time[shadows.lane[row]]
-    origin, direction = load(shadows.origin, row), load(shadows.direction, row)
-    tracking.position[own] = 0.0
+    rest, time = tracking.rest[own], paths.time[shadows.lane[row]]
+    origin, direction = load(tracking.origin, own), load(shadows.direction, row)
     _set_leg(tracking, own, -1, -1, rest, 0.0, 0.0)
     tracking.chosen[own] = 0
-    if scene.header[SCENE_HAS_BOUNDARIES] == 0:
+    if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
         return True
-    name_ends(scene, work, row)
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
     count = trace_boundaries(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
@@ -273,7 +292,7 @@ def _look_along(scene, work, row, own, mask):
         _set_leg(tracking, own, instance, triangle, distance, u, v)
     if count > kept:
         # Those that were kept may be any.
-        if mask != MASK_MEDIUM and trace_occluded_from(
+        if mask != MASK_MEDIUM and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
             time, mask & ~MASK_MEDIUM,
         ):
@@ -287,7 +306,17 @@ def _look_along(scene, work, row, own, mask):
 def _start_leg(scene, work, row, own):
     """Dim a shadow ray's light by the media before what `_look_for_leg` has found that are the same everywhere."""
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
-    lane, distance = shadows.lane[row], max(tracking.end[own] - tracking.position[own], 0.0)
+    lane, instance, distance = shadows.lane[row], tracking.instance[own], tracking.position[own]
+    if instance >= 0:
+        _p, _ng, _error, gap = _meet(
+            scene, load(shadows.direction, row), instance, tracking.triangle[own], tracking.u[own], tracking.v[own],
+            paths.time[lane],
+        )
+        distance = max(distance - gap, 0.0)
+    else:
+        distance += _length_beyond(scene, work, lane)
+    tracking.position[own] = 0.0
+    tracking.end[own] = distance
     attenuate(scene, paths, work.media, lane, own, distance, shadows.radiance, row)
     if distance >= FAR:
         leave_objects(work.media, own)
@@ -305,7 +334,7 @@ def begin_shadows(scene, unit, work, queue):
         `work.tracked`: rows of `work.shadows`, whose media and tracked lanes lie behind those of all paths.
     """
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
-    follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.end.shape[0] // 2
+    follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
     settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
     # Then one look is enough, for what is opaque and for boundaries.
@@ -316,13 +345,14 @@ def begin_shadows(scene, unit, work, queue):
     for row in range(work.counts[SHADOW_ROWS]):
         lane = shadows.lane[row]
         rest = shadows.distance[row]
-        if not rest > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
+        if not rest + _length_beyond(scene, work, lane) > 0.0 or (follows and paths.flags[lane] & RAY_CATCHER_HIT):
             continue
         own = first + row
         direction = load(shadows.direction, row)
+        store(tracking.origin, own, load(shadows.origin, row))
+        tracking.rest[own] = rest
         # Following a ray costs far more than finding out that something hides the light.
-        name_ends(scene, work, row)
-        is_hidden = not looks_once and trace_occluded_from(
+        is_hidden = not looks_once and rest > 0.0 and trace_occluded(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, rest, paths.time[lane], opaque,
         )
@@ -359,16 +389,17 @@ def find_shadow_collisions(scene, unit, work, queue):
         As `begin_shadows` has left it; rays that have arrived leave it. `work.light_points` are points to look up.
     """
     paths, shadows, media, tracking = work.paths, work.shadows, work.media, work.tracking
-    lanes, kept, first = queue.lanes, 0, tracking.end.shape[0] // 2
+    lanes, kept, first = queue.lanes, 0, tracking.rest.shape[0] // 2
     for k in range(queue.count[0]):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]
-        origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
+        direction, time = load(shadows.direction, row), paths.time[lane]
         u_choice, u_distance, u_roulette, _ = track_4(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SHADOW_MEDIUM, tracking.step[own]
         )
         waits = False
         while True:
+            origin = load(tracking.origin, own)
             t, entry, majorant = next_collision(
                 scene, paths, media, own, origin, direction, time, tracking.position[own], tracking.end[own],
                 u_distance, u_choice, False,
@@ -392,12 +423,14 @@ def find_shadow_collisions(scene, unit, work, queue):
             media.crossings[own] += 1
             if instance < 0 or media.crossings[own] > MOST_CROSSINGS:
                 break
+            rest = tracking.rest[own]
             triangle = tracking.triangle[own]
-            _p, ng, _ns = surface_point(
-                scene.geometry, instance, triangle, tracking.u[own], tracking.v[own], time
+            p, ng, error, gap = _meet(
+                scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
-            tracking.position[own] = tracking.end[own]
+            tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
             _cross(scene, work, own, instance, triangle, dot(ng, direction) > 0.0)
+            store(tracking.origin, own, offset_origin(p, ng, direction, error))
             _look_for_leg(scene, work, row, own)
             _start_leg(scene, work, row, own)
             # A new leg, new numbers.
@@ -423,7 +456,7 @@ def dim_shadows(scene, unit, work, queue):
         Those that `find_shadow_collisions` has left; rays without light leave it.
     """
     paths, shadows, tracking, sums = work.paths, work.shadows, work.tracking, work.media.coefficients
-    lanes, kept, first = queue.lanes, 0, tracking.end.shape[0] // 2
+    lanes, kept, first = queue.lanes, 0, tracking.rest.shape[0] // 2
     for k in range(queue.count[0]):
         row = lanes[k]
         own, lane = first + row, shadows.lane[row]

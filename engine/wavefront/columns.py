@@ -20,9 +20,10 @@ SCENE_HAS_MEDIA = 9  # paths can be in media
 SCENE_HAS_BOUNDARIES = 10  # and can enter and leave them
 SCENE_HAS_VARYING_MEDIA = 11  # some of them vary in space
 SCENE_TRANSPARENT_HANDLE = 12  # Embree's, of what shadow rays can pass; SCENE_HANDLE if that is not apart
-SCENE_HAS_MOVING_MEDIA = 13  # some that vary move by their own velocity while the shutter is open
-SCENE_MASK_HANDLE = 14  # address of the instances' masks
-SCENE_HEADER_WIDTH = 15
+SCENE_HAS_DENSE_MEDIA = 13  # so dense that what a ray skips at a surface matters
+SCENE_HAS_MOVING_MEDIA = 14  # some that vary move by their own velocity while the shutter is open
+SCENE_MASK_HANDLE = 15  # address of the instances' masks
+SCENE_HEADER_WIDTH = 16
 
 # UnitView.header
 UNIT_SEED = 0

@@ -126,12 +126,9 @@ def init_from_camera(scene, unit, work, queue):
         paths.sample[lane] = sample
         paths.rng[lane] = rng
         paths.dimension[lane] = SETS_BEFORE_VERTICES
-        origin = add(origin, scale(direction, near))
-        store(paths.origin, lane, origin)
+        store(paths.origin, lane, add(origin, scale(direction, near)))
         store(paths.direction, lane, direction)
-        paths.near[lane] = 0.0
         paths.hit_distance[lane] = far - near
-        paths.hit_instance[lane] = -1
         paths.time[lane] = time
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 1.0
@@ -141,10 +138,11 @@ def init_from_camera(scene, unit, work, queue):
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
         paths.unguided_survival[lane] = 1.0
-        paths.mis_pdf[lane] = far - near
+        paths.mis_pdf[lane] = far
         paths.unguided_pdf[lane] = -1.0
         store(paths.mis_origin, lane, origin)
         store(paths.mis_normal, lane, direction)
+        paths.mis_distance[lane] = near
         paths.min_pdf[lane] = 1e30
         paths.radius[lane] = radius + near * spread
         paths.spread[lane] = spread

@@ -7,33 +7,31 @@ the program at the blocker. Where they are few they have a hierarchy of their ow
 all casters are.
 """
 
-import numpy as np
-
 from engine.accel import (
     CATCHER_MASK_SHIFT,
     MASK_SHADOW_OPAQUE,
     MASK_SHADOW_TRANSPARENT,
     prepare_filters,
     read_hit,
-    trace_next,
-    trace_occluded_from,
+    trace_closest,
+    trace_occluded,
     trace_passing,
 )
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_sampled
 from engine.kernels.spectrum import filter_by
-from engine.kernels.surface import prepare_point, program_of
-from engine.kernels.vector import load
+from engine.kernels.surface import offset_origin, prepare_point, program_of
+from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
-    POINT_INSTANCE,
+    POINT_NG,
+    POINT_P,
     POINT_PROGRAM,
     POINT_RADIUS,
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
-    POINT_TRIANGLE,
     RAY_SHADOW,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, VALUE_TRANSPARENCY
@@ -47,7 +45,6 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
-from engine.wavefront.ray_ends import name_ends
 
 _ROWS_AHEAD = 2
 
@@ -79,7 +76,7 @@ def intersect_shadow(scene, unit, work, queue):
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         if not shadows.distance[row] > 0.0:
-            # A light that casts no shadow.
+            # A light that casts no shadow, or one touching the surface.
             add_sampled(options, paths, passes, lane, shadows, row)
             continue
         origin = load(shadows.origin, row)
@@ -87,10 +84,9 @@ def intersect_shadow(scene, unit, work, queue):
         far = shadows.distance[row]
         time = paths.time[lane]
         passed = 0
-        name_ends(scene, work, row)
         if has_transparent:
             passed = trace_passing(handle, ray, bits, address, origin, direction, 0.0, far, time, mask)
-        elif trace_occluded_from(handle, ray, bits, address, origin, direction, 0.0, far, time, mask):
+        elif trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, time, mask):
             continue
         if passed > 0:
             shadows.transparent_depth[row] = paths.transparent_depth[lane]
@@ -126,15 +122,9 @@ def pass_transparent(scene, unit, work, queue):
     for k in range(pending_count):
         row = pending[k]
         lane = shadows.lane[row]
-        origin, direction = load(shadows.origin, row), load(shadows.direction, row)
-        real, integer = points.real, points.integer
-        name_ends(scene, work, row)
-        near, instance, triangle = np.float32(0.0), np.int32(-1), np.int32(-1)
+        direction = load(shadows.direction, row)
         # A ray that has passed something since `intersect_shadow` waited for its program.
         if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
-            near, instance, triangle = (
-                real[row, POINT_RAY_LENGTH], integer[row, POINT_INSTANCE], integer[row, POINT_TRIANGLE]
-            )
             holdout = closures.holdout[row]
             largest = filter_by(
                 spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0] + holdout,
@@ -143,10 +133,11 @@ def pass_transparent(scene, unit, work, queue):
             if not largest > 0.0:
                 continue
         while True:
-            # Behind the last of those that were counted there is nothing.
-            if shadows.transparent_left[row] <= 0 or not trace_next(
-                handle, ray, bits, address, geometry, origin, direction, near, shadows.distance[row], paths.time[lane],
-                mask, instance, triangle,
+            # Behind the last of those that were counted there is nothing. Two triangles that share an edge may have
+            # been counted both where the ray meets one.
+            if shadows.transparent_left[row] <= 0 or not trace_closest(
+                handle, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
+                paths.time[lane], mask,
             ):
                 add_sampled(options, paths, passes, lane, shadows, row)
                 break
@@ -154,7 +145,13 @@ def pass_transparent(scene, unit, work, queue):
             shadows.transparent_depth[row] += 1
             if shadows.transparent_depth[row] > options.max_transparent_depth:
                 break
-            instance, triangle, near, u, v = read_hit(ray, bits, geometry)
+            instance, triangle, distance, u, v = read_hit(ray, bits, geometry)
+            error = prepare_point(geometry, points, row, instance, triangle, u, v, direction, paths.time[lane])
+            real = points.real
+            p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
+            ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
+            store(shadows.origin, row, offset_origin(p, ng, direction, error))
+            shadows.distance[row] -= distance
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:
                 largest = filter_by(
@@ -164,11 +161,11 @@ def pass_transparent(scene, unit, work, queue):
                 if not largest > 0.0:
                     break
                 continue
-            prepare_point(geometry, points, row, instance, triangle, u, v, direction, paths.time[lane])
+            integer = points.integer
             integer[row, POINT_PROGRAM] = program
             integer[row, POINT_RAY_FLAGS] = RAY_SHADOW
             store_depths(paths, lane, shadows.transparent_depth[row], points, row)
-            real[row, POINT_RAY_LENGTH] = near
+            real[row, POINT_RAY_LENGTH] = distance
             real[row, POINT_RADIUS] = 0.0
             real[row, POINT_RANDOM] = paths.random[lane, 2]
             pending[kept] = row

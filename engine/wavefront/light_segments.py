@@ -41,7 +41,7 @@ from engine.kernels.prefetch import (
     lane_ahead,
 )
 from engine.kernels.rng import SET_SEGMENT, SET_SEGMENT_LIGHT, sample_4d
-from engine.kernels.vector import add, load, scale
+from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_CATCHER, INSTANCE_FLAGS
 from engine.state.lanes import (
@@ -153,7 +153,7 @@ def light_segments(scene, unit, work, queue):
         sum_coefficients(scene, paths, media, lane, lane, is_endless)
         if not _largest(paths.channels, media.coefficients, SCATTERING) > 0.0:
             continue
-        distance = INFINITY if is_endless else length_in_media(paths, lane)
+        distance = INFINITY if is_endless else length_in_media(paths, media, lane)
         _, share = weigh_channels(paths, media, lane, distance)
         media.is_lit[lane] = 1
         media.collision_share[lane] = share
@@ -162,8 +162,7 @@ def light_segments(scene, unit, work, queue):
         u_light, u_distance, u_candidate, u_roulette = sample_4d(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT
         )
-        direction = load(paths.direction, lane)
-        origin = add(load(paths.origin, lane), scale(direction, paths.near[lane]))
+        origin, direction = load(paths.origin, lane), load(paths.direction, lane)
         emitter, pmf = pick_for_segment(lights, origin, direction, length, reach, u_light)
         if emitter < 0 or not pmf > 0.0:
             continue
@@ -175,7 +174,7 @@ def light_segments(scene, unit, work, queue):
         )
         if not weight > 0.0:
             continue
-        place_collision(paths, points, lane, paths.near[lane] + at)
+        place_collision(paths, points, lane, at)
         p, normal, wo = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS), real_3(points, lane, POINT_WO)
         u0, u1, _, _ = sample_4d(
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT_LIGHT

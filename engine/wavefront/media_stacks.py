@@ -3,12 +3,12 @@
 
 import numpy as np
 
-from engine.accel import MASK_MEDIUM, read_hit, start_on, trace_next
+from engine.accel import MASK_MEDIUM, read_hit, trace_closest
 from engine.kernels.constants import INFINITY
 from engine.kernels.media import copy_media, cross_boundary, enter_medium
 from engine.kernels.path import real_3
 from engine.kernels.rng import SETS_BEFORE_VERTICES
-from engine.kernels.surface import program_of, surface_point
+from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
 from engine.kernels.vector import dot, load, subtract
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA
@@ -33,17 +33,16 @@ def _find_media(scene, work, lane):
     media.count[entered] = 0
     origin = load(paths.origin, lane)
     time = paths.time[lane]
-    near, instance, triangle = np.float32(0.0), np.int32(-1), np.int32(-1)
-    start_on(work.ray_bits, geometry, instance, triangle)
     for _ in range(2 * MAX_MEDIA):
-        hit = trace_next(
-            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], geometry, origin, _UP, near,
-            INFINITY, time, MASK_MEDIUM, instance, triangle,
+        hit = trace_closest(
+            scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, _UP, 0.0, INFINITY, time,
+            MASK_MEDIUM,
         )
         if not hit:
             return
-        instance, triangle, near, u, v = read_hit(work.ray, work.ray_bits, geometry)
-        _p, ng, _ns = surface_point(geometry, instance, triangle, u, v, time)
+        instance, triangle, _distance, u, v = read_hit(work.ray, work.ray_bits, geometry)
+        p, ng, _ns, error = surface_point(geometry, instance, triangle, u, v, time)
+        origin = offset_origin(p, ng, _UP, error)
         medium = of_program[program_of(geometry, instance, triangle)]
         if medium < 0 or not geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_CAMERA:
             continue
@@ -97,6 +96,34 @@ def start_media(scene, unit, work, queue):
             _find_media(scene, work, lane)
             if is_near:
                 known = lane
+
+
+@kernel
+def find_gaps(scene, unit, work, queue):
+    """Find how far before the surfaces that rays have met their media end. Runs only where media are dense.
+
+    A ray that leaves a surface starts beyond the rounding error of the point there. On the distance that it skips it
+    meets no medium. Where the mean free path is as short, light would be lost, since paths come in deeper than they go
+    out. So media end as far before a surface as rays start behind it: what is left empty on either side, a few
+    millionths of the coordinates, neither dims light nor scatters it.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.traced`.
+    """
+    paths, media, geometry = work.paths, work.media, scene.geometry
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        instance = paths.hit_instance[lane]
+        gap = 0.0
+        if instance >= 0 and media.count[lane] > 0:
+            _p, ng, _ns, error = surface_point(
+                geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], paths.time[lane]
+            )
+            gap = skipped_distance(ng, load(paths.direction, lane), error)
+        media.gap[lane] = gap
 
 
 @kernel

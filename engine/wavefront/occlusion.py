@@ -68,10 +68,10 @@ def aim_occlusion(scene, unit, work, queue):
             continue
         n = _diffuse_normal(closures, points, lane)
         wi, _ = sample_cosine_hemisphere(n, paths.random[lane, 1], paths.random[lane, 2])
-        origin, wi, distance, starts_on = shadow_ray(
+        origin, wi, distance = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane],
             real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), real_3(points, lane, POINT_NS), wi,
-            options.occlusion_distance, paths.time[lane],
+            options.occlusion_distance, paths.offset[lane], paths.time[lane],
         )
         mean = 0.0
         for c in range(RGB):
@@ -89,8 +89,6 @@ def aim_occlusion(scene, unit, work, queue):
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)
         shadows.distance[row] = distance
-        shadows.emitter[row] = -1
-        shadows.starts_on[row] = starts_on
         row += 1
     work.counts[SHADOW_ROWS] = row
 

@@ -75,11 +75,12 @@ def prepare_surface(scene, unit, work, queue):
                 continue
 
         direction = load(paths.direction, lane)
-        prepare_point(
+        error = prepare_point(
             geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction,
             paths.time[lane],
         )
         distance = paths.hit_distance[lane]
+        paths.offset[lane] = error
         real = points.real
         real[lane, POINT_RAY_LENGTH] = distance
         real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]

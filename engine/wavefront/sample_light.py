@@ -331,13 +331,12 @@ def connect_lights(scene, unit, work, queue):
         ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
         ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
-        origin, wi, distance, starts_on = shadow_ray(
+        origin, wi, distance = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
-            ns, wi, samples.distance[lane], paths.time[lane],
+            ns, wi, samples.distance[lane], paths.offset[lane], paths.time[lane],
         )
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)
-        shadows.emitter[row] = samples.emitter[lane]
-        shadows.starts_on[row] = starts_on
+        distance -= samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
     work.counts[SHADOW_ROWS] = shadow_count

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from engine.accel import start_on, trace_closest_from
+from engine.accel import trace_closest
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices
@@ -22,12 +22,11 @@ from engine.kernels.media import (
     transmittance,
     weigh_channels,
 )
-from engine.kernels.path import go_on
+from engine.kernels.path import go_on, real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_media, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen
 from engine.kernels.rng import SET_MEDIUM, SETS_PER_VERTEX, sample_4d
-from engine.kernels.rounding import next_above
-from engine.kernels.surface import prepare_point, program_of
+from engine.kernels.surface import offset_origin, prepare_point, program_of, surface_point
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
@@ -35,6 +34,8 @@ from engine.state.geometry import INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
+    POINT_NG,
+    POINT_P,
     RAY_CATCHER_HIT,
     RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
@@ -100,7 +101,7 @@ def _take_tracked(scene, unit, work, lane):
     Returns
     -------
     float32 [m]
-        Where the path collides, from the ray's origin, -1: it passes.
+        Where the path collides, -1: it passes.
     """
     paths, tracking, emission = work.paths, work.tracking, work.f_cos
     largest = 0.0
@@ -182,11 +183,11 @@ def _sees_nothing_behind(scene, work, lane):
     for lamp in range(lights.header[HEADER_HITTABLE]):
         if lamp_hit(lights, lamp, origin, direction, 0.0, INFINITY) >= 0.0:
             return False
-    start_on(work.ray_bits, geometry, instance, triangle)
+    p, ng, _ns, error = surface_point(geometry, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], time)
     # From where the path would go on.
-    return not trace_closest_from(
-        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction,
-        next_above(paths.hit_distance[lane]), INFINITY, time, _SEEN_BY_ANY,
+    return not trace_closest(
+        scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0],
+        offset_origin(p, ng, direction, error), direction, 0.0, INFINITY, time, _SEEN_BY_ANY,
     )
 
 
@@ -258,14 +259,14 @@ def _cross(scene, work, lane, instance, triangle, program):
     if paths.flags[lane] & RAY_TERMINATE_ON_NEXT_SURFACE or media.crossings[lane] > MOST_CROSSINGS:
         return False
     direction = load(paths.direction, lane)
-    prepare_point(
+    error = prepare_point(
         geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction, paths.time[lane]
     )
     medium = scene.media.of_program[program]
     is_back = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0
     if medium >= 0 and not cross_boundary(media, lane, instance, medium, is_back):
         work.counts[MEDIA_DROPPED] += 1
-    go_on(paths, lane)
+    go_on(paths, lane, offset_origin(real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), direction, error))
     paths.dimension[lane] += SETS_PER_VERTEX
     settle_roulette(paths, lane)
     paths.survival[lane] = -1.0
@@ -320,7 +321,7 @@ def sample_medium(scene, unit, work, queue):
                 ask_for_vertices(geometry, paths, lanes[k + VERTICES_AHEAD])
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
-        distance = length_in_media(paths, lane)
+        distance = length_in_media(paths, media, lane)
         if instance < 0:
             distance = INFINITY
             leave_objects(media, lane)
@@ -333,8 +334,6 @@ def sample_medium(scene, unit, work, queue):
                 collision = _take_tracked(scene, unit, work, lane)
             else:
                 collision = _pass_uniform(scene, unit, work, lane, distance, may_see_nothing)
-                if collision >= 0.0:
-                    collision += paths.near[lane]
             largest = 0.0
             for c in range(len(paths.channels)):
                 largest = max(largest, abs(paths.throughput[lane, c]))

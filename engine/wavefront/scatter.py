@@ -82,7 +82,7 @@ def scatter(scene, unit, work, queue):
             share_densities(paths, lane, pdf, f_cos, lane)
         paths.dimension[lane] += SETS_PER_VERTEX
         if label & RAY_TRANSPARENT:
-            pass_through(options, paths, lane)
+            pass_through(options, paths, points, lane)
             continue
         wi = normalize(wi)
         if log.is_recording[lane] != 0:

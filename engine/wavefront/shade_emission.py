@@ -89,7 +89,7 @@ def shade_emission(scene, unit, work, queue):
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
                     load(paths.direction, lane),
-                    paths.hit_distance[lane],
+                    paths.mis_distance[lane] + paths.hit_distance[lane],
                     paths.time[lane],
                 )
                 if pdf > 0.0:

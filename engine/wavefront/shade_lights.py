@@ -128,7 +128,7 @@ def shade_lights(scene, unit, work, queue):
     """Add the light of lamps and suns to rays that `intersect_closest` has traced, MIS-weighted.
 
     The hit and its density are found from `mis_origin`, where the light sample they are weighed against was drawn;
-    transparent surfaces since then only move the range of distances (`near`, `hit_distance`). Without
+    transparent surfaces since then only move the range of distances (`mis_distance`, `hit_distance`). Without
     light sampling (`use_nee` 0) every lamp counts whole, those without multiple importance sampling included.
     """
     lights, options, paths = scene.lights, scene.options, work.paths
@@ -151,7 +151,8 @@ def shade_lights(scene, unit, work, queue):
         origin = load(paths.mis_origin, lane)
         n = load(paths.mis_normal, lane)
         wi = load(paths.direction, lane)
-        t_min, t_max = paths.near[lane], paths.hit_distance[lane]
+        t_min = paths.mis_distance[lane]
+        t_max = t_min + paths.hit_distance[lane]
         for row in range(hittable_count):
             if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or is_camera or options.use_nee == 0):
                 continue

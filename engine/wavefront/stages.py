@@ -18,6 +18,7 @@ from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
+    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
@@ -42,7 +43,7 @@ from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.light_segments import leave_segments, light_segments
-from engine.wavefront.media_stacks import cross_boundaries, start_media
+from engine.wavefront.media_stacks import cross_boundaries, find_gaps, start_media
 from engine.wavefront.move_media import move_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
@@ -88,6 +89,7 @@ _LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_na
 _DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
 _CATCHERS = _by_name(meet_catchers, show_background)
 _MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
+_DENSE_MEDIA = _by_name(find_gaps)
 _MEDIA_LIGHTS, _MEDIA_SHADOWS = _by_name(light_segments, leave_segments), _by_name(attenuate_shadows)
 _TRACKING = _by_name(begin_tracking, find_collisions, meet_media)
 _MOVING_MEDIA = _by_name(move_media)
@@ -116,7 +118,7 @@ STAGES: _Stages = {
     **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_GUIDED_MEDIA, **_SHADERS,
     **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
     **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
-    **_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
+    **_MEDIA, **_DENSE_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
     **_MOVING_MEDIA,
 }
 
@@ -154,6 +156,7 @@ def stage_arguments(
     add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
     add(_OCCLUSION, plain, use_occlusion)
     add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
+    add(_DENSE_MEDIA, plain, header[SCENE_HAS_DENSE_MEDIA])
     has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
     varies = header[SCENE_HAS_VARYING_MEDIA]
     add(_TRACKING, plain, varies)

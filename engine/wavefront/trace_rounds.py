@@ -11,6 +11,7 @@ from engine.state.shaders import MODE_EMISSION, MODE_MEDIUM, MODE_TRANSPARENCY
 from engine.wavefront.columns import (
     CLOCK,
     NEXT_LANE,
+    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
@@ -268,6 +269,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         mark(clock, CLOCK.play_roulette)
         stages.intersect_closest(scene, unit, work, work.traced)
         mark(clock, CLOCK.intersect_closest)
+        if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+            stages.find_gaps(scene, unit, work, work.traced)
+            mark(clock, CLOCK.sample_medium)
         if has_media and scene.header[SCENE_HAS_EMITTERS] != 0:
             # Before tracking, which leaves closures where shadow rays have theirs.
             _light_segments(stages, scene, unit, guidance, work)

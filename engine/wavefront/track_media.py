@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import lamp_hit
-from engine.kernels.media import any_varies, leave_objects, sum_coefficients
+from engine.kernels.media import any_varies, leave_objects, length_in_media, sum_coefficients
 from engine.kernels.rng import SET_MEDIUM, track_4
 from engine.kernels.tracking import (
     COLLIDES,
@@ -44,11 +44,11 @@ def _pick_lamp(scene, work, lane):
     """Pick one of the lamps on the ray, whose light is seen through what the ray has passed by then."""
     lights, paths, tracking = scene.lights, work.paths, work.tracking
     origin, direction = load(paths.mis_origin, lane), load(paths.direction, lane)
-    before = paths.near[lane]
+    before = paths.mis_distance[lane]
     count = 0
     u = 0.0
     for lamp in range(lights.header[HEADER_HITTABLE]):
-        distance = lamp_hit(lights, lamp, origin, direction, before, paths.hit_distance[lane])
+        distance = lamp_hit(lights, lamp, origin, direction, before, before + paths.hit_distance[lane])
         if distance < 0.0:
             continue
         count += 1
@@ -59,7 +59,7 @@ def _pick_lamp(scene, work, lane):
         u *= np.float32(count)
         if u < 1.0:
             tracking.lamp[lane] = lamp
-            tracking.lamp_distance[lane] = distance
+            tracking.lamp_distance[lane] = distance - before
         else:
             u = (u - 1.0) / np.float32(count - 1)
     tracking.lamp_count[lane] = count
@@ -88,8 +88,8 @@ def begin_tracking(scene, unit, work, queue):
         if not any_varies(scene.media, media, lane):
             continue
         tracking.is_tracked[lane] = 1
-        tracking.position[lane] = paths.near[lane]
-        tracking.end[lane] = DISTANT if is_endless else paths.hit_distance[lane]
+        tracking.position[lane] = 0.0
+        tracking.end[lane] = DISTANT if is_endless else length_in_media(paths, media, lane)
         tracking.collision[lane] = -1.0
         tracking.step[lane] = 0
         tracking.lamp[lane] = -1

@@ -209,7 +209,7 @@ def log_vertex(log, paths, points, closures, samples, lane, scattering, before):
     real[row, VERTEX_ROUGHNESS] = scattering.roughness
     real[row, VERTEX_SURFACE_ROUGHNESS] = mean_roughness(closures, lane)
     real[row, VERTEX_SCALE] = distance_scale(ns, wo, scattering.wi, scattering.eta)
-    real[row, VERTEX_TRAVEL] = paths.hit_distance[lane]
+    real[row, VERTEX_TRAVEL] = paths.mis_distance[lane] + paths.hit_distance[lane]
     real[row, VERTEX_BENEFIT] = scattering.benefit
     real[row, VERTEX_BSDF_PDF] = scattering.bsdf_pdf
     real[row, VERTEX_GUIDE_PDF] = scattering.guide_pdf
@@ -279,7 +279,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
         if paths.alive[lane] != 0 or log.is_recording[lane] == 0:
             continue
         weight = pixel_weight[paths.pixel[lane]]
-        distance = min(paths.hit_distance[lane], max_distance)
+        distance = min(paths.mis_distance[lane] + paths.hit_distance[lane], max_distance)
         vertex = log.count[lane] - 1
         cost = 0.0
         log.count[lane] = 0

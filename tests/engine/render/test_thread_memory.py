@@ -20,7 +20,7 @@ from tests.helpers.media_scenes import media_scene, medium, placed, varying
 SET_BEFORE = {
     "counts", "clock", "ray_address", "registers.floats", "free.lanes", *(f"{name}.count" for name in QUEUES),
     "guided.rough_share", "samples.guide_pdf", "samples.bsdf_share", "samples.weight", "samples.cluster",
-    "closures.aovs", "shaded.aovs", "media.is_lit", "media.collision_share",
+    "closures.aovs", "shaded.aovs", "media.gap", "media.is_lit", "media.collision_share",
 }  # fmt: skip
 
 
