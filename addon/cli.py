@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import tempfile
 import time
@@ -334,16 +335,17 @@ def _keep(path: Path) -> str:
     started = time.time()
     try:
         # Others write there too, and must not know the name before.
-        rescue = Path(tempfile.mkdtemp(prefix="neuralguide_")) / path.name
+        descriptor, name = tempfile.mkstemp(prefix="neuralguide_", suffix=f"_{path.name}")
     except OSError:
         return ""
+    os.close(descriptor)
+    rescue = Path(name)
     with contextlib.suppress(KeyError, RuntimeError, OSError):
-        bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
+        bpy.data.images["Render Result"].save_render(name, scene=bpy.context.scene)
         if was_written(rescue, started):
             return f" The picture is kept in {rescue}"
     with contextlib.suppress(OSError):
         rescue.unlink(missing_ok=True)
-        rescue.parent.rmdir()
     return ""
 
 
