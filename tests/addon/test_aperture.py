@@ -14,7 +14,9 @@ from tests.helpers.pass_scenes import render_both
 
 
 @pytest.mark.parametrize("blades, rotation, ratio", [(3, 0.0, 1.0), (3, 0.4, 1.6), (5, 0.2, 1.0), (6, 0.0, 0.7)])
-def test_the_polygon_lies_as_in_cycles(blades: int, rotation: float, ratio: float, blender: Any, tmp_path: Path) -> None:
+def test_the_polygon_lies_as_in_cycles(
+    blades: int, rotation: float, ratio: float, blender: Any, tmp_path: Path
+) -> None:
     bpy = blender
     scene = empty_scene()
     scene.render.resolution_x = scene.render.resolution_y = 32

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands before lights and cameras, beside Cycles: holdouts, transparent surfaces that count and measure, bumps."""
+"""What stands before lights and cameras, beside Cycles: holdouts, surfaces that count and measure, bumps."""
 
 from __future__ import annotations
 
