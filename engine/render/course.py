@@ -9,7 +9,6 @@ from tile by tile.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -115,7 +114,6 @@ class Course:
         self._active: ActivePixels | None = None
         if settings.use_adaptive_sampling:
             self._active = ActivePixels(settings, film, frame.exposure, tiles)
-        self._start: float | None = None
         self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
         self._iterations: Iterations | None = None
@@ -141,7 +139,7 @@ class Course:
             self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters)
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
-            self._schedule = self._iterations = Iterations(samples, strata, self._fit)
+            self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
             self._iterations.begin(self.learner.parts, len(self.tiles))
         else:
             self._go_on_plainly()
@@ -164,19 +162,19 @@ class Course:
 
     def begin(self) -> None:
         """The first task is about to be traced: time runs from here on."""
-        self._start = time.perf_counter()
+        self._time_left.begin()
         if isinstance(self.learner, Learner):
             self.learner.begin()
 
     @property
     def has_begun(self) -> bool:
         """Whether `begin` was called."""
-        return self._start is not None
+        return self._time_left.has_begun
 
     @property
     def elapsed(self) -> float:
         """Time since `begin` [s]."""
-        return 0.0 if self._start is None else time.perf_counter() - self._start
+        return self._time_left.elapsed
 
     @property
     def time_is_up(self) -> bool:
@@ -323,15 +321,11 @@ class Course:
         self.guidance = guidance
         self._follow(guidance)
 
-    def _fit(self, wanted: int, first: int) -> int:
-        """Samples of the pass over all tiles that begins now (`TimeLeft.fit`)."""
-        return self._time_left.fit(wanted, first, self.elapsed)
-
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        samples, active = self.samples, self._active
-        if active is None and self._time_left.is_limited:
-            self._schedule = PacedSchedule(len(self.tiles), samples, self._fit, first, count, self._whole)
+        samples, active, time_left = self.samples, self._active, self._time_left
+        if active is None and time_left.is_limited:
+            self._schedule = PacedSchedule(len(self.tiles), samples, time_left.fit, first, count, self._whole)
         elif active is None:
             self._schedule = PlainSchedule(len(self.tiles), samples, first, count, self._whole)
         else:
@@ -339,10 +333,10 @@ class Course:
 
             def next_end(begin: int) -> int:
                 wanted = next_look(begin) - begin
-                if self._time_left.is_limited:
+                if time_left.is_limited:
                     # How long samples take is to be known soon.
                     wanted = min(wanted, max(TASK_GROWTH * begin, 1), LARGEST_TASK_SAMPLES)
-                return begin + self._fit(wanted, begin)
+                return begin + time_left.fit(wanted, begin)
 
             self._schedule = self._steps = Steps(samples, next_end, first, count, self._whole)
             self._steps.begin(len(self.tiles))

@@ -7,6 +7,8 @@ get shorter, until the last ones are of two samples or one: where one of these i
 
 from __future__ import annotations
 
+import time
+
 #: Share of the samples that seem to fit which a long pass may have: the machine may be slower meanwhile.
 _SURE_SHARE = 0.5
 #: Samples of a pass that may be cut off.
@@ -24,6 +26,8 @@ class TimeLeft:
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
+        self._start: float | None = None
+        #: Samples and time at the begin of the last pass.
         self._began = (0, 0.0)
         self._seconds_per_sample = 0.0
 
@@ -32,7 +36,21 @@ class TimeLeft:
         """Whether there is a limit."""
         return self._limit > 0.0
 
-    def fit(self, wanted: int, first: int, elapsed: float) -> int:
+    def begin(self) -> None:
+        """Time runs from here on."""
+        self._start = time.perf_counter()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether `begin` was called."""
+        return self._start is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Time since `begin` [s]."""
+        return 0.0 if self._start is None else time.perf_counter() - self._start
+
+    def fit(self, wanted: int, first: int) -> int:
         """Samples of the pass that begins now.
 
         Parameters
@@ -41,9 +59,8 @@ class TimeLeft:
             That it would have with time enough, at least 1.
         first : int
             Samples that every tile has by now, or is about to have.
-        elapsed : float [s]
-            Since the render's begin.
         """
+        elapsed = self.elapsed
         before, at = self._began
         if first > before:
             self._seconds_per_sample = (elapsed - at) / (first - before)

@@ -57,7 +57,7 @@ class Link:
 
     node: int
     output: str
-    otherwise: Any = field(default=None, compare=False)
+    otherwise: Any = None
 
 
 @dataclass

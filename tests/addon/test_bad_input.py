@@ -352,7 +352,9 @@ def float_settings() -> list[tuple[str, float]]:
     """All settings that are floats, and how they can be none."""
     from addon.declared_settings import SCENE_SETTINGS
 
-    names = [name for name, setting in SCENE_SETTINGS.items() if type(setting.default) is float]
+    # Those of viewports are no settings of a final render.
+    floats = [name for name, setting in SCENE_SETTINGS.items() if type(setting.default) is float]
+    names = [name for name in floats if not name.startswith("preview_")]
     assert {"film_exposure", "time_limit", "clamp_direct", "defensive_alpha"} < set(names)
     return [(name, value) for name in names for value in (NAN, float("inf"), float("-inf"))]
 

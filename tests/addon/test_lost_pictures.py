@@ -222,7 +222,8 @@ def test_no_log_and_no_folder_for_temporary_files_cost_no_picture(
     # The teardown of tests needs a folder for temporary files itself.
     with monkeypatch.context() as patch:
         patch.setattr(tempfile, "gettempdir", nowhere)
-        patch.setenv("NEURALGUIDE_KERNEL_CACHE", str(blend_file / "kernels"))
+        # Beside it the log would lie.
+        patch.setattr("engine.runtime.kernel_cache.cache_root", lambda: blend_file / "kernels")
         fake.render_error = KeyError("mesh 17")
         assert render(monkeypatch, blend_file, "-f", "1") == 1
         assert "mesh 17" in capfd.readouterr().err

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
+from engine.guiding.fields.state import MOST
 from engine.guiding.models.light_share import LEAST_SHARE, LightShareModel
 from engine.guiding.models.selection import PROBABILITIES, SelectionModel
 from engine.render.session import Session
@@ -66,7 +67,7 @@ def test_a_selection_of_absurd_sums_is_one_of_probabilities() -> None:
     regions, _ = learned_models(0)
     count = regions.mixture.region_count
     state = regions.selection.state()
-    state["sums"] = np.full((count, len(PROBABILITIES) + 2), 1e300)
+    state["sums"] = np.full((count, len(PROBABILITIES) + 2), float(MOST))
     state["sums"][:, 5] = 0.0  # of the reference: nothing, with much beside it
     model = SelectionModel.of_state(state, 0.5, count)
     records = random_records(5)

@@ -43,33 +43,35 @@ def test_pixels_have_the_same_number_of_samples(settings):
     assert min(spreads) <= SHORTEST_PASS
 
 
-def passes(limit, seconds_per_sample, wanted=64, delays=None):
+def passes(monkeypatch, limit, seconds_per_sample, wanted=64, delays=None):
     """Lengths of the passes of a render in which a sample takes so long, and when it ends."""
     left, elapsed, done, lengths = TimeLeft(limit), 0.0, 0, []
+    monkeypatch.setattr(TimeLeft, "elapsed", property(lambda _: elapsed))
     while elapsed < limit:
-        lengths.append(left.fit(1 if not done else wanted, done, elapsed))
+        lengths.append(left.fit(1 if not done else wanted, done))
         done += lengths[-1]
         elapsed += lengths[-1] * seconds_per_sample * (1.0 if delays is None else delays(len(lengths)))
     return lengths, elapsed
 
 
-def test_passes_get_shorter_towards_the_limit():
-    lengths, end = passes(10.0, 0.05)
+def test_passes_get_shorter_towards_the_limit(monkeypatch):
+    lengths, end = passes(monkeypatch, 10.0, 0.05)
     assert lengths[:3] == [1, 64, 64]
     assert lengths[2:] == sorted(lengths[2:], reverse=True)
     assert lengths[-1] == SHORTEST_PASS
     assert 10.0 <= end <= 10.0 + SHORTEST_PASS * 0.05
 
 
-def test_a_machine_that_gets_slower_by_half_cuts_no_long_pass_off():
-    lengths, _ = passes(10.0, 0.05, delays=lambda count: 1.0 if count % 2 else 1.5)
+def test_a_machine_that_gets_slower_by_half_cuts_no_long_pass_off(monkeypatch):
+    lengths, _ = passes(monkeypatch, 10.0, 0.05, delays=lambda count: 1.0 if count % 2 else 1.5)
     assert lengths[-1] == SHORTEST_PASS
 
 
-def test_the_first_image_is_whole_and_without_a_limit_nothing_is_shortened():
-    assert TimeLeft(1.0).fit(4, 0, 100.0) == 4
+def test_the_first_image_is_whole_and_without_a_limit_nothing_is_shortened(monkeypatch):
+    monkeypatch.setattr(TimeLeft, "elapsed", 1e6)
+    assert TimeLeft(1.0).fit(4, 0) == 4
     free = TimeLeft(0.0)
-    assert [free.fit(16, first, 1e6) for first in (0, 16, 32)] == [16, 16, 16]
+    assert [free.fit(16, first) for first in (0, 16, 32)] == [16, 16, 16]
     assert not free.is_limited
 
 
