@@ -50,12 +50,15 @@ def test_nothing_of_a_render_waits_for_the_garbage_collector(monkeypatch: pytest
 
 @linux
 def test_memory_does_not_grow_with_the_number_of_guided_renders() -> None:
-    for seed in range(3):
-        render(seed)
-    before = resident_memory()
-    for seed in range(12):
-        render(seed)
-    assert resident_memory() - before < 40 << 20
+    # What the last renders held goes back one or two later: memory goes up and down, and what it comes down to counts.
+    least = []
+    for _ in range(3):
+        after = []
+        for seed in range(24):
+            render(seed)
+            after.append(resident_memory())
+        least.append(min(after))
+    assert least[2] - least[1] < 40 << 20
 
 
 @linux
