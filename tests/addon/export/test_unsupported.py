@@ -162,7 +162,7 @@ def test_nodes_that_are_missing_are_named(scene: Any, kind: str) -> None:
 
 
 @pytest.mark.parametrize("socket", ["Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"])
-def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
+def test_raycast_is_named_and_its_links_do_not_count(scene: Any, socket: str) -> None:
     import bpy
 
     if not hasattr(bpy.types, "ShaderNodeRaycast"):
@@ -172,7 +172,9 @@ def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
     shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
     tree.links.new(node.outputs[socket], shader.inputs["Base Color"])
     found = notices(scene)
-    assert [(notice.subject, notice.fallback) for notice in found] == [(f"Plane / Paint / {node.name}", "0")]
+    assert [(notice.subject, notice.fallback) for notice in found] == [
+        (f"Plane / Paint / {node.name}", "as if it were not linked")
+    ]
     assert found[0].problem == "ShaderNodeRaycast is not supported"
 
 
