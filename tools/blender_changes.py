@@ -33,10 +33,12 @@ def list_blender() -> Listing:
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     found = {"Blender": bpy.app.version_string}
-    for name in sorted(dir(bpy.types)):
-        structure = getattr(getattr(bpy.types, name), "bl_rna", None)
+    classes = [getattr(bpy.types, name) for name in dir(bpy.types)]
+    # Settings of Cycles: Blender does not list what Python has registered.
+    classes += bpy.types.PropertyGroup.__subclasses__()
+    for structure in (getattr(item, "bl_rna", None) for item in classes):
         if structure is not None and not _is_of_interface(structure):
-            found.update(_properties(name, structure))
+            found.update(_properties(structure.identifier, structure))
     found.update(_nodes())
     return found
 
