@@ -3,24 +3,30 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from . import engine, learned_fields, register, sequence
+from . import console, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .declared_settings import parse_setting, setting_owner
+from .frame_files import FrameClaim, is_finished
 from .log import log_failure
 from .output_files import was_written
 
 #: Names that Blender's -F knows and RNA spells otherwise.
 _FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
+
+#: What asks a process to end: Ctrl-C, schedulers of farms, a terminal that is closed, a limit on processor time, and
+#: Ctrl-Break on Windows.
+_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU", "SIGBREAK")
 
 
 class RenderFailed(Exception):
@@ -40,13 +46,19 @@ class CommandLineRenderer:
         self.failures: list[str] = []
         self._threads: int | None = None
         self._pool: Any = None  # of a cluster
-        self.is_interrupted = False
+        #: The signal that came first, 0 while none has.
+        self.interrupted_by = 0
         register()
         engine.cancel_hooks.append(lambda: self.is_interrupted)
 
-    def interrupt(self) -> None:
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether no more is to be rendered."""
+        return self.interrupted_by != 0
+
+    def interrupt(self, signal_number: int) -> None:
         """Stop the frame being rendered, keep what it has, render no more."""
-        self.is_interrupted = True
+        self.interrupted_by = self.interrupted_by or signal_number
 
     def run(self, action: Action) -> None:
         """Do one thing.
@@ -79,7 +91,7 @@ class CommandLineRenderer:
 
     def _do_engine(self, name: str) -> None:
         if name == "help":
-            print("Render engines:", *_render_engines(), sep="\n  ")
+            console.say("\n  ".join(["Render engines:", *_render_engines()]))
             raise SystemExit(0)
         try:
             self._scene.render.engine = name
@@ -182,7 +194,11 @@ class CommandLineRenderer:
 
     def _do_render_frame(self, value: str) -> None:
         scene = self._scene
-        for frame in parse_frames(value, scene.frame_start, scene.frame_end):
+        try:
+            frames = parse_frames(value, scene.frame_start, scene.frame_end)
+        except CommandLineError as error:
+            raise CommandLineError(f"-f {value}: {error}") from None
+        for frame in frames:
             self._render([frame])
 
     def _do_render_anim(self, _value: str) -> None:
@@ -205,7 +221,7 @@ class CommandLineRenderer:
         except RenderFailed as failure:
             name = f"frame {frames[0]}" if len(frames) == 1 else f"frames {frames[0]} to {frames[-1]}"
             message = f"{name}: {failure}"
-            print(f"NeuralGuide: Error: {message}", file=sys.stderr, flush=True)
+            console.complain(message)
             self.failures.append(message)
 
     def _render_or_raise(self, frames: list[int]) -> None:
@@ -217,41 +233,94 @@ class CommandLineRenderer:
             if self._threads:
                 render.threads = self._threads
             scene.neuralguide.property_unset("threads")
-        path = Path(render.frame_path(frame=frames[0]))
-        # Blender skips the frame itself.
-        is_left = not render.is_movie_format and not render.use_overwrite and path.exists()
+        if render.is_movie_format:
+            self._trace(frames, ())
+        elif render.use_overwrite:
+            self._trace(frames, _frame_paths(render, frames[0]))
+        else:
+            self._trace_unless_finished(frames[0])
+
+    def _trace_unless_finished(self, frame: int) -> None:
+        """Render a frame that nobody has rendered, and that nobody renders now."""
+        render = self._scene.render
+        paths = _frame_paths(render, frame)
+        if all(map(is_finished, paths)):
+            console.say(f"NeuralGuide: frame {frame} is left as it is: {paths[0]} is there")
+            return
+        claim = FrameClaim(paths, makes_placeholders=render.use_placeholder)
+        try:
+            if not claim.take():
+                console.say(f"NeuralGuide: frame {frame} is left to another process, which renders {paths[0]}")
+                return
+        except OSError as error:
+            claim.release()
+            raise RenderFailed(f"{error.filename or paths[0]} cannot be written ({error.strerror or error})") from None
+        # Blender itself leaves any file alone, one without a picture too. Its placeholders are there by now.
+        makes_placeholders = render.use_placeholder
+        render.use_overwrite, render.use_placeholder = True, False
+        try:
+            # It may have been finished between the two looks at it.
+            if not all(map(is_finished, paths)):
+                self._trace([frame], paths)
+        finally:
+            render.use_overwrite, render.use_placeholder = False, makes_placeholders
+            claim.release()
+
+    def _trace(self, frames: list[int], paths: Sequence[Path]) -> None:
+        """Have Blender render; `paths` are the files that there must be then."""
+        scene = self._scene
+        render = scene.render
         started = time.time()
         range_before = scene.frame_start, scene.frame_end
         outcome_count = engine.outcome_count()
         sequence.frame_range = range_before
+        engine.saves_picture = True
+        problem = ""
+        status = set()
         try:
             _set_range(scene, frames[0], frames[-1])
             status = bpy.ops.render.render(animation=True, scene=scene.name)
         except RuntimeError as error:
-            message = _operator_message(error)
-            # What the engine has finished is not lost because Blender could not save it.
-            finished = any(item.status == "FINISHED" for item in engine.outcomes_since(outcome_count))
-            raise RenderFailed(message + (_keep(path) if finished else "")) from None
+            problem = _operator_message(error)
         finally:
             _set_range(scene, *range_before)
             sequence.frame_range = None
-        if status != {"FINISHED"} and not self.is_interrupted:
-            raise RenderFailed("Blender cancelled the render")
-        if is_left and not engine.outcomes_since(outcome_count):
-            print(f"NeuralGuide: frame {frames[0]} is left as it is: {path} is there", flush=True)
+            engine.saves_picture = False
+        outcomes = engine.outcomes_since(outcome_count)
+        if not problem and status != {"FINISHED"} and not self.is_interrupted:
+            problem = "Blender cancelled the render"
+        if not problem and render.engine == engine.NeuralGuideRenderEngine.bl_idname:
+            problem = self._problem_of(outcomes)
+        missing = [path for path in paths if not was_written(path, started)]
+        if not problem and missing:
+            problem = f"{missing[0]} was not written: is the folder writable, is the disk full?"
+        if not problem:
             return
-        if render.engine == engine.NeuralGuideRenderEngine.bl_idname:
-            self._check_outcomes(engine.outcomes_since(outcome_count))
-        if not render.is_movie_format and not was_written(path, started):
-            raise RenderFailed(f"{path} was not written: is the folder writable, is the disk full?{_keep(path)}")
+        has_picture = any(item.has_picture for item in outcomes)
+        if self.is_interrupted and not has_picture and all(item.status == "CANCELLED" for item in outcomes):
+            console.say(f"NeuralGuide: frame {frames[0]} was interrupted before there was a picture")
+            return
+        # What has been rendered is not lost because the rest failed, or because Blender could not save it.
+        kept = _keep(missing[0]) if has_picture and missing else ""
+        raise RenderFailed(problem + kept)
 
     @staticmethod
-    def _check_outcomes(outcomes: list[engine.Outcome]) -> None:
-        failed = [item for item in outcomes if item.status == "FAILED"]
-        if failed:
-            raise RenderFailed("; ".join(f"{item.view_layer}: {item.message}" for item in failed))
+    def _problem_of(outcomes: list[engine.Outcome]) -> str:
+        """What the engine says went wrong, '' where nothing did."""
         if not outcomes:
-            raise RenderFailed("no view layer was rendered; is any enabled?")
+            return "no view layer was rendered; is any enabled?"
+        return "; ".join(f"{item.view_layer}: {item.message}" for item in outcomes if item.status == "FAILED")
+
+
+def _frame_paths(render: bpy.types.RenderSettings, frame: int) -> list[Path]:
+    """The files that a frame is saved to: one, or in stereo one for each eye where the format has no room for both."""
+    views: list[bpy.types.SceneRenderView] = []
+    if render.use_multiview and render.image_settings.views_format == "INDIVIDUAL":
+        names = ("left", "right") if render.views_format == "STEREO_3D" else tuple(render.views.keys())
+        views = [view for view in render.views if view.use and view.name in names]
+    if not views:
+        return [Path(render.frame_path(frame=frame))]
+    return [Path(render.frame_path(frame=frame, view=view.name)) for view in views]
 
 
 def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
@@ -266,18 +335,17 @@ def _keep(path: Path) -> str:
     started = time.time()
     try:
         # Others write there too, and must not know the name before.
-        rescue = Path(tempfile.mkdtemp(prefix="neuralguide_")) / path.name
+        descriptor, name = tempfile.mkstemp(prefix="neuralguide_", suffix=f"_{path.name}")
     except OSError:
         return ""
-    try:
-        bpy.data.images["Render Result"].save_render(str(rescue), scene=bpy.context.scene)
-    except (KeyError, RuntimeError):
-        rescue.parent.rmdir()
-        return ""
-    if was_written(rescue, started):
-        return f" The picture is kept in {rescue}"
-    rescue.unlink(missing_ok=True)
-    rescue.parent.rmdir()
+    os.close(descriptor)
+    rescue = Path(name)
+    with contextlib.suppress(KeyError, RuntimeError, OSError):
+        bpy.data.images["Render Result"].save_render(name, scene=bpy.context.scene)
+        if was_written(rescue, started):
+            return f" The picture is kept in {rescue}"
+    with contextlib.suppress(OSError):
+        rescue.unlink(missing_ok=True)
     return ""
 
 
@@ -297,23 +365,44 @@ def _render_engines() -> list[str]:
 
 
 def run(actions: list[Action]) -> int:
-    """Run actions; the exit code is 0, 1 where a frame failed, 2 where the command line asks for what is not there."""
+    """Run actions.
+
+    Returns
+    -------
+    int
+        The exit code: 0, 1 where a frame failed, 2 where the command line asks for what is not there; after a signal
+        128 and its number.
+    """
     renderer = CommandLineRenderer()
-    previous = signal.signal(signal.SIGINT, lambda *_: renderer.interrupt())
+    previous = _handle_signals(lambda number, _frame: renderer.interrupt(number))
     try:
         for action in actions:
             renderer.run(action)
     except CommandLineError as error:
-        print(f"NeuralGuide: Error: {error}", file=sys.stderr)
+        console.complain(str(error))
         return 2
     except Exception as error:
         path = log_failure("internal error of the command line")
-        print(f"NeuralGuide: Error: internal error: {error!r} (details in {path})", file=sys.stderr)
+        console.complain(f"internal error: {error!r}" + (f" (details in {path})" if path is not None else ""))
         return 1
     finally:
         renderer.close()
-        signal.signal(signal.SIGINT, previous)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
     if renderer.failures:
-        print(f"NeuralGuide: {len(renderer.failures)} frame(s) failed", file=sys.stderr)
+        console.complain(f"{len(renderer.failures)} frame(s) failed")
         return 1
-    return 130 if renderer.is_interrupted else 0
+    return 128 + renderer.interrupted_by if renderer.is_interrupted else 0
+
+
+def _handle_signals(handler: Callable[[int, Any], None]) -> dict[int, Any]:
+    """Have a handler called for signals that ask for an end; returns who handled them before."""
+    previous = {}
+    for name in _ENDING_SIGNALS:
+        number = getattr(signal, name, None)
+        if number is None:
+            continue
+        # Who asks for a render that outlives the terminal (nohup) gets one.
+        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+            previous[number] = signal.signal(number, handler)
+    return previous

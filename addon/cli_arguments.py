@@ -37,8 +37,8 @@ makes no sense.
                                the file is made, and what is learned is saved to it
   --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
                                tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
-  --resume                     Leave frames alone whose files are there, and make an empty file for each frame when it
-                               begins: Blender's Overwrite off, and Placeholders on
+  --resume                     Leave frames alone whose files are there and whole, and make an empty file for each frame
+                               when it begins: Blender's Overwrite off, and Placeholders on
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   -h, --help                   Show this and exit
@@ -121,7 +121,7 @@ def parse_arguments(arguments: Sequence[str]) -> list[Action]:
 def _check(argument: str, name: str, value: str) -> None:
     """Raise for a value that is wrong whatever the file holds."""
     checks: dict[str, Callable[[], object]] = {
-        "render-frame": lambda: parse_frames(value, 1, 1),
+        "render-frame": lambda: _check_frames(value),
         "frame-start": lambda: parse_frame(value, 1, 1),
         "frame-end": lambda: parse_frame(value, 1, 1),
         "frame-jump": lambda: _parse_int(value, 1, MAX_FRAME),
@@ -173,11 +173,29 @@ def parse_frames(text: str, start: int, end: int) -> list[int]:
     Raises
     ------
     CommandLineError
-        Naming the part that is no frame.
+        Naming the part that is no frame, or the range that ends before it begins.
     """
     frames: list[int] = []
     for part in text.split(","):
-        first, dots, last = part.partition("..")
-        low = parse_frame(first, start, end)
-        frames.extend(range(low, (parse_frame(last, start, end) if dots else low) + 1))
+        frames.extend(_parse_range(part, start, end))
     return frames
+
+
+def _parse_range(text: str, start: int, end: int) -> range:
+    first, dots, last = text.partition("..")
+    low = parse_frame(first, start, end)
+    high = parse_frame(last, start, end) if dots else low
+    if high < low:
+        raise CommandLineError(f"frame {high} is before frame {low}: write the first frame of a range first")
+    return range(low, high + 1)
+
+
+def _check_frames(text: str) -> None:
+    """Raise for what is no list of frames whatever frames the file has."""
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        if first[:1] in ("+", "-") or last[:1] in ("+", "-"):
+            for frame in (first, last) if dots else (first,):
+                parse_frame(frame, 1, 1)
+        else:
+            _parse_range(part, 1, 1)

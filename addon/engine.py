@@ -39,7 +39,7 @@ class Outcome:
     """How the render of one view layer at one frame ended; `status` is 'FINISHED', 'CANCELLED' or 'FAILED'.
 
     `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was. `notices` are those of the
-    settings and of the scene.
+    settings and of the scene. `has_picture`: whether Blender has got what was rendered, which may be a part of it.
     """
 
     scene: str
@@ -50,6 +50,15 @@ class Outcome:
     report: Any = None
     first_image: float = math.nan
     notices: tuple[Notice, ...] = ()
+    has_picture: bool = False
+
+
+#: Whether Blender saves what comes of the render that goes on, so that it has to be told if that is nothing.
+saves_picture = False
+
+
+class _NothingRendered(Exception):
+    """A render was cancelled before its first sample."""
 
 
 #: The latest outcomes, oldest first. Blender's operator cannot tell: it says FINISHED when an engine raised.
@@ -110,6 +119,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _layers_done = 0
     _started = 0.0
     _first_image = math.nan
+    _has_picture = False  # of the layer that `update` exported last
     _view: Any = None  # of a window in rendered shading
 
     # -- hooks ------------------------------------------------------------------------------------------------------
@@ -124,6 +134,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._pending = self._plan = None
         self._started = time.monotonic()
         self._first_image = math.nan
+        self._has_picture = False
         self._guard(depsgraph, "exporting the scene", self._export_preview if self.is_preview else self._export)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -198,7 +209,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 should_cancel=self._should_cancel,
             )
         except ExportCancelled:
-            self._note(depsgraph, "CANCELLED")
+            self._note_nothing(depsgraph)
             return
         self._pending = pending
         self._notices = unsupported_settings(scene, layer)
@@ -234,8 +245,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 if view:
                     self.active_view_set(view)
                 self._render_view(depsgraph, view, description)
-        except LoadCancelled:
-            self._note(depsgraph, "CANCELLED")
+        except (LoadCancelled, _NothingRendered):
+            self._note_nothing(depsgraph)
 
     @contextlib.contextmanager
     def _progress(
@@ -289,8 +300,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 nonlocal keep
                 if waiting is not None:
                     waiting.end()
-                passes.write_layer(target.layers[0], view, wanted, images)
-                keep = True
+                self._write(target.layers[0], view, wanted, images)
+                keep = self._has_picture = True
                 self.update_result(target)
                 self._note_image()
 
@@ -315,19 +326,38 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     keep=self._fields.keeps,
                     one_by_one=True,
                 )
-            self._show(self._fields.take(result.learned))
-            passes.write_layer(target.layers[0], view, wanted, result.passes)
-            report = result.report
+            learned, report = result.learned, result.report
+            cancelled = report.cancelled
+            if cancelled and not report.sample_count:
+                raise _NothingRendered
+            self._write(target.layers[0], view, wanted, result.passes)
             # With it the film goes, before Blender makes a copy of its own.
             del result
-            keep = True
+            keep = self._has_picture = True
             self._note_image()
-            cancelled = report.cancelled
         finally:
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
-        self._report_result(depsgraph, report, cancelled)
-        self._stamp_mattes(depsgraph.view_layer_eval, description)
+        self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
+        # The picture is Blender's now: nothing that fails from here on may cost it.
+        for doing, work in (
+            ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
+            ("saying how the render went", lambda: self._report_result(depsgraph, report, cancelled)),
+            ("naming what is in mattes", lambda: self._stamp_mattes(depsgraph.view_layer_eval, description)),
+        ):
+            self._attempt(doing, work, "the picture is whole")
+
+    def _write(self, layer: bpy.types.RenderLayer, view: str, wanted: dict[str, Any], images: Any) -> None:
+        """Give Blender all passes; one that fails must not cost the picture, which comes first."""
+        for name, item in wanted.items():
+            if name == passes.COMBINED.name:
+                passes.write_layer(layer, view, {name: item}, images)
+            else:
+                self._attempt(
+                    f"making pass {item.blender_name}",
+                    lambda one={name: item}: passes.write_layer(layer, view, one, images),  # type: ignore[misc]
+                    "it is black or unfinished",
+                )
 
     def _is_only_picture(self, depsgraph: bpy.types.Depsgraph) -> bool:
         """Whether what is exported serves one picture only: Blender makes a new engine for the next frame."""
@@ -367,6 +397,18 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             logger.error(message)
         self.report({"ERROR"}, message)
 
+    def _attempt(self, doing: str, work: Callable[[], None], fallback: str) -> None:
+        """Run what the picture does not depend on: if it fails that is said, and the render goes on."""
+        from engine.scene.description import Notice
+
+        try:
+            work()
+        except Exception as error:
+            path = log_failure(f"{doing} failed")
+            problem = f"{doing} failed: {type(error).__name__}: {error}"
+            details = f" (details in {path})" if path is not None else ""
+            self._show([Notice("Render", problem, fallback + details)])
+
     def _guard_view(self, work: Callable[[Any], None]) -> None:
         """Run `work` on the window's view; what it raises is shown in the window."""
         try:
@@ -386,9 +428,29 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         name = depsgraph.view_layer_eval.name
         notices = (*self._notices, *(report.notices if report is not None else ()))
         outcomes.append(
-            Outcome(scene.name, name, scene.frame_current, status, message, report, self._first_image, notices)
+            Outcome(
+                scene.name, name, scene.frame_current, status, message, report, self._first_image, notices,
+                self._has_picture,
+            )
         )
         _outcome_count += 1
+
+    def _note_nothing(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """The render was cancelled before there was a picture of the layer."""
+        from engine.render.report import ENDINGS
+
+        self._note(depsgraph, "CANCELLED")
+        if self._layers_done == 0 and not self._has_picture:
+            if saves_picture and not self.test_break():
+                # Blender does not know, and would crash.
+                self.report({"ERROR"}, "the render was cancelled before there was a picture")
+            return
+        # Other layers or views are there: the file is to say that it lacks one.
+        field = f"neuralguide.{depsgraph.view_layer_eval.name}.ended_by"
+        self._attempt(
+            "marking the picture as unfinished",
+            lambda: self.get_result().stamp_data_add_field(field, ENDINGS["CANCEL"]), "the file does not say so",
+        )
 
     def _note_image(self) -> None:
         if math.isnan(self._first_image):
@@ -408,7 +470,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.render.report import ENDINGS
 
         self._show(report.notices)
-        self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
         name = depsgraph.view_layer_eval.name
         ray_count = sum(report.rays.values())
         megabytes = report.peak_memory / 2**20

@@ -34,6 +34,9 @@ class _TerminalHandler(logging.StreamHandler):  # type: ignore[type-arg]
     def stream(self, value):  # type: ignore[no-untyped-def]
         pass
 
+    def handleError(self, _record: logging.LogRecord) -> None:
+        """Nobody reads any more: that must not end a render."""
+
 
 def log_file() -> Path:
     """The file that tracebacks go to: beside the kernel cache, else one of this process's in the folder for temporary

@@ -8,6 +8,8 @@ import sys
 import time
 from typing import Any, TextIO
 
+from . import console
+
 _BAR_WIDTH = 24
 
 
@@ -85,7 +87,7 @@ class TerminalBar:
 
     def __init__(self, stream: TextIO | None = None, line_interval: float = 10.0) -> None:
         self._stream = stream if stream is not None else sys.stderr
-        self._is_terminal = self._stream.isatty()
+        self._is_terminal = console.is_terminal(self._stream)
         self._interval = 0.1 if self._is_terminal else line_interval
         self._last_time = -1e9
         self._last_message = ""
@@ -101,15 +103,13 @@ class TerminalBar:
         line = f"{title} [{'#' * filled}{'.' * (_BAR_WIDTH - filled)}] {100 * fraction:3.0f}% {status_line(progress)}"
         if self._is_terminal:
             line = line[: shutil.get_terminal_size().columns - 1]
-            self._stream.write("\r" + line.ljust(self._drawn))
+            console.write(self._stream, "\r" + line.ljust(self._drawn))
             self._drawn = len(line)
         else:
-            self._stream.write(line + "\n")
-        self._stream.flush()
+            console.write(self._stream, line + "\n")
 
     def close(self) -> None:
         """Leave the bar's line, so that what follows starts on its own."""
         if self._drawn:
-            self._stream.write("\n")
-            self._stream.flush()
+            console.write(self._stream, "\n")
             self._drawn = 0

@@ -27,6 +27,7 @@ MAX_SAMPLES = 1 << 24
 MAX_SEED = 2**31 - 1
 #: Blender holds floats as float32, so that a limit comes back changed by up to this share.
 _FLOAT32_ROUNDING = 1e-7
+_FLOAT32_MAX = float.fromhex("0x1.fffffep+127")
 
 _T = TypeVar("_T", bool, int, float, str)
 
@@ -96,6 +97,9 @@ class Setting:
         # So written that NaN fails.
         if not ((low is None or value >= low) and (high is None or value <= high)):
             raise ValueError(f"{self.name} is {value}: choose {self.limits}")
+        # Blender makes infinity the largest float32.
+        if isinstance(value, float) and not abs(value) < _FLOAT32_MAX:
+            raise ValueError(f"{self.name} is {value}: choose a finite number, {self.limits}")
 
     @property
     def is_experiment(self) -> bool:

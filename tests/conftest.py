@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Generator, Iterator
+from typing import Any, TypeVar
 
 import pytest
 
+from tests.helpers.allowed_skips import is_allowed
+
 # Kernels are those of the sources that are tested, compiled here: a library that lies in the checkout is left alone.
 os.environ.setdefault("NEURALGUIDE_KERNEL_LIBRARIES", "")
+
+_Report = TypeVar("_Report", pytest.TestReport, pytest.CollectReport)
 
 
 def pytest_configure() -> None:
@@ -18,6 +22,28 @@ def pytest_configure() -> None:
     from engine.render.uncollected import collect_nothing_while_compiling
 
     collect_nothing_while_compiling()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """In CI a test that is skipped, but for another Blender or Python, has failed."""
+    return _judged((yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """The same of files that are skipped as a whole."""
+    return _judged((yield))
+
+
+def _judged(report: _Report) -> _Report:
+    if not os.environ.get("CI") or not report.skipped or hasattr(report, "wasxfail"):
+        return report
+    reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    if not is_allowed(reason):
+        report.outcome = "failed"
+        report.longrepr = f"{reason}\n\nIn CI nothing is skipped but for another Blender or Python."
+    return report
 
 
 @pytest.fixture

@@ -43,7 +43,9 @@ def reading_of(image: bpy.types.Image) -> Reading | None:
         reading = Reading("CHANNEL_PACKED")
     elif is_since(ALPHA_AS_SET) or _is_overlooked(image):
         is_multiplied = mode == "PREMUL" or _is_overlooked(image)
-        reading = Reading("CHANNEL_PACKED", is_multiplied=True) if is_multiplied and not image.is_float else Reading(mode)
+        reading = Reading(mode)
+        if is_multiplied and not image.is_float:
+            reading = Reading("CHANNEL_PACKED", is_multiplied=True)
     else:
         reading = Reading(_mode_of_file(image))
     # Straight bytes are what is in the file.
@@ -66,7 +68,7 @@ def _mode_of_file(image: bpy.types.Image) -> str:
 
 @contextmanager
 def loaded_anew(image: bpy.types.Image) -> Iterator[bpy.types.Image]:
-    """An image's file in a datablock of its own, in the same colour space, with the alpha mode that Blender gives it."""
+    """An image's file in a datablock of its own, in the same colour space, with the alpha mode that Blender gives."""
     other = bpy.data.images.load(bpy.path.abspath(image.filepath_raw, library=image.library), check_existing=False)
     try:
         other.colorspace_settings.name = image.colorspace_settings.name

@@ -12,6 +12,7 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.scene.description import Camera, Frame
 
+from ..declared_settings import SCENE_SETTINGS
 from ..shared_settings import setting_source
 from ..versions import read_setting
 from .context import ExportContext
@@ -132,9 +133,19 @@ def export_frame(context: ExportContext) -> Frame:
 
 
 def film_exposure(scene: bpy.types.Scene) -> float:
-    """The setting that counts; 1 where there is none, since neither add-on is registered."""
+    """The setting that counts; 1 where there is none, since neither add-on is registered.
+
+    Raises
+    ------
+    ValueError
+        If it is none that a film can have.
+    """
     owner, name = setting_source(scene, "film_exposure")
-    return 1.0 if owner is None else getattr(owner, name)
+    if owner is None:
+        return 1.0
+    exposure = float(getattr(owner, name))
+    SCENE_SETTINGS["film_exposure"].check(exposure)
+    return exposure
 
 
 def _model_matrix(context: ExportContext, camera_object: bpy.types.Object) -> Float32Array:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -154,6 +155,13 @@ class ExportContext:
     def notice(self, subject: str, problem: str, fallback: str) -> None:
         """Record once that something is not exported as it is."""
         self._notices[Notice(subject, problem, fallback)] = None
+
+    def finite(self, value: float, instead: float, subject: str, what: str) -> float:
+        """`value`, or where it is NaN or infinite what stands in for it, and a notice."""
+        if math.isfinite(value):
+            return float(value)
+        self.notice(subject, f"{what} is NaN or infinite: check its keyframes and drivers", f"{instead:g} is used")
+        return instead
 
     def notice_again(self, notices: Iterable[Notice]) -> None:
         """Record what an earlier export has noticed of something that is as it was."""

@@ -229,7 +229,9 @@ def _classify(
             # Of instances that of their instancer, which `shown` has only where Python had not met what is instanced.
             color=tuple(parent.color),
             is_holdout=is_holdout,
-            terminator_offset=float(read_setting(shown, "shadow_terminator_geometry_offset")),
+            terminator_offset=context.finite(
+                read_setting(shown, "shadow_terminator_geometry_offset"), 0.0, shown.name, "Geometry Offset"
+            ),
             is_instance=item.is_instance,
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),

@@ -138,6 +138,7 @@ class MaterialExporter:
             graph = _plain_graph(material)
         subject = f"{user} / {material.name}"
         notice_material(context, material, graph, subject)
+        dispersion = dispersion_of(material, graph, partial(context.notice, subject))
         exported = Material(
             key=None,
             name=material.name,
@@ -147,7 +148,7 @@ class MaterialExporter:
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             has_smooth_voxels=_has_smooth_voxels(material, graph),
             emission_sampling=_emission_sampling(material),
-            dispersion=dispersion_of(material, graph, partial(context.notice, subject)),
+            dispersion=context.finite(dispersion, 0.0, f"Material {material.name}", "Dispersion"),
             user=user,
         )
         exported.key = (material.name_full, fingerprint(exported))

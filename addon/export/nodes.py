@@ -122,8 +122,8 @@ class GraphExporter:
     def _input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
         """Link or constant of an input socket.
 
-        As in Blender 5.0, the socket that a link ends at says what counts where Cycles does not know what it comes from;
-        before, the first one on the way did, be it a group's.
+        As in Blender 5.0, the socket that a link ends at says what counts where Cycles does not know what it comes
+        from; before, the first one on the way did, be it a group's.
         """
         source = self._linked(tree, socket)
         if source is None:

@@ -29,7 +29,9 @@ def read_requests(context: ExportContext) -> None:
 def export_pass_settings(context: ExportContext) -> PassSettings:
     """Settings of the passes, all but what moves."""
     settings = PassSettings(
-        alpha_threshold=context.view_layer.pass_alpha_threshold,
+        alpha_threshold=context.finite(
+            context.view_layer.pass_alpha_threshold, 0.5, f"View layer {context.view_layer.name}", "Alpha Threshold"
+        ),
         aovs=tuple(Aov(name, is_color) for name, is_color in context.aovs.items()),
         background_moves=is_since(BACKGROUND_VECTORS),
         looks_up_transmission=is_since(LOOKED_UP_TRANSMISSION),
@@ -37,10 +39,15 @@ def export_pass_settings(context: ExportContext) -> PassSettings:
     shown = world_of(context)
     if shown is not None:
         # Also where the view layer leaves the world out.
-        settings.occlusion_distance = shown.light_settings.distance
+        settings.occlusion_distance = context.finite(
+            shown.light_settings.distance, settings.occlusion_distance, f"World {shown.name}",
+            "Distance of Ambient Occlusion",
+        )
     world = context.scene.world
     if world is not None:
         mist = world.mist_settings
-        settings.mist_start, settings.mist_depth = mist.start, mist.depth
+        subject = f"World {world.name}"
+        settings.mist_start = context.finite(mist.start, settings.mist_start, subject, "Start of the mist")
+        settings.mist_depth = context.finite(mist.depth, settings.mist_depth, subject, "Depth of the mist")
         settings.mist_falloff = _FALLOFF[mist.falloff]
     return settings

@@ -42,10 +42,19 @@ class Shutter:
 
 
 def has_motion_blur(context: ExportContext) -> bool:
-    """Whether scene and view layer want motion blur, and the shutter is open for any time."""
+    """Whether scene and view layer want motion blur, and the shutter is open for any time.
+
+    Raises
+    ------
+    ValueError
+        If they do, and nobody knows for how long.
+    """
     render = context.scene.render
     is_wanted = render.use_motion_blur and getattr(context.view_layer, "use_motion_blur", True)
-    return bool(is_wanted) and 0.0 < render.motion_blur_shutter < math.inf
+    shutter = render.motion_blur_shutter
+    if is_wanted and not math.isfinite(shutter):
+        raise ValueError(f"the shutter is open for {shutter} frames: check its keyframes and drivers")
+    return bool(is_wanted) and shutter > 0.0
 
 
 def read_shutter(context: ExportContext) -> Shutter | None:
@@ -76,7 +85,10 @@ def read_rolling_shutter(scene: bpy.types.Scene) -> float:
     """Share of the shutter's time in which a row of the image is exposed, 1 without a rolling one: Cycles' settings."""
     if cycles_property(scene, "rolling_shutter_type", "NONE") == "NONE":
         return 1.0
-    return float(cycles_property(scene, "rolling_shutter_duration", 0.1))
+    duration = float(cycles_property(scene, "rolling_shutter_duration", 0.1))
+    if not math.isfinite(duration):
+        raise ValueError(f"the rolling shutter's duration is {duration}: check its keyframes and drivers")
+    return duration
 
 
 def motion_step_count(shown: bpy.types.Object, parent: bpy.types.Object | None = None) -> int:

@@ -79,7 +79,7 @@ function renderTask(settings, name, frames, savesField) {
             "--render-format", settings.format,
             // Blender calls a frame that failed a success: what follows makes the task fail.
             "--python-exit-code", "1",
-            "--python-expr", preparation(settings, savesField),
+            "--python-expr", preparation(settings, frames, savesField),
             "--render-frame", frames.join(","),
             "--python-expr", check(frames),
         ],
@@ -88,12 +88,15 @@ function renderTask(settings, name, frames, savesField) {
 }
 
 // Python that sets what Blender's command line has no options for.
-function preparation(settings, savesField) {
+function preparation(settings, frames, savesField) {
     const lines = [
-        "import bpy",
+        "import bpy, os",
         "scene = bpy.context.scene",
         "scene.render.use_overwrite = " + (settings.keep_existing ? "False" : "True"),
-        "scene.render.use_placeholder = " + (settings.keep_existing ? "True" : "False"),
+        // The manager gives each frame to one worker. A placeholder would outlive a worker that is killed.
+        "scene.render.use_placeholder = False",
+        "paths = [scene.render.frame_path(frame=frame) for frame in [" + frames.join(", ") + "]]",
+        "for path in [path for path in paths if os.path.exists(path) and not os.path.getsize(path)]: os.remove(path)",
     ];
     if (settings.learned_field) {
         lines.push("scene.neuralguide.field_path = " + JSON.stringify(settings.learned_field));
@@ -107,7 +110,7 @@ function check(frames) {
     return [
         "import bpy, os",
         "paths = [bpy.context.scene.render.frame_path(frame=frame) for frame in [" + frames.join(", ") + "]]",
-        "missing = [path for path in paths if not os.path.exists(path)]",
+        "missing = [path for path in paths if not os.path.exists(path) or not os.path.getsize(path)]",
         "if missing: raise FileNotFoundError('not rendered: ' + ', '.join(missing))",
     ].join("\n");
 }

@@ -26,6 +26,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.builder import light_tree as lt
 from engine.builder.emission import ProgramInfo
+from engine.kernels.constants import FLOAT_MAX
 from engine.scene.description import Light, Notice
 from engine.state import lights as la
 
@@ -352,12 +353,17 @@ def _apply_programs(lamps: _Columns, colors: np.ndarray, programs: np.ndarray, i
     lamps.flags[lamps.program >= 0] &= ~la.LAMP_FLAG_MIS
 
 
-def _notice(lamps: _Columns, lights: list[Light], is_finite: np.ndarray, notices: list[Notice]) -> None:
+def _notice(
+    lamps: _Columns, lights: list[Light], is_finite: np.ndarray, has_size: np.ndarray, notices: list[Notice]
+) -> None:
     """What cannot be rendered as it is meant, in the order of the lights."""
-    for index in np.flatnonzero(~is_finite | (lamps.program >= 0)).tolist():
+    for index in np.flatnonzero(~is_finite | ~has_size | (lamps.program >= 0)).tolist():
         subject = f"light {lights[index].name}"
         if not is_finite[index]:
             notices.append(Notice(subject, "its transform or strength is NaN or infinite", "it is left out"))
+            continue
+        if not has_size[index]:
+            notices.append(Notice(subject, "its size, angle or spread is NaN or infinite", "it is left out"))
             continue
         notices.append(
             Notice(
@@ -367,6 +373,22 @@ def _notice(lamps: _Columns, lights: list[Light], is_finite: np.ndarray, notices
                 "camera it shows its mean",
             )
         )
+
+
+#: What says how large a lamp is, by its kind.
+_MEASURES = {
+    "POINT": ("radius",), "SPOT": ("radius", "spot_angle", "spot_blend"), "SUN": ("angle",),
+    "AREA": ("size_x", "size_y", "spread"),
+}  # fmt: skip
+
+
+def _has_size(lamps: _Columns) -> np.ndarray:
+    """Of which lamps all that says how large they are is a number, bool (N,)."""
+    known = np.isfinite(lamps.temperature)
+    for kind, names in _MEASURES.items():
+        measures = np.stack([getattr(lamps, name) for name in names])
+        known &= (lamps.kind != kind) | np.isfinite(measures).all(axis=0)
+    return known
 
 
 def convert_lamps(lights: list[Light], info: ProgramInfo, notices: list[Notice]) -> Lamps:
@@ -387,10 +409,11 @@ def convert_lamps(lights: list[Light], info: ProgramInfo, notices: list[Notice])
         return rows
     lamps, programs = _read(lights, info)
     is_finite = np.isfinite(lamps.strength).all(axis=1) & np.isfinite(lamps.matrix).all(axis=(1, 2))
-    programs[~is_finite] = -1
+    has_size = _has_size(lamps)
+    programs[~(is_finite & has_size)] = -1
     _apply_programs(lamps, np.array([light.color for light in lights], np.float64), programs, info)
-    _notice(lamps, lights, is_finite, notices)
-    is_usable = is_finite & lamps.strength.any(axis=1) & lamps.estimate.any(axis=1)
+    _notice(lamps, lights, is_finite, has_size, notices)
+    is_usable = is_finite & has_size & lamps.strength.any(axis=1) & lamps.estimate.any(axis=1)
     for index in np.flatnonzero(is_usable & ~np.isin(lamps.kind, tuple(_KINDS)))[:1].tolist():
         raise ValueError(f"light {lights[index].name}: kind is {lights[index].kind!r}, choose {', '.join(_KINDS)}")
     for name, (kind, convert) in _KINDS.items():
@@ -421,5 +444,8 @@ def _fill(
     table[:, la.LAMP_PROGRAM] = lamps.program
     table[:, la.LAMP_LIGHT] = lamps.index
     table[:, la.LAMP_LIGHT_GROUP] = lamps.light_group
-    rows.values[chosen], rows.table[chosen] = values, table
-    rows.bounds[chosen], rows.distant[chosen] = draft.bounds, draft.distant
+    # What is too bright, or too large, for float32 is as bright and large as can be.
+    rows.values[chosen], rows.bounds[chosen] = (
+        np.clip(numbers, -FLOAT_MAX, FLOAT_MAX) for numbers in (values, draft.bounds)
+    )
+    rows.table[chosen], rows.distant[chosen] = table, draft.distant

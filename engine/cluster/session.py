@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import pickle
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -78,10 +79,12 @@ class ClusterSession(Session):
         # Seconds of different machines do not compare: costs are counted in rays, and networks are trained between
         # iterations.
         settings = replace(settings, deterministic=True, network_backend="KERNEL")
-        job: ClusterJob
+        jobs: weakref.WeakSet[ClusterJob] = weakref.WeakSet()
 
         def follow(guidance: Guidance) -> None:
-            job.follow(guidance)
+            # A job that is over is freed with its course: neither waits for the garbage collector.
+            for job in jobs:
+                job.follow(guidance)
 
         tracer = self._take_tracer(scene, settings, film.layout)
         course = Course(
@@ -89,6 +92,7 @@ class ClusterSession(Session):
             start, keep, samples,
         )
         job = ClusterJob(self._pool, self._digest, course, self._patience)
+        jobs.add(job)
         return job
 
 

@@ -86,7 +86,8 @@ def sample_aperture(camera, u, v):
         root = math.sqrt(u)
         along = v * root
         a = 1.0 - root
-        first = camera[CAMERA_BLADE_ROTATION] + corner * step
+        # As in Cycles, the middle of a side lies where the rotation says.
+        first = camera[CAMERA_BLADE_ROTATION] + (corner - np.float32(0.5)) * step
         # barycentrics (a: centre, along, rest)
         rest = 1.0 - a - along
         x = along * math.cos(first + step) + rest * math.cos(first)

@@ -362,7 +362,8 @@ def place_in_medium(paths, lane, points, row, instance, program, p, direction, d
         real[row, POINT_NS + c] = -direction[c]
     real[row, POINT_U] = 0.0
     real[row, POINT_V] = 0.0
-    real[row, POINT_RAY_LENGTH] = distance
+    # As in Cycles, which has no length for programs of media.
+    real[row, POINT_RAY_LENGTH] = 0.0
     real[row, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
     real[row, POINT_RANDOM] = 0.0
     real[row, POINT_TIME] = paths.time[lane]

@@ -15,6 +15,21 @@ def leave_with_parent(config: dict[str, Any]) -> None:
         threading.Thread(target=_watch, args=(config["parent"],), name="parent", daemon=True).start()
 
 
+def leave_with_input() -> None:
+    """End this process when its standard input does, a pipe of the renderer's: at once when the renderer is gone.
+
+    For processes that read nothing from it.
+    """
+    threading.Thread(target=_wait_for_end, name="input", daemon=True).start()
+
+
+def _wait_for_end() -> None:
+    # Past Python's own buffer, which would have to be let go of before the process can end by itself.
+    while os.read(0, 1):
+        pass
+    os._exit(0)
+
+
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)

@@ -9,7 +9,6 @@ from tile by tile.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -30,9 +29,19 @@ from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
-from engine.render.schedule import LARGEST_TASK_SAMPLES, Iterations, PlainSchedule, Schedule, Steps, Task
+from engine.render.schedule import (
+    LARGEST_TASK_SAMPLES,
+    TASK_GROWTH,
+    Iterations,
+    PacedSchedule,
+    PlainSchedule,
+    Schedule,
+    Steps,
+    Task,
+)
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile, TrialTiles
+from engine.render.time_left import SHORTEST_PASS, TimeLeft
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile, rows_of
@@ -105,6 +114,7 @@ class Course:
         self._active: ActivePixels | None = None
         if settings.use_adaptive_sampling:
             self._active = ActivePixels(settings, film, frame.exposure, tiles)
+        self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
         self._iterations: Iterations | None = None
         self._steps: Steps | None = None
@@ -129,7 +139,7 @@ class Course:
             self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters)
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
-            self._schedule = self._iterations = Iterations(samples, strata)
+            self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
             self._iterations.begin(self.learner.parts, len(self.tiles))
         else:
             self._go_on_plainly()
@@ -142,7 +152,6 @@ class Course:
         self._total_paths = float(pixel_count * samples)
         self._sample = 0
         self._fraction = 0.0
-        self._start: float | None = None
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
@@ -153,19 +162,19 @@ class Course:
 
     def begin(self) -> None:
         """The first task is about to be traced: time runs from here on."""
-        self._start = time.perf_counter()
+        self._time_left.begin()
         if isinstance(self.learner, Learner):
             self.learner.begin()
 
     @property
     def has_begun(self) -> bool:
         """Whether `begin` was called."""
-        return self._start is not None
+        return self._time_left.has_begun
 
     @property
     def elapsed(self) -> float:
         """Time since `begin` [s]."""
-        return 0.0 if self._start is None else time.perf_counter() - self._start
+        return self._time_left.elapsed
 
     @property
     def time_is_up(self) -> bool:
@@ -314,11 +323,22 @@ class Course:
 
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        samples, active = self.samples, self._active
-        if active is None:
+        samples, active, time_left = self.samples, self._active, self._time_left
+        if active is None and time_left.is_limited:
+            self._schedule = PacedSchedule(len(self.tiles), samples, time_left.fit, first, count, self._whole)
+        elif active is None:
             self._schedule = PlainSchedule(len(self.tiles), samples, first, count, self._whole)
         else:
-            self._schedule = self._steps = Steps(samples, active.rule.next_look, first, count, self._whole)
+            next_look = active.rule.next_look
+
+            def next_end(begin: int) -> int:
+                wanted = next_look(begin) - begin
+                if time_left.is_limited:
+                    # How long samples take is to be known soon.
+                    wanted = min(wanted, max(TASK_GROWTH * begin, 1), LARGEST_TASK_SAMPLES)
+                return begin + time_left.fit(wanted, begin)
+
+            self._schedule = self._steps = Steps(samples, next_end, first, count, self._whole)
             self._steps.begin(len(self.tiles))
 
     def _look(self, samples: int) -> bool:
@@ -357,26 +377,34 @@ class Course:
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
-        if not has_rested:
+        learns = not has_rested and (learner.wants_last or not self._is_short(*following))
+        if learns:
             assert self.guidance is not None
             learned = learner.learn(
                 units, self.guidance.record_threshold / 2**32, self.film.sums,
                 (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
             )
             self._go_by(learned)
-        other_parts: Sequence[Part] = ()
-        first_other = 0
-        if isinstance(learner, Learner) and learner.other_parts:
-            assert self._trial_tiles is not None
-            tiles, other_parts = self._trial_tiles, learner.other_parts
-            first_other = self._trial_tiles.trial_count
         with self.changed:
-            self.tiles = tiles
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
+                self.tiles = tiles
                 self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
-            else:
-                iterations.begin(self._parts_of(*following), len(self.tiles), other_parts, first_other)
+                return
+            parts = self._parts_of(*following)
+            other_parts: Sequence[Part] = ()
+            first_other = 0
+            if learns and self._learned is None and isinstance(learner, Learner) and learner.other_parts:
+                assert self._trial_tiles is not None
+                tiles, other_parts = self._trial_tiles, learner.other_parts
+                first_other = self._trial_tiles.trial_count
+            self.tiles = tiles
+            iterations.begin(parts, len(self.tiles), other_parts, first_other)
+
+    def _is_short(self, first: int, count: int) -> bool:
+        """Whether an iteration is one of the last passes before a time limit, which may be cut off: nothing is won back
+        of what it teaches."""
+        return self._time_left.is_limited and first > 0 and count <= SHORTEST_PASS
 
     def _parts_of(self, first: int, count: int) -> list[Part]:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
@@ -388,7 +416,8 @@ class Course:
             parts = [Part(first, count, CURRENT)]
         active, guidance = self._active, self.guidance
         assert guidance is not None
-        if active is not None and active.has_looked and self._rests.take(active.count, count):
+        rests = active is not None and active.has_looked and self._rests.take(active.count, count)
+        if rests or self._is_short(first, count):
             self._learned = guidance
             self._go_by(guidance.without_records())
             parts = [Part(first, count, CURRENT)]

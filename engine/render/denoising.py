@@ -86,6 +86,22 @@ class Denoising:
             False: it was cancelled, and the picture is as it was.
         """
         start = time.perf_counter()
+        try:
+            denoised = self._denoised(images, should_cancel, film, exposure)
+        except Exception as error:  # whatever went wrong: there is a picture, and it must not be lost
+            problem = str(error) if isinstance(error, library.DenoiserFailed) else _failure(error)
+            self.notices.append(Notice("Denoising", problem, _FALLBACK))
+            return True
+        if denoised is None:
+            return False
+        images["Combined"] = denoised
+        self.seconds = time.perf_counter() - start
+        return True
+
+    def _denoised(
+        self, images: Images, should_cancel: Callable[[], bool] | None, film: Film | None, exposure: float
+    ) -> np.ndarray | None:
+        """The denoised picture; None where it was cancelled."""
         cached = film if film is not None and film.has_residual else None
         is_cancelled = threading.Event()
         noisy = images["Combined"]
@@ -103,15 +119,14 @@ class Denoising:
             while not wait((future,), _POLL_SECONDS).done:
                 if should_cancel is not None and should_cancel():
                     is_cancelled.set()
-        try:
-            denoised = future.result()
-        except library.DenoiserFailed as error:
-            self.notices.append(Notice("Denoising", str(error), _FALLBACK))
-            return True
+        denoised = future.result()
         if denoised is None:
-            return False
+            return None
         if cached is not None:
             denoised = cached.with_residual(denoised, exposure=exposure)
-        images["Combined"] = np.concatenate((denoised, noisy[..., 3:]), axis=2)
-        self.seconds = time.perf_counter() - start
-        return True
+        return np.concatenate((denoised, noisy[..., 3:]), axis=2)
+
+
+def _failure(error: Exception) -> str:
+    """What went wrong, for users."""
+    return "out of memory" if isinstance(error, MemoryError) else f"failed: {type(error).__name__}: {error}"

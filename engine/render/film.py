@@ -107,6 +107,8 @@ def film_layout(
 
 #: Passes by name.
 Images: TypeAlias = MutableMapping[str, np.ndarray]
+#: The largest mean whose square, times few numbers, is a number in float32.
+_BRIGHTEST = np.float32(1e18)
 #: Made of each other, and so together; and what else is made of means of radiance.
 _OF_PICTURE = frozenset({"Combined", "Noisy Image", CATCHER_PASS})
 _OF_RADIANCE = _OF_PICTURE | {"Variance"}
@@ -261,10 +263,12 @@ class Film:
         if "Sample Count" in names:
             images["Sample Count"] = count.reshape(*shape, 1)
         if "Variance" in names:
-            square = sums.square[:, :3] * scale
+            # Within what squares have room for in float32.
+            square = np.minimum(sums.square[:, :3] * scale, _BRIGHTEST * _BRIGHTEST)
+            darker = np.clip(mean, -_BRIGHTEST, _BRIGHTEST)
             # Variance of a weighted mean: that of a sample (n / (n - 1) for the mean taken from them) times sum w^2 /
             # (sum w)^2, which is 1 / n for equal weights.
-            of_sample = np.maximum(square - mean * mean, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
+            of_sample = np.maximum(square - darker * darker, 0.0) * (count / np.maximum(count - 1.0, 1.0))[:, None]
             spread = of_sample * (sums.weight_squared / (weight * weight))[:, None]
             images["Variance"] = (spread * exposure * exposure).astype(np.float32).reshape(*shape, 3)
         for name, (column, width) in _DENOISING_COLUMNS.items():

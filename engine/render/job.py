@@ -111,7 +111,7 @@ class Job(CourseJob):
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
         self._course = Course(
-            frame, film, settings, thread_count, self._follow, tracer.light_clusters, source, sink, start, keeps,
+            frame, film, settings, thread_count, tracer.follow, tracer.light_clusters, source, sink, start, keeps,
             samples,
         )
         self._busy = 0
@@ -210,10 +210,6 @@ class Job(CourseJob):
             return
         course.begin()
         self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
-
-    def _follow(self, guidance: Guidance) -> None:
-        """Tasks that are handed out from now on go by this."""
-        self.tracer.guidance = guidance
 
     def _next_task(self) -> Task | None:
         course = self._course

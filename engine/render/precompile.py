@@ -67,6 +67,7 @@ for depth in range(1, len(parents) + 1):
     module = types.ModuleType(".".join(parents[:depth]))
     module.__path__ = [folder] if depth == len(parents) else []
     sys.modules[module.__name__] = module
+importlib.import_module(package + ".processes.parent").leave_with_input()
 importlib.import_module(package + ".render.precompile_worker").compile_part(part)
 """
 
@@ -148,6 +149,8 @@ def _compile_parts(parts: Sequence[str], poll: Callable[[], None]) -> None:
             if helper.poll() is None:
                 helper.kill()
             helper.wait()
+            if helper.stdin is not None:
+                helper.stdin.close()
 
 
 @contextlib.contextmanager
@@ -164,7 +167,7 @@ def _start(python: str, part: str) -> subprocess.Popen:
     arguments = json.dumps([sys.path, PACKAGE, str(folder), part])
     return subprocess.Popen(
         [python, "-I", "-S", "-B", "-c", _BOOTSTRAP, arguments],
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,  # which ends with this process, and the helper with it
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "NEURALGUIDE_KERNEL_CACHE": str(cache_root())},

@@ -23,7 +23,7 @@ from engine.state.unit import ALL_STRATA, CURRENT
 LARGEST_TASK_SAMPLES = 64
 #: A tile's successive tasks grow by this factor: the first should show soon, and each costs a start and an end with few
 #: paths in flight.
-_TASK_GROWTH = 4
+TASK_GROWTH = 4
 #: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
 #: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
 _LAST_TILES = 32
@@ -38,7 +38,7 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
         count = min(count, samples - first)
         ranges.append((first, count))
         first += count
-        count = min(_TASK_GROWTH * count, LARGEST_TASK_SAMPLES)
+        count = min(TASK_GROWTH * count, LARGEST_TASK_SAMPLES)
     return ranges
 
 
@@ -142,6 +142,59 @@ class PlainSchedule:
         return False
 
 
+class PacedSchedule:
+    """All samples of each tile, in passes over all tiles of which the clock says how long they are.
+
+    Nobody waits for anybody at the end of a pass: a tile's next task comes after those that all others have had.
+
+    Parameters
+    ----------
+    tile_count : int
+    samples : int
+    pace : callable (wanted, first) -> int
+        Samples of the pass that begins now, of so many that are wanted, from a sample on.
+    first, count : int
+        Sample to begin with, and samples of the first task.
+    stratum : int
+    """
+
+    def __init__(
+        self, tile_count: int, samples: int, pace: Callable[[int, int], int], first: int = 0, count: int = 1,
+        stratum: int = 0,
+    ) -> None:
+        self._samples, self._pace, self._stratum = samples, pace, stratum
+        self._next, self._count = first, count
+        #: Of the passes so far.
+        self._ranges: list[tuple[int, int]] = []
+        self._waiting = deque((tile, 0) for tile in range(tile_count) if first < samples)
+
+    @property
+    def has_task(self) -> bool:
+        return bool(self._waiting)
+
+    @property
+    def lacks_first_tasks(self) -> bool:
+        return any(step == 0 for _, step in self._waiting) and (not self._ranges or self._ranges[0][0] == 0)
+
+    def take(self) -> Task:
+        tile, step = self._waiting.popleft()
+        if step == len(self._ranges):
+            count = self._pace(min(self._count, self._samples - self._next), self._next)
+            self._ranges.append((self._next, count))
+            self._next += count
+            self._count = min(TASK_GROWTH * self._count, LARGEST_TASK_SAMPLES)
+        first, count = self._ranges[step]
+        return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
+
+    def clear(self) -> None:
+        self._waiting.clear()
+
+    def finish(self, task: Task) -> bool:
+        if task.step + 1 < len(self._ranges) or self._next < self._samples:
+            self._waiting.append((task.tile, task.step + 1))
+        return False
+
+
 class Steps:
     """Steps, each of all tiles; between two of them somebody looks at the picture, and says which tiles there are.
 
@@ -206,10 +259,15 @@ class Iterations:
     samples : int
     strata : StrataSchedule, optional
         Which stratum an iteration belongs to, and how long it is; without, lengths go by index.
+    pace : callable (wanted, first) -> int, optional
+        Samples of the iteration that begins now, of so many that are wanted, from a sample on.
     """
 
-    def __init__(self, samples: int, strata: StrataSchedule | None = None) -> None:
+    def __init__(
+        self, samples: int, strata: StrataSchedule | None = None, pace: Callable[[int, int], int] | None = None
+    ) -> None:
         self._strata = strata
+        self._pace = pace
         self._stratum = 0 if strata is None else ALL_STRATA
         self._ranges: list[tuple[int, int]] = []
         if strata is None:
@@ -253,6 +311,11 @@ class Iterations:
         if self._step + 1 >= len(self._ranges):
             return None
         self._step += 1
+        first, wanted = self._ranges[self._step]
+        if self._pace is not None and self._strata is None:
+            count = self._pace(wanted, first)
+            if count < wanted:
+                self._ranges[self._step : self._step + 1] = [(first, count), (first + count, wanted - count)]
         return self._ranges[self._step]
 
     def begin(

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
+from typing import ParamSpec
 
 from engine.builder.scene import Scene, SceneCache, build_scene, look_at
 from engine.guiding.models.record_sink import RecordSink
@@ -19,6 +22,7 @@ from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
@@ -32,6 +36,7 @@ from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
 from engine.render.uncollected import collect_nothing_while_compiling
+from engine.runtime import heap
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
@@ -48,10 +53,26 @@ _BUILDING = "Building the scene"
 _DENOISING = "Denoising"
 #: Of most passes, or nearly.
 _PASS_CHANNELS = 4
+_P = ParamSpec("_P")
 
 
 class LoadCancelled(Exception):
     """`Session.load` was cancelled; no scene is loaded."""
+
+
+def _frees(render: Callable[_P, RenderResult]) -> Callable[_P, RenderResult]:
+    """A method that renders, and then gives back to the system what nobody has any more once it has returned."""
+
+    @functools.wraps(render)
+    def render_and_free(*args: _P.args, **named: _P.kwargs) -> RenderResult:
+        try:
+            return render(*args, **named)
+        finally:
+            if named.get("pace", FINAL) is FINAL:
+                # Windows are rendered many times a second.
+                heap.give_back()
+
+    return render_and_free
 
 
 def _cache_notices() -> list[Notice]:
@@ -251,6 +272,7 @@ class Session:
         self.scene = self._tracer = None
         self._cache = SceneCache(expects_moves=self._expects_moves)
 
+    @_frees
     def render(
         self,
         *,
@@ -329,6 +351,7 @@ class Session:
             settings = replace(settings, seed=start.seed(settings.seed))
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
+        afterwards = Afterwards()
         layout = film_layout(
             names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
             has_media=scene.media.is_used, has_varying_media=scene.media.varies,
@@ -354,6 +377,11 @@ class Session:
             _watch(job, lambda: images(names), on_progress, on_image, is_to_stop, pace)
         except BaseException:
             job.stop()
+            job.join()
+            if on_image is not None and job.has_paths:
+                # What there is by now may be the only picture that there will be.
+                with contextlib.suppress(Exception):
+                    on_image(images(names))
             raise
         finally:
             job.join()
@@ -361,7 +389,7 @@ class Session:
                 # A thread may still be at it.
                 self._tracer = None
             if job.learner is not None:
-                job.learner.close()
+                afterwards.attempt("Learning", "ending it", job.learner.close, "the picture is whole")
         result_passes: Images = {}
         if shows_cancelled or job.ended_by != "CANCEL":
             result_passes = images(names | denoising.passes)
@@ -372,12 +400,17 @@ class Session:
                 job.ended_by = "CANCEL"
         if on_progress is not None:
             on_progress(replace(job.progress(), remaining=0.0))
-        report = self._report(job, scene, settings)
-        report.denoise_seconds = denoising.seconds
-        report.notices += dropped + denoising.notices
+        learner = job.learner
         learned = None
-        if keep and isinstance(job.learner, Learner):
-            learned = job.learner.learned(self.light_digest)
+        if keep and isinstance(learner, Learner):
+            learned = afterwards.attempt(
+                "Learned field", "keeping it", lambda: learner.learned(self.light_digest), "the next render learns anew"
+            )
+        report = afterwards.attempt(
+            "Report", "writing it", lambda: self._report(job, scene, settings), "figures are missing"
+        ) or RenderReport(sample_count=float(film.sums.count.mean()), ended_by=job.ended_by)
+        report.denoise_seconds = denoising.seconds
+        report.notices += dropped + denoising.notices + afterwards.notices
         for name in denoising.passes - names:
             result_passes.pop(name, None)
         return RenderResult(result_passes, report, job.guidance, learned)

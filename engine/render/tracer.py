@@ -193,6 +193,10 @@ class Tracer:
         if self._linked_for is None:
             self._unlink()
 
+    def follow(self, guidance: Guidance) -> None:
+        """Have units that are traced from now on go by what was learned."""
+        self.guidance = guidance
+
     def _unlink(self) -> None:
         """A new table: the types of the stages' arguments follow from scene and settings."""
         self.stages = StageTable(STAGES)

@@ -22,6 +22,10 @@ FLOOR = np.float32(1.125)
 #: Variance that a candidate must save, over what its cost is worth: savings along a path do not add up, and samples
 #: spread evenly over a pixel have less to save than single ones (docs/decisions/candidates.md).
 LEAST_RETURN = 2.0
+#: Where more variance than any would be saved by a candidate: kernels have float32 for it.
+_LARGEST_SCALE = 1e30
+#: Mean radiance of an image, as far as its square fits float32.
+_DARKEST, _BRIGHTEST = 1e-15, 1e15
 #: Added to the squared pixel value (over the image's mean) in the relative error.
 RELATIVE_EPSILON = np.float32(0.01)
 #: Share of the vertices of recorded paths at which allocation is tried while it is not in use.
@@ -163,8 +167,9 @@ def pixel_weights(mean: np.ndarray) -> np.ndarray:
     -------
     float32 (height * width,), times 1 / mean^2, so that variances times these have no unit
     """
-    value = mean.mean(axis=2, dtype=np.float64)
-    scale = max(float(value.mean()), 1e-20)
+    value = np.clip(mean, -_BRIGHTEST, _BRIGHTEST).mean(axis=2, dtype=np.float64)
+    # Within what its inverse square has room for: an image may be black.
+    scale = min(max(float(value.mean()), _DARKEST), _BRIGHTEST)
     value = value / scale
     padded = np.pad(value, 2, mode="edge") / 25.0
     height, width = value.shape
@@ -202,7 +207,8 @@ def image_variance(variance: np.ndarray, weights: np.ndarray) -> float:
     float
         0 where it is known nowhere.
     """
-    weighted = (variance * weights)[np.isfinite(variance)]
+    known = np.isfinite(variance)
+    weighted = variance[known] * weights[known]
     return float(np.minimum(weighted, np.quantile(weighted, 0.999)).mean()) if weighted.size else 0.0
 
 
@@ -219,6 +225,7 @@ def make_allocation(
     variance : float
         `image_variance`, V_I over the number of pixels.
     """
-    scale = ray_count / (LEAST_RETURN * variance * costs.per_candidate) if variance > 0.0 else 0.0
+    saved, least = LEAST_RETURN * variance * costs.per_candidate, ray_count / _LARGEST_SCALE
+    scale = ray_count / max(saved, least) if variance > 0.0 and least > 0.0 else 0.0
     delta = variance_delta if len(variance_delta) else np.full(1, np.nan, np.float32)
     return Allocation(np.ascontiguousarray(delta, np.float32), np.array([scale, least_count(costs)], np.float32))

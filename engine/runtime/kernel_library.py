@@ -205,9 +205,10 @@ def _address_of(name: str) -> int:
 
 
 def _read(file: Path) -> bytes:
+    file.stat()  # Raises where there is none.
     data = read_trusted(file)
     if data is None:
-        raise ValueError(f"{file} is missing, or can be written by others")
+        raise ValueError(f"{file} can be written by others")
     return data
 
 

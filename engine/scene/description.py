@@ -57,7 +57,7 @@ class Link:
 
     node: int
     output: str
-    otherwise: Any = field(default=None, compare=False)
+    otherwise: Any = None
 
 
 @dataclass
@@ -84,7 +84,8 @@ class Node:
         (4, 4), world to object, of a Texture Coordinate node with an object. `'wraps_scaled'` of a Magic Texture:
         coordinates are wrapped after scaling (True where it is missing). `'has_unit_frame'` of a Normal Map: the
         normal between those of the corners is normalised (likewise). `'seconds'` and `'frame'` of a Scene Time.
-        `'is_conversion'` of an Emission that is no node of the host's but what a linked colour becomes on a shader socket.
+        `'is_conversion'` of an Emission that is no node of the host's but what a linked colour becomes on a shader
+        socket.
     changed : frozenset of str
         Names of inputs and properties whose value is not that of a new node. Only hosts that may have more than the
         engine knows fill it in: the engine reports those of them that it does not know.

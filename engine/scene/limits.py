@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -128,6 +129,8 @@ def check_frame(frame: Frame) -> None:
         raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
     if not (0 <= x0 < x1 <= frame.width and 0 <= y0 < y1 <= frame.height):
         raise ValueError(f"the render border {frame.region} is empty or outside {frame.width} x {frame.height} pixels")
+    if not 0.0 <= frame.exposure < math.inf:
+        raise ValueError(f"the film's exposure is {frame.exposure}: choose a finite number, 0 or more")
     needed, there = (x1 - x0) * (y1 - y0) * _BYTES_PER_PIXEL, usable_memory()
     if needed > there:
         raise ValueError(

@@ -274,7 +274,7 @@ class PathState(Bundle):
     unguided : float32, factor that makes of the throughput what it would be by plain sampling, where nothing has been
         learned: directions by the BSDF, roulette by the throughput. Roulette and clamping go by it
     mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
-        camera's rays, which have none, how far the camera sees [m], as `mis_distance` counts
+        camera's rays, which have none, how far the camera sees [m], from where its ray starts
     unguided_pdf : float32 [sr^-1], the same by plain sampling; -1 where light sampling was of whole segments within
         media, whose samples know nothing of this scattering
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering

@@ -126,7 +126,8 @@ def init_from_camera(scene, unit, work, queue):
         paths.sample[lane] = sample
         paths.rng[lane] = rng
         paths.dimension[lane] = SETS_BEFORE_VERTICES
-        store(paths.origin, lane, add(origin, scale(direction, near)))
+        start = add(origin, scale(direction, near))
+        store(paths.origin, lane, start)
         store(paths.direction, lane, direction)
         paths.hit_distance[lane] = far - near
         paths.time[lane] = time
@@ -138,11 +139,11 @@ def init_from_camera(scene, unit, work, queue):
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
         paths.unguided_survival[lane] = 1.0
-        paths.mis_pdf[lane] = far
+        paths.mis_pdf[lane] = far - near
         paths.unguided_pdf[lane] = -1.0
-        store(paths.mis_origin, lane, origin)
+        store(paths.mis_origin, lane, start)
         store(paths.mis_normal, lane, direction)
-        paths.mis_distance[lane] = near
+        paths.mis_distance[lane] = 0.0
         paths.min_pdf[lane] = 1e30
         paths.radius[lane] = radius + near * spread
         paths.spread[lane] = spread

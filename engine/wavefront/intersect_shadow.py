@@ -17,12 +17,13 @@ from engine.accel import (
     trace_occluded,
     trace_passing,
 )
+from engine.kernels.path import real_3
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_sampled
 from engine.kernels.spectrum import filter_by
 from engine.kernels.surface import offset_origin, prepare_point, program_of
-from engine.kernels.vector import load, store
+from engine.kernels.vector import length, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_NG,
@@ -125,10 +126,10 @@ def pass_transparent(scene, unit, work, queue):
         direction = load(shadows.direction, row)
         # A ray that has passed something since `intersect_shadow` waited for its program.
         if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
-            holdout = closures.holdout[row]
+            # A holdout lets no light through: it is a hole in the picture alone.
             largest = filter_by(
-                spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0] + holdout,
-                closures.transparency[row, 1] + holdout, closures.transparency[row, 2] + holdout,
+                spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0],
+                closures.transparency[row, 1], closures.transparency[row, 2],
             )
             if not largest > 0.0:
                 continue
@@ -164,8 +165,9 @@ def pass_transparent(scene, unit, work, queue):
             integer = points.integer
             integer[row, POINT_PROGRAM] = program
             integer[row, POINT_RAY_FLAGS] = RAY_SHADOW
-            store_depths(paths, lane, shadows.transparent_depth[row], points, row)
-            real[row, POINT_RAY_LENGTH] = distance
+            # As in Cycles, a surface does not count itself, and the length is that from where the light is looked for.
+            store_depths(paths, lane, shadows.transparent_depth[row] - 1, points, row)
+            real[row, POINT_RAY_LENGTH] = length(subtract(p, real_3(work.points, lane, POINT_P)))
             real[row, POINT_RADIUS] = 0.0
             real[row, POINT_RANDOM] = paths.random[lane, 2]
             pending[kept] = row

@@ -82,7 +82,7 @@ def prepare_surface(scene, unit, work, queue):
         distance = paths.hit_distance[lane]
         paths.offset[lane] = error
         real = points.real
-        real[lane, POINT_RAY_LENGTH] = distance
+        real[lane, POINT_RAY_LENGTH] = paths.mis_distance[lane] + distance
         real[lane, POINT_RADIUS] = paths.radius[lane] + distance * paths.spread[lane]
         real[lane, POINT_RANDOM] = paths.random[lane, 3]
         integer = points.integer

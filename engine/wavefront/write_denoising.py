@@ -15,7 +15,7 @@ from engine.kernels.path import real_3
 from engine.kernels.vector import add, load, scale, store
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_DEPTH, DENOISING_NORMAL
-from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_RAY_LENGTH, POINT_WO
+from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_WO
 
 #: Product of the alphas up to which a lobe is specular.
 _SPECULAR_ALPHA_SQUARED = 0.075 * 0.075
@@ -57,7 +57,7 @@ def write_denoising(scene, unit, work, queue):
         pixel = paths.pixel[lane]
         through = load(throughput, lane)
         mean = (through[0] + through[1] + through[2]) / 3.0
-        film[pixel, DENOISING_DEPTH] += mean * points.real[lane, POINT_RAY_LENGTH]
+        film[pixel, DENOISING_DEPTH] += mean * paths.hit_distance[lane]
         total = 0.0
         rough = 0.0
         normal = (0.0, 0.0, 0.0)

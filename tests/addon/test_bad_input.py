@@ -341,3 +341,97 @@ def test_cameras_of_absurd_numbers_render_or_are_named(cube_scene: Any, render: 
         render()
     except RuntimeError as error:
         assert "camera" in str(error).lower() and "internal error" not in str(error)
+
+
+# Settings that are no numbers
+
+NAN = float("nan")
+
+
+def float_settings() -> list[tuple[str, float]]:
+    """All settings that are floats, and how they can be none."""
+    from addon.declared_settings import SCENE_SETTINGS
+
+    # Those of viewports are no settings of a final render.
+    floats = [name for name, setting in SCENE_SETTINGS.items() if type(setting.default) is float]
+    names = [name for name in floats if not name.startswith("preview_")]
+    assert {"film_exposure", "time_limit", "clamp_direct", "defensive_alpha"} < set(names)
+    return [(name, value) for name in names for value in (NAN, float("inf"), float("-inf"))]
+
+
+@pytest.mark.parametrize(("name", "value"), float_settings())
+def test_a_setting_that_is_no_number_is_refused_by_name(cube_scene: Any, name: str, value: float) -> None:
+    """Blender makes infinity the property's limit, or the largest number where that has none."""
+    import bpy
+
+    from addon import engine
+    from addon.declared_settings import setting_owner
+    from addon.shared_settings import SHARED_SETTINGS
+
+    owners = [(setting_owner(cube_scene, name), name)]
+    if name in SHARED_SETTINGS:
+        owner, their_name = SHARED_SETTINGS[name]
+        owners.append((getattr(cube_scene, owner), their_name))
+    for owner, own_name in owners:
+        cube_scene.neuralguide.property_unset("guiding_method")
+        setattr(owner, own_name, value)
+        if np.isfinite(getattr(owner, own_name)) and abs(getattr(owner, own_name)) < 1e38:
+            continue
+        with pytest.raises(RuntimeError, match=f"{name} is .*: choose"):
+            bpy.ops.render.render()
+        assert engine.outcomes[-1].status == "FAILED"
+        owner.property_unset(own_name)
+
+
+@pytest.mark.parametrize("switch", ["motion_blur_shutter", "rolling_shutter_duration"])
+def test_a_shutter_that_is_no_number_is_refused(cube_scene: Any, switch: str) -> None:
+    import bpy
+
+    cube_scene.render.use_motion_blur = True
+    cube_scene.cycles.rolling_shutter_type = "TOP"
+    setattr(cube_scene.render if switch.startswith("motion") else cube_scene.cycles, switch, NAN)
+    with pytest.raises(RuntimeError, match=r"shutter.* nan"):
+        bpy.ops.render.render()
+
+
+@pytest.mark.parametrize(("kind", "name"), [
+    ("SUN", "angle"), ("POINT", "shadow_soft_size"), ("SPOT", "shadow_soft_size"), ("SPOT", "spot_blend"),
+    ("SPOT", "spot_size"), ("AREA", "size"), ("AREA", "size_y"), ("AREA", "spread"),
+])  # fmt: skip
+def test_a_lamp_whose_size_is_no_number_is_named_and_left_out(
+    cube_scene: Any, render: Render, kind: str, name: str
+) -> None:
+    import bpy
+
+    before, _ = render()
+    lamp = bpy.data.objects.new("Odd", bpy.data.lights.new("Odd", kind))
+    lamp.location.z = 3.0
+    if kind == "AREA":
+        lamp.data.shape = "RECTANGLE"
+    setattr(lamp.data, name, NAN)
+    cube_scene.collection.objects.link(lamp)
+    pixels, said = render()
+    assert "light Odd: its size, angle or spread is NaN or infinite" in said
+    np.testing.assert_array_equal(pixels, before)
+
+
+@pytest.mark.parametrize(("owner", "name", "said_of_it"), [
+    ("mist", "start", "World Sky: Start of the mist"), ("mist", "depth", "World Sky: Depth of the mist"),
+    ("layer", "pass_alpha_threshold", "View layer ViewLayer: Alpha Threshold"),
+    ("cube", "shadow_terminator_geometry_offset", "Cube: Geometry Offset"),
+])  # fmt: skip
+def test_what_few_pictures_depend_on_is_named_and_replaced(
+    cube_scene: Any, render: Render, owner: str, name: str, said_of_it: str
+) -> None:
+    import bpy
+
+    cube_scene.world = bpy.data.worlds.new("Sky")
+    cube_scene.view_layers[0].use_pass_mist = True
+    owners = {
+        "mist": cube_scene.world.mist_settings, "layer": cube_scene.view_layers[0], "cube": cube_scene.objects["Cube"],
+    }
+    before, _ = render()
+    setattr(owners[owner], name, NAN)
+    pixels, said = render()
+    assert f"{said_of_it} is NaN or infinite" in said
+    np.testing.assert_array_equal(pixels, before)

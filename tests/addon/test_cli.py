@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import OpenEXR
 import pytest
 
+from tests.helpers.command_line import names, run_here
 from tests.helpers.fake_engine import FakeEngine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,31 +25,6 @@ def command(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPro
     return subprocess.run(
         [sys.executable, "-m", "addon", *arguments], cwd=cwd or ROOT, capture_output=True, text=True, timeout=300
     )
-
-
-@pytest.fixture
-def blend_file(cube_scene: Any, blender: Any, tmp_path: Path) -> Path:
-    """The cube in a file, with a second scene called Two and frames 3 to 6."""
-    cube_scene.frame_start, cube_scene.frame_end = 3, 6
-    two = cube_scene.copy()
-    two.name = "Two"
-    two.use_fake_user = True
-    path = tmp_path / "scene.blend"
-    blender.ops.wm.save_as_mainfile(filepath=str(path))
-    return path
-
-
-def run_here(monkeypatch: Any, *arguments: str) -> int:
-    """Run the command line in this process, where the fake session can be seen."""
-    from addon import engine
-    from addon.__main__ import main
-
-    monkeypatch.setattr(engine, "cancel_hooks", [])
-    return main(arguments)
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir() if path.suffix != ".blend")
 
 
 def test_frames_are_named_as_blender_names_them(
@@ -96,6 +75,7 @@ def test_relative_frames(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> 
         (["-S", "Three"], "-S Three: no such scene; there are Scene, Two"),
         (["-E", "LUX"], "-E LUX: no such render engine; there are"),
         (["-F", "XYZ"], "-F XYZ: no such format"),
+        (["-f", "+2..-3"], "-f +2..-3: frame 3 is before frame 5"),
         (["nothing.blend"], "there is no file nothing.blend"),
     ],
 )
@@ -120,17 +100,16 @@ def test_a_failed_frame_fails_the_command_and_the_next_is_tried(
 def test_frames_that_are_there_are_left_and_the_rest_is_rendered(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
 ) -> None:
-    """As by Blender: an empty file counts, since another machine may be at that frame. Without --resume all is new."""
+    """Without --resume all is new."""
     fake = FakeEngine(monkeypatch)
-    (tmp_path / "x_0002.exr").write_bytes(b"")
-    line = [str(blend_file), "-E", "NEURALGUIDE", "-o", "//x_", "-f", "1..3"]
+    line = [str(blend_file), "-E", "NEURALGUIDE", "-o", "//x_", "-f", "2"]
+    assert run_here(monkeypatch, *line) == 0
+    line[-1] = "1..3"
     assert run_here(monkeypatch, *line[:-2], "--resume", *line[-2:]) == 0
-    assert [frame for _, frame in fake.exported] == [1, 3]
-    assert (tmp_path / "x_0002.exr").stat().st_size == 0
+    assert [frame for _, frame in fake.exported] == [2, 1, 3]
     assert "frame 2 is left as it is" in capfd.readouterr().out
     assert run_here(monkeypatch, *line) == 0
-    assert [frame for _, frame in fake.exported] == [1, 3, 1, 2, 3]
-    assert (tmp_path / "x_0002.exr").stat().st_size > 0
+    assert [frame for _, frame in fake.exported] == [2, 1, 3, 1, 2, 3]
 
 
 def test_a_frame_that_fails_leaves_no_placeholder(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> None:
@@ -158,8 +137,6 @@ def test_a_file_of_an_earlier_run_does_not_count(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     """A frame that is there already and cannot be replaced is a failure, not a success."""
-    import os
-
     from addon import output_files
 
     old = tmp_path / "x_0001.exr"
@@ -229,8 +206,6 @@ def test_with_room_enough_the_same_command_succeeds(blend_file: Path, tmp_path: 
 def test_a_picture_that_cannot_be_saved_is_kept_elsewhere(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
-    import tempfile
-
     FakeEngine(monkeypatch)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     (tmp_path / "file").write_text("no folder")
@@ -242,25 +217,51 @@ def test_a_picture_that_cannot_be_saved_is_kept_elsewhere(
 
 
 def test_a_read_only_folder_is_named(blend_file: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    import os
-
-    if os.geteuid() == 0:
-        pytest.skip("nothing is read-only for root; the unwritable folder above stands for it")
     FakeEngine(monkeypatch)
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o555)
+    if os.geteuid() == 0:
+        # Nothing is read-only for root but what the system has no files for.
+        folder = Path("/proc/self")
     assert run_here(monkeypatch, str(blend_file), "-o", str(folder / "x_"), "-f", "1") == 1
     assert str(folder) in capsys.readouterr().err
 
 
-def test_interrupt_keeps_the_frame_and_stops(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    import os
-    import signal
-
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129), ("SIGXCPU", 152)])
+def test_an_interrupt_keeps_the_frame_and_stops(
+    blend_file: Path, tmp_path: Path, monkeypatch: Any, name: str, code: int
+) -> None:
     fake = FakeEngine(monkeypatch)
-    fake.during_render = lambda _fake: os.kill(os.getpid(), signal.SIGINT)
-    assert run_here(monkeypatch, str(blend_file), "-o", "//x_", "-a") == 130
+    fake.during_render = lambda _fake: os.kill(os.getpid(), getattr(signal, name))
+    before = signal.getsignal(getattr(signal, name))
+    assert run_here(monkeypatch, str(blend_file), "-o", "//x_", "-a") == code
     assert names(tmp_path) == ["x_0003.exr"]
+    assert signal.getsignal(getattr(signal, name)) == before
+
+
+def test_a_render_that_is_to_outlive_its_terminal_does(blend_file: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    """By nohup, which has the signal ignored."""
+    fake = FakeEngine(monkeypatch)
+    fake.during_render = lambda _fake: os.kill(os.getpid(), signal.SIGHUP)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert run_here(monkeypatch, str(blend_file), "-o", "//x_", "-f", "1,2") == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert names(tmp_path) == ["x_0001.exr", "x_0002.exr"]
+
+
+@pytest.mark.parametrize("where", ["export", "load"])
+def test_an_interrupt_before_there_is_a_picture_leaves_no_file(
+    blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any, where: str
+) -> None:
+    """Blender crashed where it was to save a picture that had never been begun."""
+    FakeEngine(monkeypatch).interrupt_at(where, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    for resume in ([], ["--resume"]):
+        assert run_here(monkeypatch, str(blend_file), "-E", "NEURALGUIDE", "-o", "//x_", *resume, "-f", "1,2") == 143
+        assert names(tmp_path) == []
+        out, err = capfd.readouterr()
+        assert "frame 1 was interrupted before there was a picture" in out and "failed" not in err
 
 
 def test_help_and_unknown_options_need_no_blender() -> None:

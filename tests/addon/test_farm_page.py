@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from tests.helpers.waiting import wait_until
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "farm.md").read_text("utf-8")
-_START_TIMEOUT = 120.0
 
 
 def commands(beginning: str) -> list[str]:
@@ -64,13 +64,14 @@ class Farm:
 
     def wait_for_scheduler(self, words: Path) -> None:
         """Until it listens."""
-        deadline = time.monotonic() + _START_TIMEOUT
-        while time.monotonic() < deadline:
+
+
+        def listens() -> bool:
+            assert self._started[-1].poll() is None, words.read_text()
             with socket.socket() as one:
-                if one.connect_ex(("127.0.0.1", self.port)) == 0:
-                    return
-            time.sleep(0.2)
-        raise TimeoutError(f"the scheduler does not listen: {words.read_text()}")
+                return one.connect_ex(("127.0.0.1", self.port)) == 0
+
+        wait_until(listens, 0.2)
 
     def run(self, command: str, **environment: str) -> subprocess.CompletedProcess[str]:
         """Run one to its end."""

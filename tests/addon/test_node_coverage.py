@@ -272,9 +272,9 @@ def test_settings_are_where_their_table_says() -> None:
         assert any(hasattr(place, attribute) for place in places) == is_since(setting.since), name
 
 
-def test_the_surface_that_replaces_unknown_shaders_is_black() -> None:
+def test_unknown_shaders_are_no_surface() -> None:
     found = notices("ShaderNodeBsdfOfTomorrow", "BSDF", True, {}, {})
     assert [(notice.problem, notice.fallback) for notice in found] == [
-        ("ShaderNodeBsdfOfTomorrow is not supported", "black")
+        ("ShaderNodeBsdfOfTomorrow is not supported", "no surface")
     ]
     assert "ShaderNodeBsdfOfTomorrow" not in nodes_closure.CLOSURES

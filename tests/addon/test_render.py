@@ -144,29 +144,35 @@ def test_a_world_without_shadows_shines_through_walls(cube_scene: Any, tmp_path:
 
 
 def test_cancel_is_fast_and_keeps_the_picture(cube_scene: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    """Once kernels are there it may take 0.3 s from the cancel to the return, here with room for a machine that is busy
-    with other tests."""
+    """Once kernels are there it may take 0.3 s from the cancel to the return: of two processors' time, and with room
+    for Blender's own work. Seconds of the clock depend on who else wants the processors."""
     import bpy
 
-    from addon import engine
+    from addon import engine, passes
 
     # Samples enough to be guided, so that all kernels of the render that is cancelled are there.
     cube_scene.neuralguide.samples = 2 * LEAST_GUIDED_SAMPLES
     bpy.ops.render.render()
     cube_scene.render.resolution_x, cube_scene.render.resolution_y = 320, 160
     cube_scene.neuralguide.samples = 1 << 20
-    started = time.monotonic()
+    shown: list[str] = []
     cancelled_at: list[float] = []
 
     def should_cancel() -> bool:
-        if time.monotonic() - started > 4.0:
-            cancelled_at.append(time.monotonic())
+        # The second picture is of all tiles.
+        if shown.count("Combined") > 1:
+            cancelled_at.append(time.process_time())
         return bool(cancelled_at)
 
+    def write(target: Any, pixels: Any, real: Any = passes.write_pass) -> None:
+        shown.append(target.name)
+        real(target, pixels)
+
+    monkeypatch.setattr(passes, "write_pass", write)
     monkeypatch.setattr(engine, "cancel_hooks", [should_cancel])
     engine.outcomes.clear()
     bpy.ops.render.render()
-    ended = time.monotonic()
+    ended = time.process_time()
     assert [item.status for item in engine.outcomes] == ["CANCELLED"]
     assert ended - cancelled_at[0] < 1.5
     bpy.data.images["Render Result"].save_render(str(tmp_path / "kept.exr"))

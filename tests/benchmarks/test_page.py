@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import pytest
 from benchmarks.report.page import write_report
 from tests.helpers.browser import CHROMEDRIVER, CHROMIUM, Browser
 from tests.helpers.synthetic_records import HEIGHT, WIDTH, write_line, write_reference, write_render
+from tests.helpers.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None or CHROMEDRIVER is None, reason="no Chromium with chromedriver (Debian: chromium, chromium-driver)"
@@ -93,14 +93,6 @@ def shown_corners(browser: Browser) -> list[tuple[float, float, float]]:
         "return [i.width / w, (o.left + f.clientLeft - i.left) / i.width, (o.top + f.clientTop - i.top) / i.height] })"
     )
     return [tuple(one) for one in found]
-
-
-def wait_until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
-    """For what the browser does in its own time: events and pictures come when it finds the time."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.05)
 
 
 def test_the_wheel_zooms_all_pictures_about_the_pointer(opened: Browser) -> None:

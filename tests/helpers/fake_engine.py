@@ -30,6 +30,7 @@ class FakeEngine:
         self.export_error: Exception | None = None
         self.render_error: Exception | None = None
         self.during_render: Callable[[FakeEngine], None] = lambda _fake: None
+        self.before: dict[str, Callable[[], None]] = {}
         self.sessions: list[FakeSession] = []
         self.caches: list[Any] = []
         self.asked_passes: list[set[str]] = []
@@ -47,6 +48,10 @@ class FakeEngine:
         monkeypatch.setitem(sys.modules, "engine.render.session", session)
         monkeypatch.setitem(sys.modules, "addon.export", export)
 
+    def interrupt_at(self, where: str, interrupt: Callable[[], None]) -> None:
+        """Have `interrupt` called when a scene is exported ('export') or loaded ('load')."""
+        self.before[where] = interrupt
+
     def _session(self, settings: Any) -> FakeSession:
         self.sessions.append(FakeSession(self, settings))
         return self.sessions[-1]
@@ -54,6 +59,7 @@ class FakeEngine:
     def _export(
         self, depsgraph: Any, *, engine: Any, view_layer: Any, cache: Any, should_cancel: Any, texture_memory: Any
     ) -> Any:
+        self.before.get("export", lambda: None)()
         if self.export_error is not None:
             raise self.export_error
         if should_cancel():
@@ -88,6 +94,7 @@ class FakeSession:
         self.light_digest = "light"
 
     def load(self, description: Any, *, on_progress: Any, should_cancel: Any, keeps_meshes: bool) -> list[Any]:
+        self.fake.before.get("load", lambda: None)()
         if should_cancel():
             raise LoadCancelled
         self.region = description.frame.region

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from engine.viewport.handle import ViewProcess
 from engine.viewport.protocol import DEAD, DONE, FAILED, ViewImage
 from engine.viewport.view import Plane, Update, View
 from tests.helpers.small_scenes import floor_scene, looking_down, sun
+from tests.helpers.waiting import wait_until
 
 SETTINGS = RenderSettings(samples=4, guiding_method="OFF", threads=1)
 
@@ -30,14 +30,14 @@ def whole(scene: SceneDescription | None = None, settings: RenderSettings = SETT
     return Update(view=view(**options), scene=scene, settings=settings, is_paused=False)
 
 
-def wait_for(process: ViewProcess, condition: Callable[[], bool], seconds: float = 120.0) -> None:
-    deadline = time.monotonic() + seconds
-    while True:
+def wait_for(process: ViewProcess, condition: Callable[[], bool]) -> None:
+    """Return once `condition` holds of what the process has said."""
+
+    def holds() -> bool:
         process.poll()
-        if condition():
-            return
-        assert time.monotonic() < deadline, process.status
-        time.sleep(0.005)
+        return condition()
+
+    wait_until(holds, 0.005)
 
 
 def result_of(process: ViewProcess) -> ViewImage:

@@ -83,10 +83,12 @@ class LightShareModel:
         sums[:, 0] += np.bincount(leaf[known], weights=squared[known], minlength=count)
         sums[:, 1] += np.bincount(leaf[known], minlength=count)
         self._sums = sums
-        if not variance > 0.0 or not sums[:, 1].any():
+        # The mean square from which on a light is sampled always; all larger ones are alike.
+        most = LIGHT_COST * variance / max(ray_count, 1e-20)
+        if not most > 0.0 or not sums[:, 1].any():
             self.share = np.ones(count, np.float32)
             return
         prior = sums[:, 0].sum() / sums[:, 1].sum()
         moment = (sums[:, 0] + _PRIOR_COUNT * prior) / (sums[:, 1] + _PRIOR_COUNT)
-        best = np.sqrt(moment * ray_count / (LIGHT_COST * variance))
+        best = np.sqrt(np.minimum(moment, most) / most)
         self.share = np.clip(best, LEAST_SHARE, 1.0).astype(np.float32)

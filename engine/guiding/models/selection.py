@@ -38,6 +38,8 @@ _PRIOR_VERTICES = 64.0
 _OUTLIER_SHARE = 0.05
 #: The probability by whose estimate outliers are told, and sums compared.
 _REFERENCE = 5
+#: More than a second moment is of that by the reference: densities below a share of the other one's do not count.
+_MOST_RATIO = 1e4
 #: Densities below this share of the other one's count as this: estimates, not bounds.
 _LEAST_SHARE = np.float32(1e-3)
 
@@ -185,7 +187,8 @@ class SelectionModel:
         if not known.any():
             return np.full(len(known), self._first, np.float32), np.ones(len(known), np.float32)
         reference = moments[:, _REFERENCE]
-        ratio = moments / np.maximum(reference, 1e-300)[:, None]
+        reference = np.maximum(reference, 1e-300)
+        ratio = np.minimum(moments, _MOST_RATIO * reference[:, None]) / reference[:, None]
         mean = (known[:, None] * ratio).sum(0) / known.sum()
         ratio = (known[:, None] * ratio + _PRIOR_COUNT * mean) / (known[:, None] + _PRIOR_COUNT)
         by_vertex = (reference + _PRIOR_VERTICES * reference.sum() / vertices.sum()) / (vertices + _PRIOR_VERTICES)

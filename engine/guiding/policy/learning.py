@@ -479,7 +479,7 @@ class Learner:
             # One sample a pixel has none.
             variance = max(variance, self._variance)
         mean = sums.radiance / np.maximum(sums.weight, 1e-20)[:, None]
-        self._ray_count, self._variance, self._brightness = ray_count, variance, float(mean.mean())
+        self._ray_count, self._variance, self._brightness = ray_count, variance, float(mean.mean(dtype=np.float64))
         records, row_count = join_records([unit.vertices for unit in units])
         self.report.record_count += row_count
         self._judge_network(

@@ -263,7 +263,7 @@ def promised_efficiency(
     ratio = (found.known * ratio + _PRIOR_COUNT * whole) / (found.known + _PRIOR_COUNT)
     gain = np.maximum(1.0 - ratio, 0.0)
     leaf, throughput = found.lit_leaf, found.throughput_squared
-    scale = ray_count / (LEAST_RETURN * variance * costs.per_candidate)
+    scale = ray_count / max(LEAST_RETURN * variance * costs.per_candidate, 1e-300)
     wanted = np.sqrt(throughput * (found.reflected * gain)[leaf] * scale)
     several = wanted > least_count(costs)
     count = np.where(several, np.minimum(wanted, MAX_CANDIDATES), 1.0)

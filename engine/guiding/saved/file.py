@@ -15,6 +15,7 @@ programs need not write one.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -88,7 +89,9 @@ def save_field(path: Path, learned: LearnedField) -> None:
             " and that has room"
         ) from error
     finally:
-        beside.unlink(missing_ok=True)
+        # A file system that is read-only refuses this too, whether or not there is such a file.
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def _replace(source: Path, target: Path) -> None:

@@ -14,7 +14,7 @@ from engine.kernels.shader.ahead import ask_for_coordinates, ask_for_texels
 from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, TEXTURE_FIRST
 from engine.kernels.shader.ops_closure import run_closure_op
 from engine.kernels.shader.ops_image import run_image_op
-from engine.kernels.shader.ops_input import OP_ATTRIBUTE, OP_NORMAL, run_attribute, run_input_op
+from engine.kernels.shader.ops_input import OP_ATTRIBUTE, OP_NORMAL, OP_SET_NORMAL, run_attribute, run_input_op
 from engine.kernels.shader.ops_math import run_math_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
@@ -126,4 +126,9 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
                 run_attribute(code, pc, floats, geometry, points, lane)
             else:
                 run_input_op(opcode, code, pc, floats, pool, geometry, points, lane, camera, pass_indices)
+                if opcode == OP_SET_NORMAL:
+                    # Displacement shown as bump is the surface's own shape: no lobe is bumped against it.
+                    ns = read_point(points, lane, POINT_NS)
+                    for axis in range(3):
+                        closures.ns[lane, axis] = ns[axis]
             pc += code[pc + 1]

@@ -231,6 +231,11 @@ def _relink(description: SceneDescription) -> None:
     description.materials[0].graph.nodes[1].inputs["Base Color"] = Link(0, "Alpha")  # type: ignore[union-attr]
 
 
+def _give_unknown_links_another_value(description: SceneDescription) -> None:
+    inputs = description.materials[0].graph.nodes[1].inputs  # type: ignore[union-attr]
+    inputs["Base Color"] = Link(0, "Nothing", (0.9, 0.1, 0.1, 1.0))
+
+
 def _link_elsewhere(description: SceneDescription) -> None:
     description.materials[2].graph.surface = Link(7, "Vector")  # type: ignore[union-attr]
 
@@ -376,6 +381,7 @@ CHANGES: dict[str, list[Change]] = {
     "Node.changed": [_set("materials.2.graph.nodes.3.changed", frozenset({"from_nobody"}))],
     "Link.node": [_link_elsewhere],
     "Link.output": [_relink],
+    "Link.otherwise": [_give_unknown_links_another_value],
     "Image.key": [_set("images.0.key", "another")],
     "Image.name": [_set("images.0.name", "Another")],
     "Image.pixels": [_edit("images.0.pixels", lambda p: p // 2), _edit("images.1.pixels", lambda p: p // 2),

@@ -41,6 +41,7 @@ def _paths(directions: Any, flags: int, pdf: Any = 0.0, hit_distance: float = 1e
     paths = allocate_paths(len(directions))
     paths.direction[:] = directions
     paths.throughput[:] = 1.0
+    paths.unguided[:] = 1.0
     paths.mis_normal[:] = UP
     paths.mis_pdf[:] = pdf
     paths.flags[:] = flags

@@ -304,6 +304,18 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, monkey
         save_field(tmp_path / "nowhere" / "room.ngfield", field())
 
 
+def test_a_read_only_file_system_is_named(tmp_path: Path, monkeypatch: Any) -> None:
+    """It refuses to remove what is not there, too."""
+
+    def refuse(self: Path, *_arguments: Any, **_named: Any) -> Any:
+        raise OSError(30, "Read-only file system", str(self))
+
+    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(FieldFileError, match=r"room.ngfield cannot be written \(Read-only file system\)"):
+        save_field(tmp_path / "room.ngfield", field())
+
+
 def test_readers_see_whole_files_while_two_renders_save_to_one(tmp_path: Path) -> None:
     path = tmp_path / "room.ngfield"
     save_field(path, field())

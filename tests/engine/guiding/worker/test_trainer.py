@@ -7,6 +7,7 @@ Most workers here are stand-ins of a few lines that speak the protocol without t
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import mmap
 import os
 import signal
@@ -29,6 +30,7 @@ from engine.guiding.trainer import standby
 from engine.guiding.trainer.channel import Channel
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
 from engine.processes import memory as memory_module
+from tests.helpers.waiting import wait_until
 
 SHAPE = NetworkShape(level_count=2, finest_resolution=16, table_size=1 << 8, width=16, hidden_layers=1)
 SETTINGS = TrainingSettings(submission_rows=1000, batch_size=256)
@@ -177,15 +179,8 @@ def trainer(tmp_path):
     assert not [thread for thread in threading.enumerate() if thread.name == "training"]
 
 
-def wait_for(condition, seconds=20.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened"
-        time.sleep(0.01)
-
-
 def end_of(handle):
-    wait_for(lambda: handle.status.state is TrainerState.DEAD)
+    wait_until(lambda: handle.status.state is TrainerState.DEAD)
     assert handle.submit(some_records(), 500) == 0
     assert handle.poll() is None
     return handle.status.message
@@ -194,17 +189,17 @@ def end_of(handle):
 def test_start_does_not_wait(trainer):
     handle = trainer("time.sleep(60)\n")
     assert handle.status.state is TrainerState.STARTING
-    began = time.monotonic()
     assert [handle.submit(some_records(), 500) for _ in range(4)] == [500, 500, 0, 0]
     assert handle.poll() is None
     assert handle.status.dropped_submissions == 2
-    assert time.monotonic() - began < 5.0
+    # Whoever waited for it would have waited for its end.
+    assert handle.process.poll() is None
 
 
 @posix
 def test_killed_worker(trainer):
     handle = trainer(READY, "sys.stdin.read()\n")
-    wait_for(lambda: handle.status.state is TrainerState.WAITING)
+    wait_until(lambda: handle.status.state is TrainerState.WAITING)
     os.kill(handle.process.pid, signal.SIGKILL)
     assert "SIGKILL" in end_of(handle)
 
@@ -285,7 +280,7 @@ def test_bad_snapshots_never_arrive(trainer):
 
     def next_snapshot(version):
         handle.submit(some_records(), 500)
-        wait_for(lambda: handle.status.step == version)
+        wait_until(lambda: handle.status.step == version)
         return handle.poll()
 
     assert next_snapshot(2).version == 2
@@ -307,11 +302,11 @@ def test_two_trainers_do_not_meet(trainer):
         time.sleep(0.01)
     """
     first, second = (trainer(ATTACH, watch) for _ in range(2))
-    wait_for(lambda: first.status.step > 0 and second.status.step > 0)
+    wait_until(lambda: first.status.step > 0 and second.status.step > 0)
     assert first.status.loss == second.status.loss == 0.0
     first.submit(some_records(), 500)
     step = second.status.step
-    wait_for(lambda: first.status.loss == 1.0 and second.status.step > step + 1)
+    wait_until(lambda: first.status.loss == 1.0 and second.status.step > step + 1)
     assert second.status.loss == 0.0
 
 
@@ -340,8 +335,8 @@ def test_worker_goes_with_its_renderer(tmp_path, end):
         """)
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
-    done = subprocess.run([sys.executable, script], capture_output=True, env=environment, timeout=60)
-    wait_for(lambda: not alive(int(done.stdout)))
+    done = subprocess.run([sys.executable, script], capture_output=True, env=environment)
+    wait_until(lambda: not alive(int(done.stdout)))
     assert [path.name for path in tmp_path.iterdir()] == ["renderer.py"]
     assert b"resource_tracker" not in done.stderr and b"leaked" not in done.stderr
 
@@ -355,7 +350,7 @@ needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reas
 def test_real_worker_trains_in_the_background():
     with NetworkTrainer(SHAPE, settings=SETTINGS, training_share=1.0) as trainer:
         received = None
-        for part in range(600):
+        for part in itertools.count():
             trainer.submit(some_records(1000, part), 1000)
             received = trainer.poll() or received
             assert trainer.status.state is not TrainerState.DEAD, trainer.status.message
@@ -364,7 +359,7 @@ def test_real_worker_trains_in_the_background():
             time.sleep(0.1)
         assert received.step >= 20 and received.loss < 1.0
         np.testing.assert_allclose(received.scale, 1.5, rtol=0.1)
-        wait_for(lambda: trainer.status.state is TrainerState.IDLE)
+        wait_until(lambda: trainer.status.state is TrainerState.IDLE)
     assert trainer.status.message == "closed"
 
 
@@ -372,7 +367,7 @@ def test_real_worker_trains_in_the_background():
 @pytest.mark.parametrize("shape", [SHAPE, MixtureShape(position_encoding="BLOB"), FlowShape()], ids=lambda s: s.kind)
 def test_real_worker_waits_for_the_first_records(shape):
     with NetworkTrainer(shape) as trainer:
-        wait_for(lambda: trainer.status.state is not TrainerState.STARTING, seconds=120.0)
+        wait_until(lambda: trainer.status.state is not TrainerState.STARTING)
         time.sleep(2.5)
         assert trainer.status.state is TrainerState.WAITING, trainer.status.message
 
