@@ -151,7 +151,7 @@ def glass(node: Node, weight: Value, builder: Any) -> None:
     """Glass BSDF."""
     _thin_film(builder)
     if not is_zero(_float(builder, "Anisotropy", 0.0)):
-        builder.notice("anisotropic glass is not supported", "glass as rough in all directions")
+        builder.notice("anisotropic transmission is not supported", "glass as rough in all directions")
     color = _color(builder, default=1.0)
     roughness = _roughness(node, builder, 0.0)
     ior = _float(builder, "IOR", 1.5)

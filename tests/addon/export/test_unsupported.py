@@ -162,7 +162,7 @@ def test_nodes_that_are_missing_are_named(scene: Any, kind: str) -> None:
 
 
 @pytest.mark.parametrize("socket", ["Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"])
-def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
+def test_raycast_is_named_and_counts_as_not_linked(scene: Any, socket: str) -> None:
     import bpy
 
     if not hasattr(bpy.types, "ShaderNodeRaycast"):
@@ -172,7 +172,9 @@ def test_raycast_is_named_and_gives_0(scene: Any, socket: str) -> None:
     shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
     tree.links.new(node.outputs[socket], shader.inputs["Base Color"])
     found = notices(scene)
-    assert [(notice.subject, notice.fallback) for notice in found] == [(f"Plane / Paint / {node.name}", "0")]
+    assert [(notice.subject, notice.fallback) for notice in found] == [
+        (f"Plane / Paint / {node.name}", "as if it were not linked")
+    ]
     assert found[0].problem == "ShaderNodeRaycast is not supported"
 
 
@@ -192,6 +194,75 @@ def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
     found = notices(scene)
     assert [notice.subject for notice in found] == [f"Plane / Paint / {shader.name}"]
     assert found[0].problem == "Thin Wall is not supported"
+
+
+@pytest.mark.parametrize("kind, strength, weight", [
+    ("ShaderNodeBsdfGlass", "Anisotropy", None),
+    ("ShaderNodeBsdfPrincipled", "Anisotropic", "Transmission Weight"),
+])  # fmt: skip
+def test_anisotropic_glass_is_named(scene: Any, kind: str, strength: str, weight: str | None) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has anisotropic glass")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(kind)
+    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    if weight is not None:
+        node.inputs[strength].default_value = 0.5
+        assert notices(scene) == []  # Reflection alone is as anisotropic as in Cycles.
+        node.inputs[weight].default_value = 1.0
+    else:
+        assert notices(scene) == []
+        node.inputs[strength].default_value = 0.5
+    found = [(notice.problem, notice.fallback) for notice in notices(scene)]
+    assert found == [("anisotropic transmission is not supported", "glass as rough in all directions")]
+
+
+def test_attributes_of_lights_are_named(scene: Any) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has attributes of lights")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_type, node.attribute_name = "LIGHT", "energy"
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+    assert [(notice.problem, notice.fallback) for notice in notices(scene)] == [
+        ("the attribute 'energy' of lights is not supported", "0")
+    ]
+
+
+@pytest.mark.parametrize("kind", ["LightInfo", "LightEvaluation", "LightAccumulation", "ShadowRaycast"])
+def test_nodes_of_light_loops_are_named(scene: Any, kind: str) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has light loops")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    is_shader = node.outputs[0].type == "SHADER"
+    tree.links.new(node.outputs[0], output.inputs["Surface"] if is_shader else shader.inputs["Base Color"])
+    (found,) = notices(scene)
+    assert found.subject == f"Plane / Paint / {node.name}"
+    assert found.problem == f"ShaderNode{kind} is not supported"
+
+
+def test_gaussian_splats_are_named(scene: Any) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has Gaussian splats")
+    points = bpy.data.pointclouds.new("Splats")
+    points.type = "GAUSSIAN_SPLAT"
+    scene.collection.objects.link(bpy.data.objects.new("Splats", points))
+    assert [(notice.subject, notice.problem) for notice in notices(scene)] == [
+        ("Splats", "Gaussian splats are not supported")
+    ]
 
 
 def test_what_a_volume_cannot_do_is_named(scene: Any) -> None:
