@@ -7,6 +7,7 @@ from engine.kernels.constants import INFINITY
 from engine.kernels.lights import finds_all
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.rounding import next_above
+from engine.kernels.surface import has_room
 from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -14,6 +15,7 @@ from engine.state.lanes import (
     POINT_NS,
     POINT_P,
     POINT_RADIUS,
+    RAY_AT_EDGE,
     RAY_CAMERA,
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
@@ -42,6 +44,7 @@ _RESET = ~(
     | RAY_MIS_HAD_TRANSMISSION
     | RAY_MIS_FINDS_ALL
     | RAY_TRANSPARENT_BACKGROUND
+    | RAY_AT_EDGE
 )
 
 
@@ -122,6 +125,8 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
         flags |= RAY_MIS_FINDS_ALL
     if ends:
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
+    if not has_room(paths.room[lane], real_3(points, lane, POINT_NG), wi):
+        flags |= RAY_AT_EDGE
     paths.flags[lane] = flags
 
 

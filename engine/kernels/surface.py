@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from engine.kernels.constants import FLOAT_MIN
 from engine.kernels.motion import (
     direction_to_object,
     move_surface,
@@ -12,6 +13,7 @@ from engine.kernels.motion import (
     triangle_at,
 )
 from engine.kernels.vector import (
+    absolute,
     add,
     cross,
     dot,
@@ -19,6 +21,7 @@ from engine.kernels.vector import (
     normalize,
     scale,
     subtract,
+    transform_direction,
     transform_normal,
     transform_point,
 )
@@ -47,6 +50,12 @@ from engine.state.lanes import (
     POINT_WO,
 )
 
+#: Bound on the relative rounding error of a point interpolated from a triangle's vertices: gamma(7) of pbrt (Pharr et
+#: al. 2023, section 6.8), four times over for the transform and for Embree's own arithmetic.
+_RELATIVE_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
+#: Room that is enough, as seen along a ray: for the error of where it starts, and for how far that moves it in the
+#: plane.
+_ENOUGH_ROOM = np.float32(4.0)
 #: How far a ray starts off a surface where it must: in steps of float32, but near zero, where these are tiny [m].
 _STEPS = np.float32(256.0)
 _NEAR_ZERO, _STEP_NEAR_ZERO = np.float32(1.0 / 32.0), np.float32(1.0 / 65536.0)
@@ -55,14 +64,40 @@ _ROUNDING = np.float32(2.0**-23)
 
 
 @kernel
+def _room(corner, edge1, edge2, n, u, v):
+    """Square of how many times its rounding error a point is away from the edges of its triangle, at least.
+
+    Parameters
+    ----------
+    corner : 3-tuple, that of the two edges, or its largest coordinates on the way
+    n : 3-tuple, cross product of the edges
+    u, v : float32, barycentrics
+    """
+    edge3 = subtract(edge2, edge1)
+    longest = max(dot(edge1, edge1), dot(edge2, edge2), dot(edge3, edge3))
+    x, y, z = add(absolute(corner), add(absolute(edge1), absolute(edge2)))
+    error = max(x, y, z) * _RELATIVE_ERROR
+    share = max(min(u, v, 1.0 - u - v), 0.0)
+    return share * share * dot(n, n) / max(longest * error * error, FLOAT_MIN)
+
+
+@kernel
 def surface_point(geometry, instance, triangle, u, v, time):
-    """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer)."""
+    """Where on a triangle: position, geometric and shading normal (world, unit, not turned to the viewer).
+
+    Returns
+    -------
+    p, ng, ns : 3-tuples
+    room : float32
+        Square of how many times its rounding error p is away from the triangle's edges, at least; 0: not known.
+    """
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     edge1, edge2 = subtract(v1, v0), subtract(v2, v0)
     # Far from the origin edges lose less to rounding than vertices do.
     p = add(v0, add(scale(edge1, u), scale(edge2, v)))
     ng = cross(edge1, edge2)
+    room = _room(v0, edge1, edge2, ng, u, v)
     flags = geometry.instance_table[instance, INSTANCE_FLAGS]
     first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     ns = ng
@@ -80,9 +115,16 @@ def surface_point(geometry, instance, triangle, u, v, time):
             if first_normal < 0:
                 ns = ng
     elif flags & INSTANCE_FLAG_MOVING:
+        room *= 0.0
         p, ng, ns = move_surface(geometry, instance, time, p, ng, ns)
     else:
+        edge1 = transform_direction(geometry.transforms, instance, edge1)
+        edge2 = transform_direction(geometry.transforms, instance, edge2)
+        place = (
+            geometry.transforms[instance, 3], geometry.transforms[instance, 7], geometry.transforms[instance, 11]
+        )
         p = transform_point(geometry.transforms, instance, p)
+        room = _room(add(absolute(p), absolute(place)), edge1, edge2, cross(edge1, edge2), u, v)
         ng = transform_normal(geometry.inverses, instance, ng)
         ns = transform_normal(geometry.inverses, instance, ns)
     ng = normalize(ng)
@@ -92,13 +134,13 @@ def surface_point(geometry, instance, triangle, u, v, time):
             ns = ng
     else:
         ns = ng
-    return p, ng, ns
+    return p, ng, ns, room
 
 
 @kernel
 def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, time):
-    """Fill the geometric part of a point to shade."""
-    p, ng, ns = surface_point(geometry, instance, triangle, u, v, time)
+    """Fill the geometric part of a point to shade; returns its room, as `surface_point`."""
+    p, ng, ns, room = surface_point(geometry, instance, triangle, u, v, time)
     flags = 0
     if dot(ng, direction) > 0.0:
         ng = negate(ng)
@@ -117,6 +159,7 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
     points.integer[lane, POINT_TRIANGLE] = triangle
     points.integer[lane, POINT_FLAGS] = flags
     points.integer[lane, POINT_LIGHT] = -1
+    return room
 
 
 @kernel
@@ -124,6 +167,13 @@ def program_of(geometry, instance, triangle):
     """Shader program of a triangle of an instance."""
     offset = geometry.instance_table[instance, INSTANCE_MATERIAL_OFFSET]
     return geometry.instance_materials[offset + geometry.material_slots[triangle]]
+
+
+@kernel
+def has_room(room, ng, direction):
+    """Whether a ray that leaves a surface needs no `ray_start`: by the room at its point, without looking closer."""
+    cosine = dot(ng, direction)
+    return room * cosine * cosine > _ENOUGH_ROOM
 
 
 @kernel

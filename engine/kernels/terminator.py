@@ -11,7 +11,7 @@ References: Hanika 2021, "Hacking the Shadow Terminator" (Ray Tracing Gems II, c
 
 from engine.kernels.constants import FAR
 from engine.kernels.motion import direction_to_world, normals_at, triangle_at
-from engine.kernels.surface import ray_start
+from engine.kernels.surface import has_room, ray_start
 from engine.kernels.vector import add, dot, length, negate, normalize, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
@@ -67,7 +67,7 @@ def smooth_offset(geometry, instance, triangle, u, v, ng, time):
 
 
 @kernel
-def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, time):
+def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, room, time):
     """Ray from a point on a surface, or within a medium (`instance` -1), to a light.
 
     Parameters
@@ -76,6 +76,8 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, time
         The point, and its normals turned to the viewer.
     wi, distance : tuple of 3 float32, float32
         Direction and distance of the light from p; from `FAR` on it is infinitely far away.
+    room : float32
+        See `surface_point`.
     time : float32 in [0, 1], of the shutter
 
     Returns
@@ -92,7 +94,7 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, time
     if geometry.mesh_table[mesh, MESH_FIRST_NORMAL] >= 0:
         cutoff = geometry.instance_values[instance, VALUE_TERMINATOR]
     amount = 0.0 * u
-    origin, starts_on = p, True
+    origin, starts_on, is_clear = p, True, has_room(room, ng, wi)
     if cutoff > 0.0:
         cos_s = dot(ns, wi)
         facing = ng if cos_s >= 0.0 else negate(ng)
@@ -102,13 +104,13 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, time
         amount = 2.0 - (cos_g + cos_s) / cutoff if cos_s < cutoff else 1.0 - cos_g / cutoff
         if amount > 0.0:
             lift = scale(smooth_offset(geometry, instance, triangle, u, v, facing, time), min(amount, 1.0))
-            origin = add(p, lift)
+            origin, is_clear = add(p, lift), False
             # The triangle shadows what reaches the smooth surface from below.
             starts_on = cos_g > 0.0
             if distance < FAR:
                 to_light = subtract(add(p, scale(wi, distance)), origin)
                 distance = length(to_light)
                 wi = normalize(to_light)
-    if starts_on:
+    if starts_on and not is_clear:
         origin = ray_start(geometry, instance, triangle, origin, wi, time)
     return origin, wi, distance, starts_on

@@ -89,6 +89,8 @@ RAY_EMISSION = 32768
 RAY_PASSES_DONE = 65536
 #: The camera's ray has met a shadow catcher.
 RAY_CATCHER_HIT = 131072
+#: The ray leaves a triangle so near its edge that it is to be looked at where it starts.
+RAY_AT_EDGE = 524288
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
@@ -276,6 +278,7 @@ class PathState(Bundle):
         camera's rays, which have none, how far the camera sees [m]
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     min_pdf : float32, smallest scattering density so far (filter_glossy)
+    room : float32, of the hit, within its triangle (`kernels.surface.surface_point`)
     near : float32 [m], along the ray, behind what it has passed since its origin, which is where it was last scattered
     radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
     alpha : float32, 1 - transparency seen by the camera so far
@@ -306,6 +309,7 @@ class PathState(Bundle):
     mis_origin: Float32Array
     mis_normal: Float32Array
     min_pdf: Float32Array
+    room: Float32Array
     radius: Float32Array
     spread: Float32Array
     alpha: Float32Array
@@ -715,6 +719,7 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
             ("mis_normal", real, 3),
             ("mis_pdf", real),
             ("min_pdf", real),
+            ("room", real),
             ("radius", real),
             ("spread", real),
             ("alpha", real),

@@ -393,7 +393,7 @@ def find_shadow_collisions(scene, unit, work, queue):
             if instance < 0 or media.crossings[own] > MOST_CROSSINGS:
                 break
             triangle = tracking.triangle[own]
-            _p, ng, _ns = surface_point(
+            _p, ng, _ns, _room = surface_point(
                 scene.geometry, instance, triangle, tracking.u[own], tracking.v[own], time
             )
             tracking.position[own] = tracking.end[own]

@@ -6,7 +6,7 @@ from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.surface import ray_start
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT, RAY_VOLUME
+from engine.state.lanes import RAY_AT_EDGE, RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT, RAY_VOLUME
 from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
 
 
@@ -37,9 +37,10 @@ def intersect_closest(scene, unit, work, queue):
         if instance < 0:
             hit = trace_closest(handle, ray, bits, address, origin, direction, near, far, time, visibility)
         else:
-            if near == 0.0:
+            if paths.flags[lane] & RAY_AT_EDGE:
                 origin = ray_start(geometry, instance, triangle, origin, direction, time)
                 store(paths.origin, lane, origin)
+                paths.flags[lane] &= ~RAY_AT_EDGE
             start_on(bits, geometry, instance, triangle)
             hit = trace_closest_from(handle, ray, bits, address, origin, direction, near, far, time, visibility)
         if hit:

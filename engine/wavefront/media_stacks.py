@@ -43,7 +43,7 @@ def _find_media(scene, work, lane):
         if not hit:
             return
         instance, triangle, near, u, v = read_hit(work.ray, work.ray_bits, geometry)
-        _p, ng, _ns = surface_point(geometry, instance, triangle, u, v, time)
+        _p, ng, _ns, _room = surface_point(geometry, instance, triangle, u, v, time)
         medium = of_program[program_of(geometry, instance, triangle)]
         if medium < 0 or not geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_CAMERA:
             continue

@@ -71,7 +71,7 @@ def aim_occlusion(scene, unit, work, queue):
         origin, wi, distance, starts_on = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane],
             real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), real_3(points, lane, POINT_NS), wi,
-            options.occlusion_distance, paths.time[lane],
+            options.occlusion_distance, paths.room[lane], paths.time[lane],
         )
         mean = 0.0
         for c in range(RGB):

@@ -75,7 +75,7 @@ def prepare_surface(scene, unit, work, queue):
                 continue
 
         direction = load(paths.direction, lane)
-        prepare_point(
+        paths.room[lane] = prepare_point(
             geometry, points, lane, instance, triangle, paths.hit_u[lane], paths.hit_v[lane], direction,
             paths.time[lane],
         )

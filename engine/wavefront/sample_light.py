@@ -296,7 +296,7 @@ def connect_lights(scene, unit, work, queue):
         wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
         origin, wi, distance, starts_on = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
-            ns, wi, samples.distance[lane], paths.time[lane],
+            ns, wi, samples.distance[lane], paths.room[lane], paths.time[lane],
         )
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)

@@ -33,7 +33,7 @@ def _search(scene, masks, geometry, ray, bits, address, x, y, z, far, mask, numb
     count = trace_boundaries(scene, ray, bits, address, origin, direction, 0.0, far, 0.0, mask)
     for k in range(min(count, MOST_BOUNDARIES)):
         instance, triangle, distance, u, v, is_back = read_boundary(ray, bits, geometry, k)
-        p, ng, _ns = surface_point(geometry, instance, triangle, u, v, 0.0)
+        p, ng, _ns, _room = surface_point(geometry, instance, triangle, u, v, 0.0)
         numbers[k, 0] = instance
         numbers[k, 1] = is_back
         numbers[k, 2] = dot(ng, direction) > 0.0
