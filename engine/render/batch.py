@@ -213,7 +213,7 @@ class Batch:
     def take(self, shaders: ShaderArrays) -> None:
         """Be ready for another render, of a scene with these programs."""
         self.work = self.work._replace(registers=allocate_memory(shaders))
-        # Scenes without dense media, and those without emitters, have no stage that sets them.
+        # Scenes without emitters have no stage that sets them.
         self.work.media.is_lit[:] = 0
         self.work.media.collision_share[:] = 1.0
         self._guide = with_field(self._guide, None)

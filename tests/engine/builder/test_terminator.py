@@ -12,7 +12,7 @@ from engine.scene.description import Mesh
 from engine.state import geometry as layout
 from tests.helpers.placed_quads import at, quad_scene
 
-_OFFSET = np.float32(1e-6)
+_ROOM = np.float32(1e12)
 _FAR = np.float32(1e30)
 
 
@@ -37,7 +37,7 @@ def ray(geometry, wi, distance=_FAR, u=1 / 3, v=1 / 3):
     wi = np.asarray(wi) / np.linalg.norm(wi)
     result = shadow_ray(
         geometry, 0, 0, np.float32(u), np.float32(v), triple(p), triple(ng), triple(ns), triple(wi),
-        np.float32(distance), _OFFSET, np.float32(0.5),
+        np.float32(distance), _ROOM, np.float32(0.5),
     )  # fmt: skip
     return SimpleNamespace(p=p, ng=ng, wi=wi, origin=np.array(result[0]), direction=np.array(result[1]), t=result[2])
 

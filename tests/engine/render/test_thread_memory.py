@@ -18,7 +18,7 @@ from tests.helpers.media_scenes import media_scene, medium, placed, varying
 
 #: What `Batch.begin` sets, what a render sets once, and what has no part in the picture.
 SET_BEFORE = {
-    "counts", "clock", "ray_address", "registers.floats", "free.lanes", *(f"{name}.count" for name in QUEUES),
+    "counts", "clock", "ray", "ray_bits", "ray_address", "registers.floats", "free.lanes", *(f"{name}.count" for name in QUEUES),
     "guided.rough_share", "samples.guide_pdf", "samples.bsdf_share", "samples.weight", "samples.cluster",
     "closures.aovs", "shaded.aovs", "media.is_lit", "media.collision_share",
 }  # fmt: skip
@@ -72,7 +72,7 @@ def test_nothing_shows_of_what_earlier_units_have_left(method: str, varies: bool
 
 
 def test_a_scene_after_one_of_dense_media_is_rendered_as_if_it_were_the_first():
-    """Media end a little before surfaces where they are dense: in the next scene they do not."""
+    """Nothing of the first scene's media is left in the next."""
     settings = {"guiding_method": "OFF", "samples": 4, "threads": 1, "filter_glossy": 0.0}
     dense, thin = (
         media_scene([medium("Scatter", Density=density, Color=(0.9, 0.9, 0.9, 1.0))], [placed()], size=(24, 24))

@@ -174,9 +174,8 @@ def test_only_what_is_before_the_surface_counts() -> None:
         result = _shade(lights, _paths(UP, RAY_CAMERA | RAY_MIS_SKIP, hit_distance=distance))
         assert result[0] == pytest.approx(expected, rel=1e-4)
     # Past a transparent surface: the range moves on, what lies behind its start is not counted again.
-    paths = _paths(UP, RAY_CAMERA | RAY_MIS_SKIP, hit_distance=1.0)
-    paths.mis_distance[:] = 1.5
-    paths.origin[:, 2] = 1.5
+    paths = _paths(UP, RAY_CAMERA | RAY_MIS_SKIP, hit_distance=2.5)
+    paths.near[:] = 1.5
     assert _shade(lights, paths)[0] == pytest.approx(radiance, rel=1e-4)
 
 
