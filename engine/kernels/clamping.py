@@ -55,19 +55,6 @@ def clamps(options):
 
 
 @kernel
-def clamp_limit(options, channels, depth):
-    """What the channels of a contribution may sum to, 0 = anything: float32.
-
-    Parameters
-    ----------
-    depth : int
-        Scatterings before the light's last one: 0 is direct light, -1 what the camera sees.
-    """
-    limit = options.clamp_indirect if depth > 0 else options.clamp_direct
-    return limit * np.float32(len(channels))
-
-
-@kernel
 def _left_of(total, limit):
     """Share that clamping leaves of a contribution whose channels sum to `total`; NaN leaves all."""
     return limit / total if total > limit else np.float32(1.0)
@@ -82,10 +69,11 @@ def clamped_share(options, channels, contribution, row, depth, unguided):
     Parameters
     ----------
     contribution : float32 (N, C)
-    depth : see `clamp_limit`
+    depth : int
+        Scatterings before the light's last one: 0 is direct light, -1 what the camera sees.
     unguided : Unguided
     """
-    limit = clamp_limit(options, channels, depth)
+    limit = (options.clamp_indirect if depth > 0 else options.clamp_direct) * np.float32(len(channels))
     if not limit > 0.0:
         return np.float32(1.0)
     total = np.float32(0.0)

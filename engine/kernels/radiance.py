@@ -3,8 +3,10 @@
 
 import math
 
-from engine.kernels.clamping import Unguided, clamped_share, found_alone, weighted_inverse
+from engine.kernels.clamping import Unguided, clamped_share, clamps, found_alone, weighted_inverse
+from engine.kernels.lights import tree_share
 from engine.kernels.spectrum import to_rgb
+from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO
 from engine.state.lanes import (
@@ -13,6 +15,7 @@ from engine.state.lanes import (
     PART_GLOSSY,
     PART_GROUPS,
     PART_TRANSMISSION,
+    RAY_MIS_HAD_TRANSMISSION,
     RAY_TRANSPARENT_BACKGROUND,
     RGB,
     VOLUME_PARTS,
@@ -35,15 +38,17 @@ def power_heuristic(pdf, other_pdf):
 
 
 @kernel
-def weigh_found(paths, lane, pdf, tree_share):
+def weigh_found(options, lights, paths, lane, emitter, leaves_dim, pdf):
     """What light counts that scattering has found, and how clamping sees it.
 
     Parameters
     ----------
+    emitter : int
+        Row of `lights.emitters`.
+    leaves_dim : bool
+        See `sample_light`.
     pdf : float32 [sr^-1]
         With which light sampling proposes it; 0: never.
-    tree_share : float32
-        Factor that makes of that what it would be by the light tree alone.
 
     Returns
     -------
@@ -57,7 +62,12 @@ def weigh_found(paths, lane, pdf, tree_share):
     weight = power_heuristic(paths.mis_pdf[lane], pdf)
     if not weight > 0.0 or plain_pdf < 0.0:
         return weight, found_alone(factor)
-    plain_light_pdf = pdf * tree_share
+    plain_light_pdf = pdf
+    if clamps(options) and pdf > 0.0:
+        plain_light_pdf *= tree_share(
+            lights, emitter, load(paths.mis_origin, lane), load(paths.mis_normal, lane),
+            (paths.flags[lane] & RAY_MIS_HAD_TRANSMISSION) != 0, leaves_dim, load(paths.direction, lane),
+        )
     plain_weight = power_heuristic(plain_pdf, plain_light_pdf)
     own = factor * plain_weight / weight
     # By light sampling it would be light / density instead of light / density of scattering.

@@ -6,9 +6,9 @@ Between the two, `evaluate_shaders` runs the world's program where it is not con
 
 import numpy as np
 
-from engine.kernels.clamping import clamps, found_alone
+from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
-from engine.kernels.lights import background_pdf, tree_share
+from engine.kernels.lights import background_pdf
 from engine.kernels.path_depths import store_depths
 from engine.kernels.radiance import add_emission, add_seen, show_left_out, weigh_found
 from engine.kernels.vector import load
@@ -135,22 +135,18 @@ def shade_background(scene, unit, work, queue):
             weight = np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+                leaves_dim = (flags & RAY_MIS_FINDS_ALL) != 0
                 pdf = background_pdf(
                     lights,
                     load(paths.mis_origin, lane),
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
-                    (flags & RAY_MIS_FINDS_ALL) != 0,
+                    leaves_dim,
                     load(paths.direction, lane),
                 )
-                tree = np.float32(1.0)
-                if clamps(options) and pdf > 0.0:
-                    tree = tree_share(
-                        lights, lights.header[HEADER_BACKGROUND_EMITTER], load(paths.mis_origin, lane),
-                        load(paths.mis_normal, lane), (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
-                        (flags & RAY_MIS_FINDS_ALL) != 0, load(paths.direction, lane),
-                    )
-                weight, unguided = weigh_found(paths, lane, pdf, tree)
+                weight, unguided = weigh_found(
+                    options, lights, paths, lane, lights.header[HEADER_BACKGROUND_EMITTER], leaves_dim, pdf
+                )
             share = add_emission(
                 options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided, group,
                 film, FEATURE_ENVIRONMENT, use_features,

@@ -8,8 +8,8 @@ import numpy as np
 from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
-from engine.kernels.clamping import clamps, found_alone, settle_roulette
-from engine.kernels.lights import tree_share, triangle_emitter, triangle_emitter_pdf
+from engine.kernels.clamping import found_alone, settle_roulette
+from engine.kernels.lights import triangle_emitter, triangle_emitter_pdf
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen, weigh_found
 from engine.kernels.vector import load
@@ -93,14 +93,8 @@ def shade_emission(scene, unit, work, queue):
                     paths.time[lane],
                 )
                 if pdf > 0.0:
-                    tree = np.float32(1.0)
-                    if clamps(options):
-                        tree = tree_share(
-                            lights, triangle_emitter(lights, instance, paths.hit_triangle[lane]),
-                            load(paths.mis_origin, lane), load(paths.mis_normal, lane),
-                            (flags & RAY_MIS_HAD_TRANSMISSION) != 0, False, load(paths.direction, lane),
-                        )
-                    weight, unguided = weigh_found(paths, lane, pdf, tree)
+                    emitter = triangle_emitter(lights, instance, paths.hit_triangle[lane])
+                    weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
             share = add_emission(
                 options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided,
                 geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,

@@ -7,9 +7,9 @@ camera, other rays only those with multiple importance sampling; suns without it
 
 import numpy as np
 
-from engine.kernels.clamping import clamps, found_alone
+from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf, tree_share
+from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
 from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_found, add_seen, weigh_found
@@ -84,18 +84,6 @@ def _see_through(work, lane, row, distance):
 
 
 @kernel
-def _weigh_lamp(options, lights, row, pdf, paths, lane):
-    """`weigh_found` of a lamp or sun that light sampling proposes with this density."""
-    tree = np.float32(1.0)
-    if clamps(options) and pdf > 0.0:
-        tree = tree_share(
-            lights, lights.lamp_table[row, LAMP_EMITTER], load(paths.mis_origin, lane), load(paths.mis_normal, lane),
-            (paths.flags[lane] & RAY_MIS_HAD_TRANSMISSION) != 0, False, load(paths.direction, lane),
-        )
-    return weigh_found(paths, lane, pdf, tree)
-
-
-@kernel
 def _add_lamp(lights, row, factor, unguided, distance, scene, unit, work, lane):
     """Add the lamp's radiance times `factor` and throughput, clamped like all light found, and show it in passes.
 
@@ -167,7 +155,8 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
-                weight, unguided = _weigh_lamp(options, lights, row, pdf, paths, lane)
+                emitter = lights.lamp_table[row, LAMP_EMITTER]
+                weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
                 factor *= weight
             _add_lamp(lights, row, factor, unguided, distance - t_min, scene, unit, work, lane)
         if first_sun == last_sun or paths.hit_instance[lane] >= 0:
@@ -181,5 +170,6 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
                 pdf = sun_pdf(lights, row, origin, n, had_transmission)
-                factor, unguided = _weigh_lamp(options, lights, row, pdf, paths, lane)
+                emitter = lights.lamp_table[row, LAMP_EMITTER]
+                factor, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
             _add_lamp(lights, row, factor, unguided, DISTANT, scene, unit, work, lane)
