@@ -2,6 +2,7 @@
 """Embree through kernels: hits, ids, instances, masks."""
 
 import dataclasses
+import gc
 import importlib.util
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine import accel
 from engine.accel import (
     MASK_SHADOW_OPAQUE,
     MASK_SHADOW_TRANSPARENT,
@@ -165,6 +167,24 @@ def test_an_empty_scene_hits_nothing():
     description.meshes, description.instances = [], empty_instances()
     _, accelerator = built(description)
     assert not trace(accelerator, (0.0, 0.0, 5.0))[0]
+
+
+def test_scenes_are_released_before_their_device(monkeypatch):
+    """Embree crashes otherwise. Garbage of one cycle, as a failed render leaves it, is finalized in any order."""
+    released = []
+
+    def note(name, release):
+        monkeypatch.setattr(accel._lib, name, lambda address: released.append(name) or release(address))
+
+    for name in ("rtcReleaseScene", "rtcReleaseDevice"):
+        note(name, getattr(accel._lib, name))
+    hierarchies = MeshHierarchies(2)
+    geometry = build_geometry(quad_scene([at(0, 0, 0), at(4, 0, 0)]), (), [])
+    cycle = [hierarchies, build_accelerator(geometry, np.full(2, MASK_SHADOW_OPAQUE, np.uint32), hierarchies)]
+    cycle.append(cycle)
+    del cycle, hierarchies
+    gc.collect()
+    assert released == ["rtcReleaseScene"] * (len(released) - 1) + ["rtcReleaseDevice"] and len(released) > 1
 
 
 def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library():
