@@ -49,6 +49,12 @@ _UNSUPPORTED = {
     "GREASEPENCIL": "grease pencil is",
 }
 
+
+def _unsupported(shown: bpy.types.Object) -> str:
+    is_splat = getattr(shown.data, "type", "") == "GAUSSIAN_SPLAT"  # From Blender 5.3 on.
+    return "Gaussian splats are" if is_splat else _UNSUPPORTED[shown.type]
+
+
 #: Appearances between two questions whether to stop.
 _CANCEL_INTERVAL = 4096
 
@@ -188,7 +194,7 @@ def _classify(
     has_shape = is_mesh or is_volume
     if not has_shape and shown.type != "LIGHT":
         if shown.type in _UNSUPPORTED:
-            context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
+            context.notice(shown.name, f"{_unsupported(shown)} not supported", "left out of the picture")
         return -1
     if is_mesh and not context.view_layer.use_solid or is_volume and not context.view_layer.use_volumes:
         return -1

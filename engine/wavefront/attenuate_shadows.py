@@ -413,7 +413,7 @@ def find_shadow_collisions(scene, unit, work, queue):
                 place_in_medium(
                     paths, lane, work.light_points, row, instance, scene.media.program[media.medium[own, entry]],
                     add(origin, scale(direction, t)), direction, t, RAY_SHADOW,
-                    # Shadow rays count boundaries of media too, as in Cycles; surfaces within one medium are not known here.
+                    # Shadow rays count boundaries of media too, as in Cycles. Surfaces within them are not known here.
                     paths.transparent_depth[lane] + media.crossings[own],
                 )
                 if not waits:
