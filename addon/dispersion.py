@@ -25,6 +25,15 @@ def can_disperse(material: bpy.types.Material) -> bool:
     return material.node_tree is not None and _refracts(material.node_tree, set())
 
 
+def disperses_by_node(material: bpy.types.Material) -> bool:
+    """Whether a Principled BSDF of the material says that it disperses light, which the panel then does not."""
+    scales = (
+        node.inputs.get("Transmission Dispersion Scale") for node in material.node_tree.nodes
+        if node.bl_idname == "ShaderNodeBsdfPrincipled"
+    )  # fmt: skip
+    return any(scale is not None and (scale.is_linked or scale.default_value > 0.0) for scale in scales)
+
+
 def _refracts(tree: Any, seen: set[str]) -> bool:
     if tree.name in seen:
         return False

@@ -206,6 +206,16 @@ def test_the_node_counts_before_the_panel_which_is_said(principled: Any) -> None
     ]
 
 
+def test_the_panel_says_that_the_node_counts(principled: Any) -> None:
+    import bpy
+
+    from addon.dispersion import disperses_by_node
+
+    assert not disperses_by_node(bpy.data.materials["Material"])
+    principled["Transmission Dispersion Scale"].default_value = 1.0
+    assert disperses_by_node(bpy.data.materials["Material"])
+
+
 @pytest.mark.parametrize("kind", ["ShaderNodeValue", "ShaderNodeTexNoise"])
 def test_a_linked_scale_is_read_or_named(principled: Any, kind: str) -> None:
     import bpy
