@@ -20,7 +20,7 @@ NEWEST_KNOWN: Version = (5, 3)
 RENAMED_PASSES: Version = (5, 0)
 #: Node groups are dissolved before Cycles sees them: sockets in between do not count.
 GROUPS_INLINED: Version = (5, 0)
-#: The background has motion vectors.
+#: The background has motion vectors in this version alone.
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
