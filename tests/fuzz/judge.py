@@ -88,7 +88,7 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> list[str]:
         return found
     cap = _CAP * max(float(np.median(np.abs(theirs[..., :3]).max(axis=-1))), 1e-3)
     cells = [np.clip(image, -cap, cap).reshape(3, 4, 4, 4, 4).mean(axis=(1, 3)) for image in (ours, theirs)]
-    floor = _DARK * max(float(np.abs(cells[0]).max()), float(np.abs(cells[1]).max()), 1e-4)
+    floor = _DARK * max(float(np.abs(cells[0]).max()), float(np.abs(cells[1]).max()), 1e-2)
     means = [image.mean(axis=(0, 1)) for image in cells]
     for name, one, other in zip("RGBA", *means, strict=True):
         if not _is_within(one, other, _MEANS, floor):
