@@ -85,10 +85,10 @@ def pictures(
 
 
 def says_enough(ours: list[Float32Array], theirs: list[Float32Array]) -> bool:
-    """Whether noise alone lets twice the allowance be found everywhere, whatever has been found."""
+    """Whether a difference of 3% in any cell and of 1% in the mean would be found: by the noise, whatever has been found."""
     _, error = metrics.compare_means(ours, theirs)
     cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
-    return bool((SIGMAS * error).max() <= MEAN_ALLOWANCE and (SIGMAS * cells.standard_error).max() <= CELL_ALLOWANCE)
+    return bool((SIGMAS * error).max() <= MEAN_ALLOWANCE and (SIGMAS * cells.standard_error).max() <= 2.0 * CELL_ALLOWANCE)
 
 
 def check(name: str, out: Path, samples: int, seed_count: int, first_count: int = 0) -> None:
