@@ -8,7 +8,8 @@ sampler's grid are tabulated differently) by more than 4.5 standard errors from 
 documented difference (`BuiltinScene.note`) get its measured size as their allowance.
 
 Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's
-users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by `AUTO`.
+users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by
+`AUTO`.
 """
 
 from __future__ import annotations
