@@ -12,7 +12,7 @@ from engine.scene.description import Attribute, Mesh
 from .attributes import read_attribute, read_positions, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
-from .normals import read_normals, read_tangent_normals
+from .normals import read_normals
 from .standard_attributes import make_standard, read_vertex_group
 from .tangents import compute_tangents
 from .topology import Topology, gather, read_topology
@@ -146,9 +146,7 @@ def _add_attributes(
         uv = exported.attributes.get(name or exported.default_uv)
         if uv is not None and uv.data.shape[1] == 2:
             context.check_cancel()
-            exported.attributes[f"{name}.tangent"] = compute_tangents(
-                exported, uv.data, read_tangent_normals(mesh, topology, exported)
-            )
+            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data)
     if request.generated and len(owner.modifiers) > 0:
         _add_undeformed(mesh, exported)
 

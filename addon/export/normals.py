@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array
-from engine.scene.description import Mesh
 
 from ..versions import NORMALS_STOP_AT_FLAT_FACES, is_since
 from .attributes import read_positions
@@ -30,18 +29,6 @@ def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | Non
     if is_flat.any():
         of_triangles = gather(is_flat, topology.polygons)
         normals[of_triangles] = _flat_normals(read_positions(mesh), topology.vertices[of_triangles])[:, None]
-    return normals
-
-
-def read_tangent_normals(mesh: bpy.types.Mesh, topology: Topology, exported: Mesh) -> Float32Array | None:
-    """Normals that tangents are perpendicular to: as those of corners, but triangles of flat faces have their own."""
-    normals = exported.corner_normals
-    is_flat = _read_flat_faces(mesh)
-    if normals is None or not has_normals_of_corners(mesh) or not is_flat.any():
-        return normals
-    of_triangles = gather(is_flat, topology.polygons)
-    normals = normals.copy()
-    normals[of_triangles] = _flat_normals(exported.vertices, exported.triangles[of_triangles])[:, None]
     return normals
 
 

@@ -12,10 +12,9 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.scene.description import Attribute, Mesh
 
-from ..versions import NORMALS_STOP_AT_FLAT_FACES, is_since
 from .attributes import read_attribute
 from .context import ExportContext
-from .normals import has_normals_of_corners, read_corner_normals, read_tangent_normals, read_vertex_normals
+from .normals import has_normals_of_corners, read_corner_normals, read_vertex_normals
 from .tangents import compute_tangents
 from .topology import Topology, gather
 
@@ -48,7 +47,7 @@ def make_standard(
     if name == "vertex_color":
         return read_attribute(mesh, exported.default_color, topology) if exported.default_color else None
     if name == "N":
-        if has_normals_of_corners(mesh) and not is_since(NORMALS_STOP_AT_FLAT_FACES):
+        if has_normals_of_corners(mesh):
             return Attribute("CORNER", gather(read_corner_normals(mesh), topology.corners))
         return Attribute("POINT", read_vertex_normals(mesh))
     if name == "generated":
@@ -59,7 +58,7 @@ def make_standard(
     uv = exported.attributes.get(tangent["map"] or exported.default_uv) if tangent else None
     if uv is None or uv.data.shape[1] != 2:
         return None
-    made = compute_tangents(exported, uv.data, read_tangent_normals(mesh, topology, exported)).data
+    made = compute_tangents(exported, uv.data).data
     return Attribute("CORNER", np.ascontiguousarray(made[:, 3:] if tangent and tangent["sign"] else made[:, :3]))
 
 

@@ -130,8 +130,6 @@ def grid(name: str, change: Callable[[Any, random.Random], None], kind: str = "G
 
 @pytest.mark.parametrize("case", CASES)
 def test_names_and_types_of_meshes(case: str, blender: Any, tmp_path: Path) -> None:
-    if CASES[case][0] == "N" and bpy.app.version >= (5, 2):
-        pytest.skip("in Blender 5.2 Cycles has normals in world space there (docs/differences.md)")
     assert_alike(grid(*CASES[case]), tmp_path)
 
 
