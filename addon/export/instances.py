@@ -27,9 +27,8 @@ from engine.scene.description import (
 from ..versions import read_setting
 from .context import ExportContext
 from .gases import Gas, gas_of
-from .instance_attributes import InstanceAttributes
 from .materials import MaterialExporter
-from .object_properties import INSTANCER, Value, find_property
+from .object_properties import Value, find_property
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
@@ -91,9 +90,7 @@ class Appearance:
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
-    properties: dict[str, Value] = field(default_factory=dict)
-    #: Whose geometry nodes may give its instances attributes of their own; None for particles and what is no instance.
-    instancer: bpy.types.Object | None = None
+    properties: tuple[tuple[str, Value], ...] = ()
     #: Times of the shutter it is looked at, 0 if it is not blurred.
     motion_step_count: int = 0
     use_deform_motion: bool = False
@@ -115,8 +112,6 @@ class Appearances:
     random : float32 (N,)
     generated : float32 (N, 3), uv : float32 (N, 2)
         Texture coordinates of the instancer, as Cycles scales them; zero where no material reads them.
-    own_properties : dict
-        By request, what single appearances have instead of their kind's properties, by their index.
     """
 
     kinds: list[Appearance] = field(default_factory=list)
@@ -125,24 +120,11 @@ class Appearances:
     random: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
     generated: Float32Array = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     uv: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
-    own_properties: dict[str, dict[int, Value]] = field(default_factory=dict)
-
-    def properties(self, rows: npt.NDArray[np.integer]) -> dict[str, Float32Array]:
-        """`Instances.properties` of these appearances."""
-        found: dict[str, Float32Array] = {}
-        for request in sorted({request for kind in self.kinds for request in kind.properties}):
-            of_kinds = [kind.properties.get(request, (0.0, 0.0, 0.0, 0.0)) for kind in self.kinds]
-            values = np.array(of_kinds, np.float32)[self.kind]
-            own = self.own_properties.get(request, {})
-            if own:
-                values[list(own)] = list(own.values())
-            found[request] = values[rows]
-        return found
 
 
 def gather_appearances(context: ExportContext, materials: MaterialExporter) -> Appearances:
     """Walk the instances of the dependency graph once for objects, then once for each array."""
-    result, attributes = Appearances(), InstanceAttributes()
+    result = Appearances()
     rows: dict[Key, int] = {}
     numbers: list[int] = []
     append = numbers.append
@@ -159,26 +141,10 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
         if row is None:
             row = rows[key] = _classify(context, materials, item, result.kinds)
         append(row)
-        if row >= 0 and result.kinds[row].properties and result.kinds[row].instancer is not None:
-            _read_instance(item, result, len(numbers) - 1, row, attributes)
     context.check_cancel()
     result.kind = np.array(numbers, np.int32)
     _read_arrays(context, materials, result)
     return result
-
-
-def _read_instance(
-    item: bpy.types.DepsgraphObjectInstance, result: Appearances, number: int, row: int, attributes: InstanceAttributes
-) -> None:
-    """Note what an appearance has of its own besides its kind's properties."""
-    kind = result.kinds[row]
-    assert kind.instancer is not None
-    ids = list(item.persistent_id)
-    for request in kind.properties:
-        of, _, name = request.partition(":")
-        value = attributes.find(kind.instancer, ids, name) if of == INSTANCER else None
-        if value is not None:
-            result.own_properties.setdefault(request, {})[number] = value
 
 
 def is_invertible(transform: Float32Array) -> npt.NDArray[np.bool_]:
@@ -276,8 +242,7 @@ def _classify(
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
-            properties={name: find_property(item, name) for name in sorted(wanted)},
-            instancer=parent if item.is_instance and item.particle_system is None else None,
+            properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
         )
     )
     if context.is_blurred:
