@@ -12,7 +12,7 @@ from engine.scene.description import UNDEFORMED, Attribute, Mesh
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
-from .normals import read_normals
+from .normals import read_flat_triangles, read_normals
 from .positions import read_positions, read_undeformed
 from .standard_attributes import is_hidden, is_standard, read_standard
 from .tangents import compute_tangents
@@ -156,7 +156,8 @@ def _add_attributes(
         uv = exported.attributes.get(name or exported.default_uv)
         if uv is not None and uv.data.shape[1] == 2:
             context.check_cancel()
-            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data)
+            is_flat = read_flat_triangles(mesh, topology)
+            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data, is_flat)
     if request.generated:
         _add_undeformed(context, mesh, exported)
 

@@ -185,7 +185,8 @@ def _points_of(ids: Int32Array, numbers: Int32Array) -> Rows:
 def _read_colors(cloud: bpy.types.PointCloud, name: str) -> Float32Array | None:
     """An attribute of points as RGBA, float32 (N, 4), as Blender converts its types; None if there is none."""
     stored = cloud.attributes.get(name)
-    if stored is None or stored.data_type == "QUATERNION":
+    # Instances have no positions: only this point cloud, which stands for them, does.
+    if stored is None or stored.data_type == "QUATERNION" or name == "position":
         return None
     if stored.data_type in _INTEGER_PAIRS:
         pairs = np.empty(2 * len(stored.data), np.int32)

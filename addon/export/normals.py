@@ -20,7 +20,7 @@ def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | Non
     Where Cycles takes Blender's own normals of corners, which stop at flat faces and sharp edges, so do we. Else smooth
     faces have their vertices' normals, over all faces around them, and triangles of flat faces their own.
     """
-    is_flat = _read_flat_faces(mesh)
+    is_flat = read_flat_faces(mesh)
     if is_flat.all():
         return None
     if has_normals_of_corners(mesh):
@@ -32,13 +32,18 @@ def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | Non
     return normals
 
 
-def _read_flat_faces(mesh: bpy.types.Mesh) -> npt.NDArray[np.bool_]:
+def read_flat_faces(mesh: bpy.types.Mesh) -> npt.NDArray[np.bool_]:
     """Which faces are flat; where no face says so, sharp edges or normals of faces may make all of them flat."""
     if hasattr(mesh, "normals_domain") and "sharp_face" not in mesh.attributes:
         return np.full(len(mesh.polygons), mesh.normals_domain == "FACE")
     is_smooth = np.empty(len(mesh.polygons), bool)
     mesh.polygons.foreach_get("use_smooth", is_smooth)
     return ~is_smooth
+
+
+def read_flat_triangles(mesh: bpy.types.Mesh, topology: Topology) -> npt.NDArray[np.bool_]:
+    """Which triangles are of flat faces, bool (T,)."""
+    return gather(read_flat_faces(mesh), topology.polygons)
 
 
 def has_normals_of_corners(mesh: bpy.types.Mesh) -> bool:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array
 from engine.scene.description import Attribute, Mesh
 
 from ..versions import NORMALS_AS_ATTRIBUTES, OWN_ATTRIBUTES_FIRST, is_since
 from .attributes import read_attribute
-from .normals import has_normals_of_corners, read_corner_normals, read_vertex_normals
+from .normals import has_normals_of_corners, read_corner_normals, read_flat_triangles, read_vertex_normals
 from .positions import read_undeformed
 from .tangents import compute_tangents
 from .topology import Topology, gather
@@ -86,11 +87,12 @@ def read_standard(
     base, _, ending = name.rpartition(".")
     if base:
         if base in mesh.uv_layers:
-            return _tangents(exported, exported.attributes[base].data, ending)
+            return _tangents(exported, exported.attributes[base].data, read_flat_triangles(mesh, topology), ending)
         return read_attribute(mesh, name, topology, vertex_groups)
     if name in _TANGENTS:
         uv = exported.attributes.get(exported.default_uv)
-        return _tangents(exported, _on_sphere(exported) if uv is None else uv.data, name)
+        uvs = _on_sphere(exported) if uv is None else uv.data
+        return _tangents(exported, uvs, read_flat_triangles(mesh, topology), name)
     if name == "uv":
         return exported.attributes.get(exported.default_uv)
     if name == "vertex_color":
@@ -102,8 +104,8 @@ def read_standard(
     return None
 
 
-def _tangents(exported: Mesh, uv: Float32Array, ending: str) -> Attribute:
-    tangents = compute_tangents(exported, uv).data
+def _tangents(exported: Mesh, uv: Float32Array, is_flat: npt.NDArray[np.bool_], ending: str) -> Attribute:
+    tangents = compute_tangents(exported, uv, is_flat).data
     return Attribute("CORNER", np.ascontiguousarray(tangents[:, 3:] if _TANGENTS[ending] else tangents[:, :3]))
 
 
