@@ -34,6 +34,11 @@ PAUSED_BY_WINDOW: Version = (5, 3)
 ANISOTROPIC_TRANSMISSION: Version = (5, 3)
 #: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.
 ALPHA_AS_SET: Version = (5, 2)
+#: Cycles' attribute N is in the world's space where nothing shares the mesh, and absent where normals are of corners;
+#: P and radius are names of its own.
+NORMALS_AS_ATTRIBUTES: Version = (5, 2)
+#: Materials see a mesh's own attributes before those that Cycles has under the same name, and N of corners again.
+OWN_ATTRIBUTES_FIRST: Version = (5, 3)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

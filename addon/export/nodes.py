@@ -14,13 +14,14 @@ import numpy as np
 
 from engine.scene.description import Link, Node, NodeGraph
 
-from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, is_since
+from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, NORMALS_AS_ATTRIBUTES, is_since
 from .context import ExportContext
 from .images import ImageExporter
 from .node_defaults import changed_parts
 from .node_tables import bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
+from .standard_attributes import UNREAD, attribute_name
 
 #: Linear Rec.709 luminance: what a typed-in colour becomes on a float socket in any working space. Blender makes it so,
 #: before Cycles sees it.
@@ -275,6 +276,10 @@ class GraphExporter:
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True
+        elif idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
+            properties["attribute_name"] = self._mesh_attribute(node, node.attribute_name)
+        elif idname == "ShaderNodeVertexColor":
+            properties["layer_name"] = self._mesh_attribute(node, node.layer_name)
         if hasattr(node, "image"):
             properties["image"] = index = self._image(node)
             if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
@@ -297,6 +302,14 @@ class GraphExporter:
             return -1
         self.reads.add(node.image.original.as_pointer())
         return self._images.export(node.image, node.image_user, subject)
+
+    def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
+        if name in UNREAD:
+            self._notice(node, f"attribute {name!r} is not supported", "0")
+        elif name == "N" and is_since(NORMALS_AS_ATTRIBUTES):
+            problem = "attribute 'N' is in the world's space in Cycles, unless objects share a mesh"
+            self._notice(node, problem, "the object's space")
+        return attribute_name(name)
 
     def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
         """A property of the view layer, scene or world; zeros if there is none."""

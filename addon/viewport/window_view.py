@@ -69,9 +69,7 @@ class WindowView:
             )  # fmt: skip
             addresses.add(item.original.as_pointer())
         scene = self.host.scene
-        reads_objects = scene is not None and any(
-            name.startswith(("object:", "instancer:")) for mesh in scene.meshes for name in mesh.attributes
-        )
+        reads_objects = scene is not None and bool(scene.instances.properties)
         self._change |= classify(touched, reads_objects=reads_objects)
         if self._touched is not None:
             self._touched |= addresses

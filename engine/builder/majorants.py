@@ -447,7 +447,7 @@ def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArray
         return shape
     values = geometry.instance_values[filled.instance]
     mesh = int(geometry.instance_table[filled.instance, geometry_layout.INSTANCE_MESH])
-    shape = (*shape, geometry.texture_space[mesh].tobytes(), *_whole_values(geometry, mesh))
+    shape = (*shape, geometry.texture_space[mesh].tobytes(), *_whole_values(geometry, mesh, filled.instance))
     if _is_local(program):
         # How often emission is looked for goes by the size in the world.
         lengths = np.linalg.norm(filled.to_world[0, :, :3], axis=0)
@@ -455,13 +455,14 @@ def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArray
     return (*shape, filled.instance, values.tobytes(), filled.to_world.tobytes())
 
 
-def _whole_values(geometry: GeometryArrays, mesh: int) -> list[bytes]:
-    """Attributes that a whole mesh has one value of; a point inside of it sees no others but voxels."""
+def _whole_values(geometry: GeometryArrays, mesh: int, instance: int) -> list[bytes]:
+    """Attributes that an instance has one value of; a point inside of it sees no others but voxels."""
     count = int(geometry.attribute_count[0])
     rows = geometry.attribute_table[mesh * count : (mesh + 1) * count]
-    starts = rows[:, geometry_layout.ATTRIBUTE_OFFSET]
-    ends = starts + rows[:, geometry_layout.ATTRIBUTE_COMPONENTS]
-    is_whole = rows[:, geometry_layout.ATTRIBUTE_DOMAIN] == geometry_layout.DOMAIN_MESH
+    widths = rows[:, geometry_layout.ATTRIBUTE_COMPONENTS]
+    starts = rows[:, geometry_layout.ATTRIBUTE_OFFSET] + instance * widths
+    ends = starts + widths
+    is_whole = rows[:, geometry_layout.ATTRIBUTE_DOMAIN] == geometry_layout.DOMAIN_INSTANCE
     return [
         geometry.attribute_data[start:end].tobytes() if whole else b""
         for start, end, whole in zip(starts, ends, is_whole, strict=True)

@@ -31,7 +31,7 @@ from engine.builder.programs import Programs, compile_scene
 from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept, Versions
-from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
+from engine.scene.description import UNDEFORMED, VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_light_groups, check_memory
 from engine.settings import RenderSettings
@@ -264,8 +264,10 @@ def build_scene(
     notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
     notices += programs.notices
-    # Programs ask for a mesh's default UV map and colour without knowing their names.
+    # Programs ask for a mesh's default UV map and colour without knowing their names, and for undeformed positions.
     defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
+    if any(UNDEFORMED in mesh.attributes for mesh in description.meshes):
+        defaults.add(UNDEFORMED)
     attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
 
     check_cancel()

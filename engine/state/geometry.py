@@ -52,12 +52,14 @@ MESH_FIRST_VERTEX = 2
 MESH_VERTEX_COUNT = 3
 #: Row in `corner_normals` of the mesh's first triangle, -1 = flat.
 MESH_FIRST_NORMAL = 4
-#: Slot numbers (see `attribute_table`) of the render-active UV map and colour, -1 = none.
+#: Slot numbers (see `attribute_table`) of the render-active UV map and colour, and of positions before deformation,
+#: -1 = none.
 MESH_DEFAULT_UV = 5
 MESH_DEFAULT_COLOR = 6
+MESH_UNDEFORMED = 7
 #: Row of `motion_table`, -1 where the mesh keeps its shape.
-MESH_MOTION = 7
-MESH_WIDTH = 8
+MESH_MOTION = 8
+MESH_WIDTH = 9
 
 # Columns of GeometryArrays.motion_table: a mesh's steps from the shutter's opening to its closing lie one after the
 # other, each as long as the mesh itself.
@@ -68,7 +70,7 @@ MOTION_FIRST_NORMAL = 2
 MOTION_WIDTH = 4
 
 # Columns of GeometryArrays.attribute_table: one row per (mesh, attribute slot), row = mesh * attribute_count + slot.
-#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh, 5 voxels
+#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole instance, 5 voxels
 ATTRIBUTE_DOMAIN = 0
 ATTRIBUTE_COMPONENTS = 1
 #: First float in `attribute_data`, or row of `grids.table`
@@ -79,7 +81,7 @@ DOMAIN_ABSENT = 0
 DOMAIN_POINT = 1
 DOMAIN_FACE = 2
 DOMAIN_CORNER = 3
-DOMAIN_MESH = 4
+DOMAIN_INSTANCE = 4
 DOMAIN_GRID = 5
 
 
