@@ -26,7 +26,7 @@ def older_numba() -> str:
 
 
 def missing_packages() -> str:
-    """What to say where the packages of the zip are not there, as in a Blender with another Python; '' where they are."""
+    """What to say where the zip's packages are not there, as in a Blender with another Python; '' where they are."""
     if "numba" in sys.modules or importlib.util.find_spec("numba") is not None:
         return ""
     python = ".".join(map(str, sys.version_info[:2]))

@@ -38,9 +38,10 @@ def read_attribute(
     vertex_groups : tuple of str
         Names of the mesh's vertex groups.
     """
-    stored = mesh.attributes.get(name)
-    if stored is None and name in vertex_groups:
+    # A group comes before an attribute of the same name.
+    if name in vertex_groups:
         return Attribute("POINT", _read_weights(mesh, vertex_groups.index(name)))
+    stored = mesh.attributes.get(name)
     if stored is None or len(stored.data) == 0:
         return None
     values = read_values(stored)

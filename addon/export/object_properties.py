@@ -12,8 +12,8 @@ Value = tuple[float, float, float, float]
 
 #: Where no one has a property.
 NOTHING: Value = (0.0, 0.0, 0.0, 0.0)
-#: The end of a path to one number of an array.
-_ELEMENT = re.compile(r"\[\d+\]$")
+#: A path that may end at one number of a vector or colour, and that to the whole.
+_ELEMENT = re.compile(r"(.+)(?:\[\d+\]|\.[rgbwxyz])")
 
 
 def find_property(item: bpy.types.DepsgraphObjectInstance, request: str) -> tuple[Value, bool]:
@@ -54,10 +54,11 @@ def read_property(owner: Any, name: str) -> Value | None:
     """A custom property, or else an RNA path, of a datablock: a number, a switch, or up to four numbers."""
     value = owner.get(name)
     if value is None:
-        # Paths lead to properties: one number of an array is none.
-        if _ELEMENT.search(name):
-            return None
+        element = _ELEMENT.fullmatch(name)
         try:
+            # Paths lead to properties: one number of an array is none.
+            if element and not hasattr(owner.path_resolve(element[1]), "bl_rna"):
+                return None
             value = owner.path_resolve(name)
         except (ValueError, AttributeError):
             return None

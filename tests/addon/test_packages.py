@@ -65,8 +65,8 @@ print("ENABLED", addon_utils.enable("addon", handle_error=lambda error: print("S
 
 
 def test_a_blender_with_another_python_does_not_enable_it_and_says_what_to_do() -> None:
-    code = "import bpy\n" + _ENABLE
-    done = subprocess.run([sys.executable, "-c", code, str(ROOT)], cwd=ROOT, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", "import bpy\n" + _ENABLE, str(ROOT)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     (said,) = [line for line in done.stdout.splitlines() if line.startswith("SAID")]
     assert "without its packages for Python 3." in said and "tools/install_legacy.py /usr/bin/blender" in said
     assert "ENABLED None" in done.stdout

@@ -60,7 +60,7 @@ def test_what_is_no_blender_is_named(tmp_path: Path) -> None:
 def test_packages_that_pip_does_not_get_are_no_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = 'case "$*" in *--version*) exit 0;; esac; echo "ERROR: No matching distribution" >&2; exit 1\n'
     monkeypatch.setattr(sys, "executable", script(tmp_path / "python", text))
-    with pytest.raises(SystemExit, match="(?s)packages for Python 3.13:.*ERROR: No matching distribution"):
+    with pytest.raises(SystemExit, match=r"(?s)packages for Python 3\.13:.*ERROR: No matching distribution"):
         install(fake_blender(tmp_path, "3.13"))
     assert not (tmp_path / "scripts" / "addons").exists()
 
