@@ -21,7 +21,6 @@ _ENGINE = NeuralGuideRenderEngine.bl_idname
 
 #: Panels of Blender that name things we do not do.
 _EXCLUDED_PANELS = {
-    "RENDER_PT_freestyle",
     "RENDER_PT_gpencil",
     "VIEWLAYER_PT_filter",
     "VIEWLAYER_PT_layer_passes",
