@@ -91,10 +91,12 @@ def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
     half = np.zeros_like(middle)
     rows = np.flatnonzero(geometry.mesh_table[:, layout.MESH_VERTEX_COUNT] > 0)
     if len(rows):
-        starts = geometry.mesh_table[rows, layout.MESH_FIRST_VERTEX].astype(np.int64)
-        rows, starts = rows[np.argsort(starts)], np.sort(starts)
-        low = np.minimum.reduceat(geometry.vertices, starts).astype(np.float64)
-        high = np.maximum.reduceat(geometry.vertices, starts).astype(np.float64)
+        first, count = geometry.mesh_table[rows][:, [layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT]].T
+        # Behind each mesh's vertices may be others, of its further steps or of no mesh.
+        ends = np.stack([first, first + count], axis=1).ravel().astype(np.int64)
+        ends = ends[:-1] if ends[-1] == len(geometry.vertices) else ends
+        low = np.minimum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
+        high = np.maximum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
         middle[rows], half[rows] = 0.5 * (low + high), 0.5 * (high - low)
     return middle, half
 

@@ -77,17 +77,15 @@ def surface_point(geometry, instance, triangle, u, v, time):
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
-    p = (
-        w * v0[0] + u * v1[0] + v * v2[0],
-        w * v0[1] + u * v1[1] + v * v2[1],
-        w * v0[2] + u * v1[2] + v * v2[2],
-    )
+    edge1, edge2 = subtract(v1, v0), subtract(v2, v0)
+    # Far from the origin edges lose less to rounding than vertices do.
+    p = add(v0, add(scale(edge1, u), scale(edge2, v)))
     extent = max(
         max(abs(v0[0]), abs(v1[0]), abs(v2[0])),
         max(abs(v0[1]), abs(v1[1]), abs(v2[1])),
         max(abs(v0[2]), abs(v1[2]), abs(v2[2])),
     )
-    ng = cross(subtract(v1, v0), subtract(v2, v0))
+    ng = cross(edge1, edge2)
     flags = geometry.instance_table[instance, INSTANCE_FLAGS]
     first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     ns = ng
@@ -177,16 +175,25 @@ def skipped_distance(ng, direction, offset):
     return offset / max(abs(dot(ng, direction)), _LEAST_COSINE)
 
 
-@kernel
+@kernel(fastmath=False)
+def _side_of_edge(a, b, direction):
+    """On which side of the edge from b to a a line passes, and by how much; a and b are seen from a point on it."""
+    sx, sy, sz = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+    ex, ey, ez = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    x, y, z = sy * ez - sz * ey, sz * ex - sx * ez, sx * ey - sy * ex
+    return x * direction[0] + y * direction[1] + z * direction[2]
+
+
+@kernel(fastmath=False)
 def _is_within(p, direction, v0, v1, v2):
     """Whether a line meets a triangle so far within its edges that it meets none beside it.
 
-    Found as Embree finds it, by Plücker coordinates.
+    Found as Embree finds it, by Plücker coordinates, in this order: all depends on the last bits.
     """
-    a, b, c = subtract(v0, p), subtract(v1, p), subtract(v2, p)
-    u = dot(cross(add(c, a), subtract(c, a)), direction)
-    v = dot(cross(add(a, b), subtract(a, b)), direction)
-    w = dot(cross(add(b, c), subtract(b, c)), direction)
+    a = (v0[0] - p[0], v0[1] - p[1], v0[2] - p[2])
+    b = (v1[0] - p[0], v1[1] - p[1], v1[2] - p[2])
+    c = (v2[0] - p[0], v2[1] - p[1], v2[2] - p[2])
+    u, v, w = _side_of_edge(c, a, direction), _side_of_edge(a, b, direction), _side_of_edge(b, c, direction)
     slack = _ROUNDING * abs(u + v + w)
     return min(u, v, w) >= slack or max(u, v, w) <= -slack
 
