@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What lies in one place: triangles that share a plane and overlap, and area lamps in the plane of a surface.
+
+Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it, the
+copy of a wall or the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles
+that they start and end on, and no other. So here rays do the same where something is touched, in the sense of this
+module; everywhere else nothing lies within a rounding error, and they need not look.
+
+Touched as a whole are instances that are not searched (what moves, and too many triangles), and those so far from the
+origin for their size that a rounding error shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.accel import MeshHierarchies, visit_pairs
+from engine.array_types import Uint8Array, Uint32Array
+from engine.kernels.coplanar import compare, enclose
+from engine.kernels.surface import RELATIVE_ERROR
+from engine.runtime.jit import Kernel
+from engine.scene.description import Light, Notice
+from engine.state import geometry as layout
+from engine.state.geometry import GeometryArrays
+
+#: Triangles that are searched.
+_MOST_TRIANGLES = 4_000_000
+#: How large the rounding error of a point may be, relative to the size of its mesh.
+_LARGEST_ERROR = 1e-3
+#: Pairs that notices are given of.
+_MOST_NOTICES = 8
+_NONE = 0xFFFFFFFF
+
+
+@dataclass(frozen=True)
+class SamePlace:
+    """What is touched.
+
+    Attributes
+    ----------
+    triangles : uint8 (T,)
+        Whether a row of `GeometryArrays.triangles` is; (0,) where none is.
+    instances : bool (I,)
+        Which are touched as a whole.
+    lights : int64 (L,)
+        Indices into `SceneDescription.lights`.
+    notices : list of Notice
+    """
+
+    triangles: Uint8Array
+    instances: npt.NDArray[np.bool_]
+    lights: npt.NDArray[np.int64]
+    notices: list[Notice]
+
+    def mark(self, geometry: GeometryArrays) -> GeometryArrays:
+        """The geometry with what is touched; the same one where nothing is."""
+        if not len(self.triangles) and not self.instances.any():
+            return geometry
+        table = geometry.instance_table.copy()
+        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_TOUCHED
+        return geometry._replace(touched=self.triangles, instance_table=table)
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """Triangles one after the other.
+
+    corners : uint32 (P, 3), rows of the geometry's vertices, or behind them of `further`, float32 (W, 3), world
+    first : int64 (G,), of each group; rows : int64 (G,), of `GeometryArrays.triangles`, -1 = of a lamp
+    owner : int64 (G,), instance, or index of the light
+    """
+
+    corners: Uint32Array
+    further: np.ndarray
+    first: np.ndarray
+    rows: np.ndarray
+    owner: np.ndarray
+
+    def group(self, numbers: np.ndarray) -> np.ndarray:
+        """Groups that triangles are in."""
+        return np.searchsorted(self.first, numbers, side="right") - 1
+
+
+def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
+    """Middles and half sizes of meshes, float64 (M, 3), of their first shapes."""
+    middle = np.zeros((len(geometry.mesh_table), 3))
+    half = np.zeros_like(middle)
+    rows = np.flatnonzero(geometry.mesh_table[:, layout.MESH_VERTEX_COUNT] > 0)
+    if len(rows):
+        first, count = geometry.mesh_table[rows][:, [layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT]].T
+        # Behind each mesh's vertices may be others, of its further steps or of no mesh.
+        ends = np.stack([first, first + count], axis=1).ravel().astype(np.int64)
+        ends = ends[:-1] if ends[-1] == len(geometry.vertices) else ends
+        low = np.minimum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
+        high = np.maximum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
+        middle[rows], half[rows] = 0.5 * (low + high), 0.5 * (high - low)
+    return middle, half
+
+
+def _is_far(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    """Which instances are too far from the origin for their size, bool (I,)."""
+    middle, half = (boxes[geometry.instance_table[:, layout.INSTANCE_MESH]] for boxes in _mesh_boxes(geometry))
+    matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
+    is_baked = (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
+    matrices = np.where(is_baked[:, None, None], np.eye(3, 4), matrices)
+    linear = np.abs(matrices[:, :, :3])
+    half_size = (linear @ half[:, :, None])[:, :, 0]
+    at = (matrices[:, :, :3] @ middle[:, :, None])[:, :, 0] + matrices[:, :, 3]
+    within = (linear @ (np.abs(middle) + half)[:, :, None])[:, :, 0]
+    extent = np.maximum(np.abs(at) + half_size, within).max(axis=1)
+    return np.asarray(extent * RELATIVE_ERROR > _LARGEST_ERROR * 2.0 * half_size.max(axis=1))
+
+
+def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of area lamps, float32 (K, 4, 3), and their indices; of round ones those of the squares around them."""
+    index = [k for k, light in enumerate(lights) if light.kind == "AREA" and np.isfinite(light.transform).all()]
+    corners = np.zeros((len(index), 4, 3))
+    for row, k in enumerate(index):
+        light, matrix = lights[k], np.asarray(lights[k].transform, np.float64)
+        size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
+        along = 0.5 * matrix[:3, 0] * light.size_x, 0.5 * matrix[:3, 1] * size_y
+        corners[row] = [matrix[:3, 3] + a * along[0] + b * along[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return corners.astype(np.float32), np.array(index, np.int64)
+
+
+def _gather(
+    geometry: GeometryArrays, lights: Sequence[Light], standing: np.ndarray, placed: np.ndarray
+) -> _Searched:
+    """Triangles of instances, `standing` those that are stored in world space, and of area lamps."""
+    table, meshes = geometry.instance_table, geometry.mesh_table
+    first_row, count = (
+        meshes[table[:, layout.INSTANCE_MESH], column].astype(np.int64)
+        for column in (layout.MESH_FIRST_TRIANGLE, layout.MESH_TRIANGLE_COUNT)
+    )
+    corners, further = [geometry.triangles[first_row[k] : first_row[k] + count[k]] for k in standing.tolist()], []
+    owner, behind = [standing], len(geometry.vertices)
+    matrices = geometry.transforms.reshape(-1, 3, 4)
+    for mesh in np.unique(table[placed, layout.INSTANCE_MESH]).tolist():
+        own = placed[table[placed, layout.INSTANCE_MESH] == mesh]
+        first, size = (int(meshes[mesh, column]) for column in (layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT))
+        at = geometry.vertices[first : first + size] @ matrices[own, :, :3].transpose(0, 2, 1)
+        further.append((at + matrices[own, None, :, 3]).reshape(-1, 3))
+        row = int(meshes[mesh, layout.MESH_FIRST_TRIANGLE])
+        local = geometry.triangles[row : row + int(meshes[mesh, layout.MESH_TRIANGLE_COUNT])].astype(np.int64) - first
+        corners.append((local + (behind + size * np.arange(len(own)))[:, None, None]).reshape(-1, 3))
+        behind += size * len(own)
+        owner.append(own)
+    quads, of_lights = _lamp_corners(lights)
+    further.append(quads.reshape(-1, 3))
+    fans = np.array([(0, 1, 2), (0, 2, 3)])
+    corners.append((fans + (behind + 4 * np.arange(len(quads)))[:, None, None]).reshape(-1, 3))
+    instances = np.concatenate(owner)
+    sizes = np.concatenate([count[instances], np.full(len(quads), len(fans))])
+    return _Searched(
+        corners=np.ascontiguousarray(np.concatenate(corners), np.uint32),
+        further=np.ascontiguousarray(np.concatenate(further), np.float32),
+        first=np.cumsum(sizes) - sizes,
+        rows=np.concatenate([first_row[instances], np.full(len(quads), -1)]),
+        owner=np.concatenate([instances, of_lights]),
+    )
+
+
+def _search(geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the triangles that lie in one place with others, and of each one of these."""
+    found = np.full(len(searched.corners), _NONE, np.uint32)
+    task = np.array(
+        [geometry.vertices.ctypes.data, searched.further.ctypes.data, len(geometry.vertices),
+         searched.corners.ctypes.data, found.ctypes.data], np.int64,
+    )  # fmt: skip
+    if len(found) > 1 and isinstance(compare, Kernel):
+        visit_pairs(hierarchies, len(found), int(task.ctypes.data), enclose, compare)
+    numbers = np.flatnonzero(found != _NONE)
+    return numbers, found[numbers].astype(np.int64)
+
+
+def _normals(geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray) -> np.ndarray:
+    """Of triangles, float64 (N, 3), not normalised."""
+    corners, known = searched.corners[numbers].astype(np.int64), len(geometry.vertices)
+    at = np.zeros((*corners.shape, 3))
+    is_known = corners < known
+    at[is_known] = geometry.vertices[corners[is_known]]
+    at[~is_known] = searched.further[corners[~is_known] - known]
+    return np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+
+
+def _notices(
+    geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray, others: np.ndarray, names: Sequence[str],
+    lights: Sequence[Light],
+) -> list[Notice]:
+    """What to say of what lies in one place; nothing of bodies that stand on each other, whose faces look apart."""
+    groups, of_others = searched.group(numbers), searched.group(others)
+    is_lamp, is_others = searched.rows[groups] < 0, searched.rows[of_others] < 0
+    owner, of_other = searched.owner[groups], searched.owner[of_others]
+    looks_along = np.einsum(
+        "ij,ij->i", _normals(geometry, searched, numbers), _normals(geometry, searched, others)
+    ) > 0.0
+    told = ~is_others & (is_lamp | looks_along | (owner == of_other))
+    pairs = sorted({
+        (not lamp, *((first, second) if lamp else sorted((first, second), reverse=True)))
+        for lamp, first, second in zip(
+            is_lamp[told].tolist(), owner[told].tolist(), of_other[told].tolist(), strict=True
+        )
+    })
+    found = []
+    for is_surface, first, second in pairs[:_MOST_NOTICES]:
+        if not is_surface:
+            problem, fallback = f"it lies in {names[second]}", "which hides it, as in Cycles: move it a little off"
+            found.append(Notice(f"light {lights[first].name}", problem, fallback))
+        elif names[first] == names[second]:
+            problem = "some of its faces lie in one place"
+            found.append(Notice(f"object {names[first]}", problem, "they shadow each other, as in Cycles"))
+        else:
+            problem, fallback = f"it lies in {names[second]}", "they shadow each other, as in Cycles: move one a little"
+            found.append(Notice(f"object {names[first]}", problem, fallback))
+    if len(pairs) > _MOST_NOTICES:
+        rest = len(pairs) - _MOST_NOTICES
+        found.append(Notice(f"{rest} more", "lights or objects lie in others", "they shadow each other, as in Cycles"))
+    return found
+
+
+def find_same_place(
+    geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str], hierarchies: MeshHierarchies,
+    *, only_standing: bool = False,
+) -> SamePlace:
+    """Find what lies in one place.
+
+    Parameters
+    ----------
+    names : sequence of str (I,)
+        Of the instances' objects.
+    hierarchies : MeshHierarchies
+        Whose device searches.
+    only_standing : bool
+        Whether to search only what is stored in world space, which what is moved about leaves as it is.
+
+    Raises
+    ------
+    MemoryError, RuntimeError
+        When Embree reports an error.
+    """
+    table = geometry.instance_table
+    meshes = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
+    flags, count = table[:, layout.INSTANCE_FLAGS], meshes[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
+    is_there = (count > 0) & (table[:, layout.INSTANCE_VISIBILITY] != 0)
+    is_still = ((flags & layout.INSTANCE_FLAG_MOVING) == 0) & (meshes[:, layout.MESH_MOTION] < 0)
+    searchable = is_there & is_still & ~_is_far(geometry)
+    is_baked = (flags & layout.INSTANCE_FLAG_BAKED) != 0
+    standing, placed = np.flatnonzero(searchable & is_baked), np.flatnonzero(searchable & ~is_baked)
+    if only_standing or count[standing].sum() + count[placed].sum() > _MOST_TRIANGLES:
+        placed = placed[:0]
+    if count[standing].sum() > _MOST_TRIANGLES:
+        standing = standing[:0]
+    searched = _gather(geometry, lights, standing, placed)
+    numbers, others = _search(geometry, searched, hierarchies)
+    groups = searched.group(numbers)
+    is_lamp = searched.rows[groups] < 0
+    touched = np.zeros(0, np.uint8)
+    if not is_lamp.all():
+        touched = np.zeros(len(geometry.triangles), np.uint8)
+        own = groups[~is_lamp]
+        touched[searched.rows[own] + numbers[~is_lamp] - searched.first[own]] = 1
+    instances = is_there.copy()
+    instances[standing] = instances[placed] = False
+    return SamePlace(
+        triangles=touched,
+        instances=instances,
+        lights=np.unique(searched.owner[groups[is_lamp]]),
+        notices=_notices(geometry, searched, numbers, others, names, lights) if len(numbers) else [],
+    )
