@@ -164,7 +164,9 @@ def _gather(
     )
 
 
-def _search(geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies) -> tuple[np.ndarray, np.ndarray]:
+def _search(
+    geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies
+) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the triangles that lie in one place with others, and of each one of these."""
     found = np.full(len(searched.corners), _NONE, np.uint32)
     task = np.array(
