@@ -91,8 +91,9 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     (
         "Subdivision", "scene.cycles",
         (
-            *_rows("no", "dicing_rate preview_dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
-                   "there is no adaptive subdivision: a message names objects that have it"),
+            *_rows("said", "dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
+                   "meshes are not diced, but divided evenly, and no more often than this asks for"),
+            *_rows("no", "preview_dicing_rate", "viewports divide meshes as often as their modifiers say"),
         ),
     ),
     (

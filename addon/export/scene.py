@@ -25,6 +25,7 @@ from .pass_motion import find_pass_motion
 from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .studio_light import export_studio_light
+from .subdivision import cap_levels
 from .unsupported import notice_scene
 from .volumes import export_volume, medium_density
 from .world import export_world
@@ -110,6 +111,8 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     studio = None if context.window is None else context.window.studio
     world = export_world(context, graphs) if studio is None else export_studio_light(context, images, studio)
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
+    if camera_object is not None:
+        cap_levels(context, camera_object, frame)
     curve, rolling = None, 1.0
     if shutter is not None and camera_object is not None:
         curve, rolling = read_shutter_curve(context.scene.render), read_rolling_shutter(context.scene)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
-from tests.helpers.blender_scenes import empty_scene, export
+from tests.helpers.blender_scenes import empty_scene, export, render_and_export
 
 
 @pytest.fixture
@@ -454,43 +454,6 @@ def test_hidden_objects_are_left_out(scene: Any) -> None:
         setattr(invisible, f"visible_{kind}", False)
     # hide_render counts in a final render's dependency graph only: check what an engine is given.
     assert render_and_export(scene).instances.name == ["Shown"]
-
-
-def render_and_export(scene: Any, frames: int = 1, cache: Any = None) -> Any:
-    """What an engine exports in a final render; a list of descriptions for several frames."""
-    import bpy
-
-    from addon.export import export_scene
-
-    results: list[Any] = []
-
-    class Engine(bpy.types.RenderEngine):
-        bl_idname = "EXPORT_TEST"
-        bl_label = "Export test"
-
-        def update(self, data: Any, depsgraph: Any) -> None:
-            try:
-                results.append(export_scene(depsgraph, engine=self, cache=cache))
-            except Exception as error:  # Blender would swallow it.
-                results.append(error)
-
-        def render(self, depsgraph: Any) -> None:
-            pass
-
-    bpy.utils.register_class(Engine)
-    try:
-        scene.render.engine = "EXPORT_TEST"
-        scene.render.resolution_x = scene.render.resolution_y = 4
-        for frame in range(1, frames + 1):
-            scene.frame_set(frame)
-            bpy.ops.render.render()
-    finally:
-        scene.render.engine = "BLENDER_WORKBENCH"
-        bpy.utils.unregister_class(Engine)
-    for result in results:
-        if isinstance(result, Exception):
-            raise result
-    return results if frames > 1 else results[0]
 
 
 def test_ray_visibility_holdout_and_indirect_only(scene: Any) -> None:
