@@ -157,6 +157,14 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._guard_view(lambda view: view.draw(self, context, depsgraph))
         windows.wake()
 
+    def view_pause(self, _context: bpy.types.Context) -> None:
+        """A window's pause button was pressed; without this method Blender 5.3 shows none."""
+        self.tag_redraw()
+
+    def view_resume(self, _context: bpy.types.Context) -> None:
+        """It was released."""
+        self.tag_redraw()
+
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:

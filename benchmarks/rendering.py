@@ -203,8 +203,9 @@ def render_scene(
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
     touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
-    it opens the scene anew, so `without_lamps` (`hide_lamps`) and `at_defaults` (`restore_defaults`) do not go with it. With `resume` finished renders that
-    are `is_usable` are kept. `check` sees what is about to be rendered, and raises to refuse it.
+    it opens the scene anew, so `without_lamps` (`hide_lamps`) and `at_defaults` (`restore_defaults`) do not go with it.
+    With `resume` finished renders that are `is_usable` are kept. `check` sees what is about to be rendered, and raises
+    to refuse it.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}

@@ -430,12 +430,17 @@ class RayScratch:
         self.bits[_CONTEXT : _CONTEXT + 2] = _NONE
 
 
-def _release_with(owner: object, release: Callable[[int], None], address: int) -> None:
-    """Have Embree release what is at an address once its owner is gone.
+def _release_with(owner: object, release: Callable[[int], None], address: int, needed: object = None) -> None:
+    """Have Embree release what is at an address once its owner is gone, and what that needs only afterwards.
 
-    Not at the end of the process, which takes all memory back: by then parts of the library may be gone.
+    Garbage of one cycle is finalized in any order, so that a reference of the owner's would not do. Nothing is released
+    at the end of the process, which takes all memory back: by then parts of the library may be gone.
     """
-    weakref.finalize(owner, release, address).atexit = False
+    weakref.finalize(owner, _release_before, release, address, needed).atexit = False
+
+
+def _release_before(release: Callable[[int], None], address: int, _needed: object) -> None:
+    release(address)
 
 
 class _Device:
@@ -471,7 +476,8 @@ class _EmbreeScene:
         self.address = _lib.rtcNewScene(device.address)
         _lib.rtcSetSceneFlags(self.address, _SCENE_ROBUST)
         _lib.rtcSetSceneBuildQuality(self.address, _BUILD_QUALITY_HIGH)
-        _release_with(self, _lib.rtcReleaseScene, self.address)
+        # Embree frees a scene's memory after the scene has let go of its device.
+        _release_with(self, _lib.rtcReleaseScene, self.address, device)
 
 
 class MeshHierarchies:

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from engine.array_types import Float32Array
 from engine.scene.description import Mesh, SceneDescription
 
+from .attributes import read_positions
 from .context import ExportContext
-from .geometry import read_normals, read_positions
 from .instances import Appearance, Appearances
 from .moments import Moment
+from .normals import read_normals
 from .shutter import Shutter
 from .topology import Faces, Topology, read_faces, read_topology
 

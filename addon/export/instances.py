@@ -27,8 +27,9 @@ from engine.scene.description import (
 from ..versions import read_setting
 from .context import ExportContext
 from .gases import Gas, gas_of
+from .instance_attributes import InstanceAttributes
 from .materials import MaterialExporter
-from .object_properties import Value, find_property
+from .object_properties import INSTANCER, Value, find_property
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
@@ -48,6 +49,12 @@ _UNSUPPORTED = {
     "GPENCIL": "grease pencil is",
     "GREASEPENCIL": "grease pencil is",
 }
+
+
+def _unsupported(shown: bpy.types.Object) -> str:
+    is_splat = getattr(shown.data, "type", "") == "GAUSSIAN_SPLAT"  # From Blender 5.3 on.
+    return "Gaussian splats are" if is_splat else _UNSUPPORTED[shown.type]
+
 
 #: Appearances between two questions whether to stop.
 _CANCEL_INTERVAL = 4096
@@ -84,7 +91,9 @@ class Appearance:
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
-    properties: tuple[tuple[str, Value], ...] = ()
+    properties: dict[str, Value] = field(default_factory=dict)
+    #: Whose geometry nodes may give its instances attributes of their own; None for particles and what is no instance.
+    instancer: bpy.types.Object | None = None
     #: Times of the shutter it is looked at, 0 if it is not blurred.
     motion_step_count: int = 0
     use_deform_motion: bool = False
@@ -106,6 +115,8 @@ class Appearances:
     random : float32 (N,)
     generated : float32 (N, 3), uv : float32 (N, 2)
         Texture coordinates of the instancer, as Cycles scales them; zero where no material reads them.
+    own_properties : dict
+        By request, what single appearances have instead of their kind's properties, by their index.
     """
 
     kinds: list[Appearance] = field(default_factory=list)
@@ -114,11 +125,24 @@ class Appearances:
     random: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
     generated: Float32Array = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     uv: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    own_properties: dict[str, dict[int, Value]] = field(default_factory=dict)
+
+    def properties(self, rows: npt.NDArray[np.integer]) -> dict[str, Float32Array]:
+        """`Instances.properties` of these appearances."""
+        found: dict[str, Float32Array] = {}
+        for request in sorted({request for kind in self.kinds for request in kind.properties}):
+            of_kinds = [kind.properties.get(request, (0.0, 0.0, 0.0, 0.0)) for kind in self.kinds]
+            values = np.array(of_kinds, np.float32)[self.kind]
+            own = self.own_properties.get(request, {})
+            if own:
+                values[list(own)] = list(own.values())
+            found[request] = values[rows]
+        return found
 
 
 def gather_appearances(context: ExportContext, materials: MaterialExporter) -> Appearances:
     """Walk the instances of the dependency graph once for objects, then once for each array."""
-    result = Appearances()
+    result, attributes = Appearances(), InstanceAttributes()
     rows: dict[Key, int] = {}
     numbers: list[int] = []
     append = numbers.append
@@ -135,10 +159,26 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
         if row is None:
             row = rows[key] = _classify(context, materials, item, result.kinds)
         append(row)
+        if row >= 0 and result.kinds[row].properties and result.kinds[row].instancer is not None:
+            _read_instance(item, result, len(numbers) - 1, row, attributes)
     context.check_cancel()
     result.kind = np.array(numbers, np.int32)
     _read_arrays(context, materials, result)
     return result
+
+
+def _read_instance(
+    item: bpy.types.DepsgraphObjectInstance, result: Appearances, number: int, row: int, attributes: InstanceAttributes
+) -> None:
+    """Note what an appearance has of its own besides its kind's properties."""
+    kind = result.kinds[row]
+    assert kind.instancer is not None
+    ids = list(item.persistent_id)
+    for request in kind.properties:
+        of, _, name = request.partition(":")
+        value = attributes.find(kind.instancer, ids, name) if of == INSTANCER else None
+        if value is not None:
+            result.own_properties.setdefault(request, {})[number] = value
 
 
 def is_invertible(transform: Float32Array) -> npt.NDArray[np.bool_]:
@@ -188,7 +228,7 @@ def _classify(
     has_shape = is_mesh or is_volume
     if not has_shape and shown.type != "LIGHT":
         if shown.type in _UNSUPPORTED:
-            context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
+            context.notice(shown.name, f"{_unsupported(shown)} not supported", "left out of the picture")
         return -1
     if is_mesh and not context.view_layer.use_solid or is_volume and not context.view_layer.use_volumes:
         return -1
@@ -236,7 +276,8 @@ def _classify(
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
-            properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
+            properties={name: find_property(item, name) for name in sorted(wanted)},
+            instancer=parent if item.is_instance and item.particle_system is None else None,
         )
     )
     if context.is_blurred:

@@ -29,6 +29,8 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = (0.0, 0.0, 0.0, 1.0)
 
 _FLOAT_SOCKETS = ("VALUE", "INT", "BOOLEAN")
+#: Nodes whose vectors Blender does not show, and has all the same: the surface supplies none.
+_HIDDEN_VALUES = {"ShaderNodeMapRange", "ShaderNodeTexWhiteNoise", "ShaderNodeVectorRotate"}
 _VALUE_SOCKETS = (*_FLOAT_SOCKETS, "VECTOR", "RGBA", "STRING", "ROTATION", "MENU")
 _SIMPLE_PROPERTIES = ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
 _OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld")
@@ -364,7 +366,9 @@ def _renamed_output(node: Node, index: int, socket: bpy.types.NodeSocket) -> Lin
 
 def _constant(socket: bpy.types.NodeSocket) -> Source:
     """The value typed into a socket; None if it has none, or if the surface supplies a default."""
-    if socket.type not in _VALUE_SOCKETS or (socket.type == "VECTOR" and socket.hide_value):
+    if socket.type not in _VALUE_SOCKETS:
+        return None
+    if socket.type == "VECTOR" and socket.hide_value and socket.node.bl_idname not in _HIDDEN_VALUES:
         return None
     return _socket_value(socket)
 

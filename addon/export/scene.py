@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import bpy
 import numpy as np
 
-from engine.scene.description import Attribute, Camera, Frame, Instances, Light, Mesh, SceneDescription
+from engine.scene.description import Camera, Frame, Instances, Light, Mesh, SceneDescription
 
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
@@ -198,7 +197,7 @@ def _export_instances(
 
     meshes: list[Mesh] = []
     exported: dict[int, Mesh | None] = {0: None}
-    rows: dict[tuple[int, object], int] = {}
+    rows: dict[int, int] = {}
     mesh_of_kind: list[int] = []
     for address, kind in zip(addresses, kinds, strict=True):
         if address not in exported:
@@ -214,13 +213,12 @@ def _export_instances(
             elif kind.mesh is not None:
                 exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
         mesh = exported[address]
-        variant = (address, kind.properties)
         if mesh is None:
-            rows[variant] = -1
-        elif variant not in rows:
-            rows[variant] = len(meshes)
-            meshes.append(_with_properties(mesh, kind))
-        mesh_of_kind.append(rows[variant])
+            rows[address] = -1
+        elif address not in rows:
+            rows[address] = len(meshes)
+            meshes.append(mesh)
+        mesh_of_kind.append(rows[address])
 
     slots: list[int] = []
     kind_mesh = np.array([*mesh_of_kind, -1], np.int32)
@@ -262,6 +260,7 @@ def _export_instances(
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
         light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
+        properties=appearances.properties(chosen),
     )
     return meshes, instances, chosen
 
@@ -275,16 +274,6 @@ def _medium_density(kinds: list[Appearance], kind_of: np.ndarray, transform: np.
             mine = kind_of == row
             factors[mine] = medium_density(kind.volume, transform[mine])
     return factors
-
-
-def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:
-    """The mesh with an object's properties as attributes: another mesh, of the same arrays, for other values."""
-    if not kind.properties:
-        return mesh
-    attributes = dict(mesh.attributes)
-    for name, value in kind.properties:
-        attributes[name] = Attribute("MESH", np.array([value], np.float32))
-    return replace(mesh, key=(mesh.key, kind.properties), attributes=attributes)
 
 
 def _drop_broken(

@@ -9,12 +9,14 @@ from engine.array_types import Float32Array
 from engine.scene.description import Attribute, Mesh
 
 
-def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
+def compute_tangents(mesh: Mesh, uv: Float32Array, corner_normals: Float32Array | None) -> Attribute:
     """Tangent and sign of the bitangent at every corner.
 
     Parameters
     ----------
     uv : float32 (3 * T, 2)
+    corner_normals : float32 (T, 3, 3) or None
+        None where all triangles have their own.
 
     Returns
     -------
@@ -31,8 +33,8 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     points = mesh.vertices[mesh.triangles].astype(np.float64)
     maps = uv.reshape(triangle_count, 3, 2).astype(np.float64)
     edge1, edge2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    if mesh.corner_normals is not None:
-        normals = mesh.corner_normals.astype(np.float64)
+    if corner_normals is not None:
+        normals = corner_normals.astype(np.float64)
     else:
         normals = np.repeat(_normalized(np.cross(edge1, edge2))[:, None], 3, axis=1)
 
@@ -52,7 +54,7 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     weighted = (projected * (angle * is_valid[:, None])[..., None]).reshape(-1, 3)
 
     corner_sign = np.repeat(sign, 3)
-    group = _group_corners(mesh, uv, corner_sign)
+    group = _group_corners(mesh, uv, corner_sign, corner_normals)
     group_count = int(group.max()) + 1
     total = np.stack([np.bincount(group, weights=weighted[:, i], minlength=group_count) for i in range(3)], axis=1)
     result = np.empty((3 * triangle_count, 4), np.float32)
@@ -61,11 +63,13 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     return Attribute("CORNER", result)
 
 
-def _group_corners(mesh: Mesh, uv: Float32Array, sign: np.ndarray) -> np.ndarray:
+def _group_corners(
+    mesh: Mesh, uv: Float32Array, sign: np.ndarray, corner_normals: Float32Array | None
+) -> np.ndarray:
     """Number of the group of corners that share a tangent, (3 * T,)."""
     columns = [mesh.vertices[mesh.triangles.reshape(-1)], uv, sign[:, None].astype(np.float32)]
-    if mesh.corner_normals is not None:
-        columns.append(mesh.corner_normals.reshape(-1, 3))
+    if corner_normals is not None:
+        columns.append(corner_normals.reshape(-1, 3))
     else:
         columns.append(np.repeat(np.arange(len(mesh.triangles), dtype=np.float32), 3)[:, None])
     # Adding zero makes -0 and 0 the same bits.

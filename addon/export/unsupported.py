@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import bpy
 
-from engine.scene.description import NodeGraph
+from engine.scene.description import Node, NodeGraph
 
-from ..versions import SETTINGS, is_since, read_setting
+from ..versions import ANISOTROPIC_TRANSMISSION, SETTINGS, is_since, read_setting
 from .context import ExportContext, cycles_property
 
 
@@ -46,10 +46,17 @@ def notice_material(
     context: ExportContext, material: bpy.types.Material, graph: NodeGraph | None, subject: str
 ) -> None:
     """What a material asks for beyond its nodes; `subject` names it and an object that has it."""
-    if graph is None or graph.displacement is None:
+    if graph is None:
         return
-    if read_setting(material, "displacement_method") != "BUMP":
+    if is_since(ANISOTROPIC_TRANSMISSION) and any(_is_anisotropic_glass(node) for node in graph.nodes):
+        context.notice(subject, "anisotropic transmission is not supported", "glass as rough in all directions")
+    if graph.displacement is not None and read_setting(material, "displacement_method") != "BUMP":
         context.notice(subject, "displacement of the geometry is not supported", "its bump alone")
+
+
+def _is_anisotropic_glass(node: Node) -> bool:
+    parts = (node.inputs.get(name, 0.0) for name in ("Transmission Weight", "Anisotropic"))
+    return node.kind == "ShaderNodeBsdfPrincipled" and all(part != 0.0 for part in parts)
 
 
 def _is_culled(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:

@@ -114,7 +114,7 @@ class WindowView:
         except ValueError as error:
             self._problem = str(error)
         else:
-            self._send(view, depsgraph.scene)
+            self._send(view, depsgraph.scene, context.region_data)
         image = process.read_image()
         if image is not None:
             self._canvas.take(image)
@@ -128,7 +128,7 @@ class WindowView:
         )
         return read_view(export, context.region, context.space_data, context.region_data)
 
-    def _send(self, view: View, scene: bpy.types.Scene) -> None:
+    def _send(self, view: View, scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> None:
         assert self._settings is not None
         size = view.width, view.height
         now = time.monotonic()
@@ -137,9 +137,8 @@ class WindowView:
         self._size = size
         if now - self._resized < _RESIZE_SECONDS:
             return
-        self.host.show(
-            view, self._settings, denoises_from=denoises_from(scene), is_paused=is_paused(scene)
-        )
+        paused = is_paused(scene, region_data)
+        self.host.show(view, self._settings, denoises_from=denoises_from(scene), is_paused=paused)
 
     def tick(self) -> tuple[bool, bool]:
         """Look at the process: whether the window is to be drawn again, and whether more will come soon."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from engine.accel import Accelerator, MeshHierarchies
 from engine.array_types import Float32Array, Int64Array
 from engine.builder.motion import MOST_KEYS, keys_of_motions
-from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
+from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes, with_properties
 from engine.scene.content import Kept, Versions
 from engine.scene.description import VISIBLE_ALL, Instances, Mesh, Notice, SceneDescription
 from engine.state import geometry as layout
@@ -161,12 +161,13 @@ class GeometryCache:
 
 def _instances_key(instances: Instances) -> object:
     """What of instances geometry depends on: all."""
-    apart = ("name", "motion", "asset")
+    apart = ("name", "motion", "asset", "properties")
     columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in apart]
     return (
         tuple(instances.name),
         tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
         tuple((index, steps.shape, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
+        tuple((name, values.tobytes()) for name, values in sorted(instances.properties.items())),
     )
 
 
@@ -264,6 +265,7 @@ def build_geometry(
             lambda: build_attributes(meshes, shapes.kept_triangles, names),
         )
         found = motion_notices + shape_notices
+        attributes = with_properties(attributes, instances.properties, names)
         return _assemble(instances, motions, placed, shapes, attributes, default_program, found), found
 
     arrays, found = cache.geometry.get((keys, names, default_program, _instances_key(instances)), build)

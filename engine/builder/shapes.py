@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ _DOMAINS = {
     "POINT": layout.DOMAIN_POINT,
     "FACE": layout.DOMAIN_FACE,
     "CORNER": layout.DOMAIN_CORNER,
-    "MESH": layout.DOMAIN_MESH,
 }
 #: Rows of a mesh that are converted at a time.
 _ROWS = 1 << 16
@@ -292,3 +291,28 @@ def build_attributes(
     return Attributes(
         table, _joined(parts, 1, np.float32).reshape(-1), np.array([count], np.int64), default_slots, grids
     )
+
+
+def with_properties(
+    attributes: Attributes, properties: Mapping[str, Float32Array], attribute_names: Sequence[str]
+) -> Attributes:
+    """Lay what each instance has a value of its own of behind the attributes of meshes.
+
+    Parameters
+    ----------
+    attributes : Attributes
+        Of `build_attributes`.
+    properties : mapping
+        `Instances.properties`.
+    attribute_names : sequence of str
+        As there.
+    """
+    read = [(slot, properties[name]) for slot, name in enumerate(attribute_names) if name in properties]
+    if not read:
+        return attributes
+    table, parts, total = attributes.table.copy(), [attributes.data], len(attributes.data)
+    for slot, values in read:
+        table[slot :: int(attributes.count[0])] = (layout.DOMAIN_INSTANCE, values.shape[1], total)
+        parts.append(np.asarray(values, np.float32).reshape(-1))
+        total += values.size
+    return replace(attributes, table=table, data=np.concatenate(parts))

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from typing import Protocol
 
 from engine.guiding.policy.iterations import iteration_lengths
@@ -163,7 +164,8 @@ class PlainSchedule:
 class PacedSchedule:
     """All samples of each tile, in passes over all tiles of which the clock says how long they are.
 
-    Nobody waits for anybody at the end of a pass: a tile's next task comes after those that all others have had.
+    Tiles that are behind come first. Nobody waits for anybody at the end of a pass, but before the shortest ones. Each
+    of these may be cut off, so that it begins when all tiles have the same number of samples.
 
     Parameters
     ----------
@@ -184,23 +186,38 @@ class PacedSchedule:
         self._next, self._count = first, count
         #: Of the passes so far.
         self._ranges: list[tuple[int, int]] = []
-        self._waiting = deque((tile, 0) for tile in range(tile_count) if first < samples)
+        #: Whether the last of them begins when all tiles are there.
+        self._waits_for_all = False
+        #: Steps and tiles, a heap.
+        self._waiting = [(0, tile) for tile in range(tile_count) if first < samples]
+        self._tile_count = tile_count
 
     @property
     def has_task(self) -> bool:
-        return bool(self._waiting)
+        if not self._waiting:
+            return False
+        step, _ = self._waiting[0]
+        if step == len(self._ranges):
+            self._begin_pass()
+        if step + 1 < len(self._ranges):
+            return True
+        # No tile that waits is behind.
+        self._waits_for_all &= len(self._waiting) < self._tile_count
+        return not self._waits_for_all
+
+    def _begin_pass(self) -> None:
+        count = self._pace(min(self._count, self._samples - self._next), self._next)
+        self._waits_for_all = bool(self._ranges) and count <= SHORTEST_PASS
+        self._ranges.append((self._next, count))
+        self._next += count
+        self._count = task_samples(self._next)
 
     @property
     def lacks_first_tasks(self) -> bool:
-        return any(step == 0 for _, step in self._waiting) and (not self._ranges or self._ranges[0][0] == 0)
+        return any(step == 0 for step, _ in self._waiting) and (not self._ranges or self._ranges[0][0] == 0)
 
     def take(self) -> Task:
-        tile, step = self._waiting.popleft()
-        if step == len(self._ranges):
-            count = self._pace(min(self._count, self._samples - self._next), self._next)
-            self._ranges.append((self._next, count))
-            self._next += count
-            self._count = task_samples(self._next)
+        step, tile = heappop(self._waiting)
         first, count = self._ranges[step]
         return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
 
@@ -209,7 +226,7 @@ class PacedSchedule:
 
     def finish(self, task: Task) -> bool:
         if task.step + 1 < len(self._ranges) or self._next < self._samples:
-            self._waiting.append((task.tile, task.step + 1))
+            heappush(self._waiting, (task.step + 1, task.tile))
         return False
 
 

@@ -68,7 +68,7 @@ MOTION_FIRST_NORMAL = 2
 MOTION_WIDTH = 4
 
 # Columns of GeometryArrays.attribute_table: one row per (mesh, attribute slot), row = mesh * attribute_count + slot.
-#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh, 5 voxels
+#: 0 absent, 1 point, 2 triangle, 3 corner, 4 instance, 5 voxels
 ATTRIBUTE_DOMAIN = 0
 ATTRIBUTE_COMPONENTS = 1
 #: First float in `attribute_data`, or row of `grids.table`
@@ -79,7 +79,7 @@ DOMAIN_ABSENT = 0
 DOMAIN_POINT = 1
 DOMAIN_FACE = 2
 DOMAIN_CORNER = 3
-DOMAIN_MESH = 4
+DOMAIN_INSTANCE = 4
 DOMAIN_GRID = 5
 
 

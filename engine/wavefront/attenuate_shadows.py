@@ -413,6 +413,8 @@ def find_shadow_collisions(scene, unit, work, queue):
                 place_in_medium(
                     paths, lane, work.light_points, row, instance, scene.media.program[media.medium[own, entry]],
                     add(origin, scale(direction, t)), direction, t, RAY_SHADOW,
+                    # Shadow rays count boundaries of media too, as in Cycles. Surfaces within them are not known here.
+                    paths.transparent_depth[lane] + media.crossings[own],
                 )
                 if not waits:
                     work.counts[TRACKING_ENDED] += 1

@@ -7,8 +7,9 @@ sampler's grid are tabulated differently) by more than 4.5 standard errors from 
 4 channels that is less than 1 false alarm in 5,000 scenes for normal noise, and seeds are fixed. Scenes with a
 documented difference (`BuiltinScene.note`) get its measured size as their allowance.
 
-Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's users
-render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by `AUTO`.
+Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's
+users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by
+`AUTO`.
 """
 
 from __future__ import annotations
@@ -85,10 +86,11 @@ def pictures(
 
 
 def says_enough(ours: list[Float32Array], theirs: list[Float32Array]) -> bool:
-    """Whether a difference of 3% in any cell and of 1% in the mean would be found: by the noise, whatever has been found."""
+    """Whether a difference of 3% in any cell and of 1% in the mean would be found: by the noise, whatever was found."""
     _, error = metrics.compare_means(ours, theirs)
     cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
-    return bool((SIGMAS * error).max() <= MEAN_ALLOWANCE and (SIGMAS * cells.standard_error).max() <= 2.0 * CELL_ALLOWANCE)
+    of_mean, of_cells = (SIGMAS * error).max(), (SIGMAS * cells.standard_error).max()
+    return bool(of_mean <= MEAN_ALLOWANCE and of_cells <= 2.0 * CELL_ALLOWANCE)
 
 
 def check(name: str, out: Path, samples: int, seed_count: int, first_count: int = 0) -> None:

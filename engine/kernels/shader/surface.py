@@ -20,7 +20,7 @@ from engine.state.geometry import (
     DOMAIN_CORNER,
     DOMAIN_FACE,
     DOMAIN_GRID,
-    DOMAIN_MESH,
+    DOMAIN_INSTANCE,
     DOMAIN_POINT,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
@@ -141,7 +141,7 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
     row = mesh * geometry.attribute_count[0] + slot
     domain = geometry.attribute_table[row, ATTRIBUTE_DOMAIN]
     # A point inside is on no triangle, and voxels are inside.
-    if domain == DOMAIN_ABSENT or domain == DOMAIN_GRID or (triangle < 0 and domain != DOMAIN_MESH):
+    if domain == DOMAIN_ABSENT or domain == DOMAIN_GRID or (triangle < 0 and domain != DOMAIN_INSTANCE):
         return 0.0, 0.0, 0.0, 0.0, 0
     components = geometry.attribute_table[row, ATTRIBUTE_COMPONENTS]
     offset = geometry.attribute_table[row, ATTRIBUTE_OFFSET]
@@ -161,6 +161,10 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
         i0 = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
         i1 = i0
         i2 = i0
+    elif domain == DOMAIN_INSTANCE:
+        i0 = instance
+        i1 = instance
+        i2 = instance
     x = attribute_component(geometry, offset, components, i0, i1, i2, u, v, 0)
     y = 0.0
     z = 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
+from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh
 from tests.helpers.blender_scenes import empty_scene, export
 
 
@@ -382,12 +382,7 @@ def test_instances_have_the_color_of_their_instancer(scene: Any) -> None:
     # The square itself, then its instances.
     expected = [tuple(square.color), *colors]
     np.testing.assert_allclose(instances.color, expected, rtol=1e-6)
-    np.testing.assert_allclose(properties_of_instances(export(), "object:color"), expected, rtol=1e-6)
-
-
-def properties_of_instances(description: SceneDescription, name: str) -> list[Any]:
-    """What instances have of a property that materials read."""
-    return [description.meshes[row].attributes[name].data[0] for row in description.instances.mesh]
+    np.testing.assert_allclose(instances.properties["object:color"], expected, rtol=1e-6)
 
 
 def test_face_instances_carry_texture_coordinates_when_wanted(scene: Any) -> None:
@@ -546,7 +541,7 @@ def test_random_of_a_name_that_is_not_ascii(scene: Any) -> None:
     np.testing.assert_allclose(export().instances.random, [0.54099333], rtol=1e-6)
 
 
-def test_object_properties_become_mesh_attributes(scene: Any) -> None:
+def test_object_properties_are_those_of_instances_of_one_mesh(scene: Any) -> None:
     import bpy
 
     square = add_square("A")
@@ -555,13 +550,10 @@ def test_object_properties_become_mesh_attributes(scene: Any) -> None:
     square["dirt"], twin["dirt"] = 0.25, [0.5, 0.75, 1.0]
     add_material(square, ("ShaderNodeAttribute", {"attribute_name": "dirt", "attribute_type": "OBJECT"}))
     description = export()
-    values = {}
-    for name, mesh in zip(description.instances.name, description.instances.mesh.tolist(), strict=True):
-        attribute = description.meshes[mesh].attributes["object:dirt"]
-        assert attribute.domain == "MESH"
-        values[name] = attribute.data[0].tolist()
+    instances = description.instances
+    values = dict(zip(instances.name, instances.properties["object:dirt"].tolist(), strict=True))
     assert values == {"A": [0.25, 0.25, 0.25, 1.0], "B": [0.5, 0.75, 1.0, 1.0]}
-    assert description.meshes[0].vertices is description.meshes[1].vertices
+    assert len(description.meshes) == 1
 
 
 def test_undeformed_coordinates_of_a_deformed_mesh(scene: Any) -> None:

@@ -256,6 +256,13 @@ _VOXELS = NodeGraph(
     None,
     Link(0, "Volume"),
 )
+_DIRTY = NodeGraph(
+    [
+        Node("ShaderNodeBsdfDiffuse", "D", {"Color": Link(1, "Color")}),
+        Node("ShaderNodeAttribute", "Dirt", {}, {"attribute_type": "OBJECT", "attribute_name": "dirt"}),
+    ],
+    Link(0, "BSDF"),
+)
 _PLAIN = NodeGraph([Node("ShaderNodeBsdfDiffuse", "D", {"Color": (0.2, 0.3, 0.9, 1.0)})], Link(0, "BSDF"))
 
 #: How each field of the description is changed, in a way that arrays or pictures show: every field has an entry.
@@ -437,6 +444,9 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.motion": [_set("instances.motion", {}),
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),
                          _set("instances.motion", {2: np.stack([_at(2, 0, -0.5), _at(2, 0, 0.5)])})],
+    # Of what reads them.
+    "Instances.properties": [lambda d: (_set("materials.0.graph", _DIRTY)(d), _set("instances.properties", {
+        "object:dirt": np.full((6, 4), 0.5, np.float32)})(d))],
     "Instances.asset": [_set("instances.asset", ["Whole"] * 6)],
     "SceneDescription.passes": [_set("passes", PassSettings())],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
