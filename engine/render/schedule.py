@@ -50,15 +50,10 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
     return ranges
 
 
-def _in_tasks(parts: Sequence[Part]) -> list[Part]:
-    """The same parts of an iteration, in tasks."""
-    return [
-        Part(first, count, part.arm)
-        for part in parts
-        for first, count in sample_ranges(
-            sum(part[:2]), part.first_sample, task_samples(part.first_sample)
-        )
-    ]
+def _in_tasks(part: Part) -> list[Part]:
+    """A part of an iteration as a tile's successive tasks."""
+    first, count, arm = part
+    return [Part(*task, arm) for task in sample_ranges(first + count, first, task_samples(first))]
 
 
 def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -360,7 +355,10 @@ class Iterations:
 
         Tiles from `first_other` on are divided as `other_parts` says, if there are any.
         """
-        self._parts, self._other_parts = _in_tasks(parts), _in_tasks(other_parts)
+        self._parts, self._other_parts = list(parts), list(other_parts)
+        if len(parts) == 1 and not other_parts:
+            # What is compared knows parts by their first samples.
+            self._parts = _in_tasks(parts[0])
         self._first_other = first_other if self._other_parts else tile_count
         self._unfinished = tile_count
         self._waiting.extend((tile, 0) for tile in range(tile_count))

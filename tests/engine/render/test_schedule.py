@@ -150,7 +150,7 @@ def test_tiles_from_some_on_may_be_divided_otherwise(workers: int) -> None:
     done = run(iterations, workers, learn)
     check_samples(done, 8)
     arms = [[task.part.arm for task in done if task.tile == tile and task.step == 1] for tile in range(TILES)]
-    assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN] * 2] * (TILES - 2)
+    assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN]] * (TILES - 2)
     assert all(task.weighs_as == 1 for task in done if task.step == 1)
     assert {task.part.arm for task in done if task.step == 2 and task.tile == 6} == {CURRENT, PLAIN}
 
