@@ -21,16 +21,22 @@ from engine.render.strata import StrataSchedule
 from engine.render.time_left import SHORTEST_PASS
 from engine.state.unit import ALL_STRATA, CURRENT
 
-#: Samples of a tile's successive tasks grow to this: small first for an early image, large later to keep lanes full.
+#: Samples of a tile's successive tasks grow to this: each costs a start and an end with few paths in flight.
 LARGEST_TASK_SAMPLES = 64
-#: A tile's successive tasks grow by this factor: the first should show soon, and each costs a start and an end with few
-#: paths in flight.
-TASK_GROWTH = 4
+#: A task has at most the samples so far over this number, so that whenever a render is cancelled, tiles have nearly as
+#: many samples as each other. It costs nothing that was seen (256 x 192 pixels, 192 samples: 8.97 s of processor time;
+#: 9.04 s where tasks grew fourfold; 10.18 s where all had two samples).
+_TASKS_SO_FAR = 8
 #: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
 #: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
 _LAST_TILES = 32
 _LAST_PARTS = 4
 _LEAST_DIVIDED = 32
+
+
+def task_samples(first: int) -> int:
+    """Samples of a task that begins with sample `first`; the first of all has one, for an early image."""
+    return min(max(first // _TASKS_SO_FAR, SHORTEST_PASS), LARGEST_TASK_SAMPLES) if first else 1
 
 
 def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[int, int]]:
@@ -40,8 +46,14 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
         count = min(count, samples - first)
         ranges.append((first, count))
         first += count
-        count = min(TASK_GROWTH * count, LARGEST_TASK_SAMPLES)
+        count = task_samples(first)
     return ranges
+
+
+def _in_tasks(part: Part) -> list[Part]:
+    """A part of an iteration as a tile's successive tasks."""
+    first, count, arm = part
+    return [Part(*task, arm) for task in sample_ranges(first + count, first, task_samples(first))]
 
 
 def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -193,7 +205,7 @@ class PacedSchedule:
         self._waits_for_all = bool(self._ranges) and count <= SHORTEST_PASS
         self._ranges.append((self._next, count))
         self._next += count
-        self._count = min(TASK_GROWTH * self._count, LARGEST_TASK_SAMPLES)
+        self._count = task_samples(self._next)
 
     @property
     def lacks_first_tasks(self) -> bool:
@@ -241,7 +253,7 @@ class Steps:
         """Hand out the next step."""
         first, self.next_sample = self.next_sample, min(self._next_look(self.next_sample), self._samples)
         self._tasks = PlainSchedule(tile_count, self.next_sample, first, self._count, self._stratum)
-        self._count = LARGEST_TASK_SAMPLES
+        self._count = task_samples(self.next_sample)
         self._unfinished = tile_count
 
     @property
@@ -344,6 +356,9 @@ class Iterations:
         Tiles from `first_other` on are divided as `other_parts` says, if there are any.
         """
         self._parts, self._other_parts = list(parts), list(other_parts)
+        if len(parts) == 1 and not other_parts:
+            # What is compared knows parts by their first samples.
+            self._parts = _in_tasks(parts[0])
         self._first_other = first_other if self._other_parts else tile_count
         self._unfinished = tile_count
         self._waiting.extend((tile, 0) for tile in range(tile_count))
