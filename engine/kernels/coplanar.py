@@ -2,8 +2,8 @@
 """Whether triangles lie in one place: in one plane, up to rounding, and over each other by more than an edge.
 
 `enclose` and `compare` are for a library that looks for pairs of boxes which meet (`engine.accel.visit_pairs`). Both
-get the address of a task, int64 words: the addresses of the scene's vertices and of further ones, float32 (N, 3), how many
-of the former there are, and the addresses of the triangles, uint32 (P, 3), and of what is found, uint32 (P,).
+get the address of a task, int64 words: the addresses of the scene's vertices and of further ones, float32 (N, 3), how
+many of the former there are, and the addresses of the triangles, uint32 (P, 3), and of what is found, uint32 (P,).
 """
 
 import math
