@@ -12,7 +12,7 @@ origin for their size that a rounding error shows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +31,8 @@ from engine.state.geometry import GeometryArrays
 _MOST_TRIANGLES = 4_000_000
 #: How large the rounding error of a point may be, relative to the size of its mesh.
 _LARGEST_ERROR = 1e-3
-#: Pairs that notices are given of.
-_MOST_NOTICES = 8
+#: Names in a notice, and the share of an object's area that is worth one.
+_MOST_NAMES, _LEAST_SHARE = 4, 0.1
 _NONE = 0xFFFFFFFF
 
 
@@ -179,8 +179,8 @@ def _search(
     return numbers, found[numbers].astype(np.int64)
 
 
-def _normals(geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray) -> np.ndarray:
-    """Of triangles, float64 (N, 3), not normalised."""
+def _vectors(geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray) -> np.ndarray:
+    """Normals of triangles times twice their areas, float64 (N, 3)."""
     corners, known = searched.corners[numbers].astype(np.int64), len(geometry.vertices)
     at = np.zeros((*corners.shape, 3))
     is_known = corners < known
@@ -189,38 +189,48 @@ def _normals(geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray)
     return np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
 
 
+def _listed(names: Iterable[str]) -> str:
+    """Names in words, the first few of them."""
+    known = sorted(set(names))
+    rest = len(known) - _MOST_NAMES
+    return ", ".join(known[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+
+
 def _notices(
     geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray, others: np.ndarray, names: Sequence[str],
     lights: Sequence[Light],
 ) -> list[Notice]:
-    """What to say of what lies in one place; nothing of bodies that stand on each other, whose faces look apart."""
+    """What to say of lamps that surfaces hide, and of objects that lie in others, or in themselves, to a good part.
+
+    Of bodies that stand on each other, whose faces look apart, there is nothing to say.
+    """
     groups, of_others = searched.group(numbers), searched.group(others)
     is_lamp, is_others = searched.rows[groups] < 0, searched.rows[of_others] < 0
     owner, of_other = searched.owner[groups], searched.owner[of_others]
-    looks_along = np.einsum(
-        "ij,ij->i", _normals(geometry, searched, numbers), _normals(geometry, searched, others)
-    ) > 0.0
-    told = ~is_others & (is_lamp | looks_along | (owner == of_other))
-    pairs = sorted({
-        (not lamp, *((first, second) if lamp else sorted((first, second), reverse=True)))
-        for lamp, first, second in zip(
-            is_lamp[told].tolist(), owner[told].tolist(), of_other[told].tolist(), strict=True
-        )
-    })
     found = []
-    for is_surface, first, second in pairs[:_MOST_NOTICES]:
-        if not is_surface:
-            problem, fallback = f"it lies in {names[second]}", "which hides it, as in Cycles: move it a little off"
-            found.append(Notice(f"light {lights[first].name}", problem, fallback))
-        elif names[first] == names[second]:
-            problem = "some of its faces lie in one place"
-            found.append(Notice(f"object {names[first]}", problem, "they shadow each other, as in Cycles"))
-        else:
-            problem, fallback = f"it lies in {names[second]}", "they shadow each other, as in Cycles: move one a little"
-            found.append(Notice(f"object {names[first]}", problem, fallback))
-    if len(pairs) > _MOST_NOTICES:
-        rest = len(pairs) - _MOST_NOTICES
-        found.append(Notice(f"{rest} more", "lights or objects lie in others", "they shadow each other, as in Cycles"))
+    for light in np.unique(owner[is_lamp & ~is_others]).tolist():
+        where = _listed(names[k] for k in of_other[is_lamp & ~is_others & (owner == light)].tolist())
+        problem, fallback = f"it lies in {where}", "that shadows it, as in Cycles: move it off by a millimetre"
+        found.append(Notice(f"light {lights[light].name}", problem, fallback))
+    vectors = _vectors(geometry, searched, numbers)
+    looks_along = (vectors * _vectors(geometry, searched, others)).sum(axis=1) > 0.0
+    told = ~is_lamp & ~is_others & (looks_along | (owner == of_other))
+    areas = np.linalg.norm(vectors, axis=1)
+    inside: dict[str, list[str]] = {}
+    for index in np.unique(owner[told]).tolist():
+        is_own = told & (owner == index)
+        group = int(groups[is_own][0])
+        end = searched.first[group + 1] if group + 1 < len(searched.first) else len(searched.corners)
+        whole = np.linalg.norm(
+            _vectors(geometry, searched, np.arange(searched.first[group], end)), axis=1
+        ).sum()
+        if areas[is_own].sum() >= _LEAST_SHARE * whole:
+            inside[names[index]] = [names[k] for k in of_other[is_own].tolist()]
+    if inside:
+        others_named = _listed(name for group in inside.values() for name in group if name not in inside)
+        problem = "faces lie in one place" + (f" with faces of {others_named}" if others_named else "")
+        fallback = "they shadow each other, as in Cycles: move one of them, or delete it"
+        found.append(Notice(f"object {_listed(inside)}", problem, fallback))
     return found
 
 

@@ -78,8 +78,11 @@ def surface_point(geometry, instance, triangle, u, v, time):
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
     edge1, edge2 = subtract(v1, v0), subtract(v2, v0)
-    # Far from the origin edges lose less to rounding than vertices do.
-    p = add(v0, add(scale(edge1, u), scale(edge2, v)))
+    p = (
+        w * v0[0] + u * v1[0] + v * v2[0],
+        w * v0[1] + u * v1[1] + v * v2[1],
+        w * v0[2] + u * v1[2] + v * v2[2],
+    )
     extent = max(
         max(abs(v0[0]), abs(v1[0]), abs(v2[0])),
         max(abs(v0[1]), abs(v1[1]), abs(v2[1])),
