@@ -145,7 +145,7 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "addon/engine.py": {"', '.join(missing)": "Shadow, Render Time", "name": "ViewLayer"},
     "addon/export/images.py": {"bpy.path.abspath(image.filepath)": "/scenes/wood.png", "most / 2 ** 30": "16.0"},
     "addon/export/instances.py": {"attribute": "tint"},
-    "addon/export/nodes.py": {"node.attribute_name": "pointiness", "socket.name": "Base Color"},
+    "addon/export/nodes.py": {"name": "pointiness", "socket.name": "Base Color"},
     "addon/export/scene.py": {"name": "ACEScg"},
     "addon/export/unsupported.py": {"level": "6", "modifier.render_levels": "11"},
     "addon/export/volumes.py": {"', '.join(names) or 'it has none'": "density", "path": "/caches/smoke_0001.vdb"},
