@@ -305,7 +305,7 @@ class GraphExporter:
 
     def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
         if name in UNREAD:
-            self._notice(node, f"attribute {name!r} is not supported", "0")
+            self._notice(node, f"attribute {name!r} is not supported", "0 everywhere")
         elif name == "N" and is_since(NORMALS_AS_ATTRIBUTES):
             problem = "attribute 'N' is in the world's space in Cycles, unless objects share a mesh"
             self._notice(node, problem, "the object's space")
