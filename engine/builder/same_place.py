@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from engine.accel import MeshHierarchies, visit_pairs
 from engine.array_types import Uint8Array, Uint32Array
+from engine.builder.boundaries import APART
 from engine.kernels.coplanar import compare, enclose
 from engine.kernels.surface import RELATIVE_ERROR
 from engine.runtime.jit import Kernel
@@ -31,6 +32,8 @@ from engine.state.geometry import GeometryArrays
 _MOST_TRIANGLES = 4_000_000
 #: How large the rounding error of a point may be, relative to the size of its mesh.
 _LARGEST_ERROR = 1e-3
+#: Boxes that triangles of an instance are compared with.
+_MOST_BOXES = 16
 #: Names in a notice, and the share of an object's area that is worth one.
 _MOST_NAMES, _LEAST_SHARE = 4, 0.1
 _NONE = 0xFFFFFFFF
@@ -70,8 +73,8 @@ class _Searched:
     """Triangles one after the other.
 
     corners : uint32 (P, 3), rows of the geometry's vertices, or behind them of `further`, float32 (W, 3), world
-    first : int64 (G,), of each group; rows : int64 (G,), of `GeometryArrays.triangles`, -1 = of a lamp
-    owner : int64 (G,), instance, or index of the light
+    rows : int64 (P,), of `GeometryArrays.triangles`, -1 = of a lamp
+    first : int64 (G,), of the triangles of one owner; owner : int64 (G,), instance, or index of the light
     """
 
     corners: Uint32Array
@@ -79,6 +82,10 @@ class _Searched:
     first: np.ndarray
     rows: np.ndarray
     owner: np.ndarray
+
+    def end(self, group: int) -> int:
+        """Behind the last triangle of a group."""
+        return int(self.first[group + 1]) if group + 1 < len(self.first) else len(self.corners)
 
     def group(self, numbers: np.ndarray) -> np.ndarray:
         """Groups that triangles are in."""
@@ -101,9 +108,17 @@ def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
     return middle, half
 
 
-def _is_far(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
-    """Which instances are too far from the origin for their size, bool (I,)."""
-    middle, half = (boxes[geometry.instance_table[:, layout.INSTANCE_MESH]] for boxes in _mesh_boxes(geometry))
+@dataclass(frozen=True)
+class _Boxes:
+    """World-space boxes of all instances, float64 (I, 3), and the largest coordinate on the way there, float64 (I,)."""
+
+    low: np.ndarray
+    high: np.ndarray
+    extent: np.ndarray
+
+
+def _boxes(geometry: GeometryArrays) -> _Boxes:
+    middle, half = (found[geometry.instance_table[:, layout.INSTANCE_MESH]] for found in _mesh_boxes(geometry))
     matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
     is_baked = (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
     matrices = np.where(is_baked[:, None, None], np.eye(3, 4), matrices)
@@ -111,8 +126,7 @@ def _is_far(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
     half_size = (linear @ half[:, :, None])[:, :, 0]
     at = (matrices[:, :, :3] @ middle[:, :, None])[:, :, 0] + matrices[:, :, 3]
     within = (linear @ (np.abs(middle) + half)[:, :, None])[:, :, 0]
-    extent = np.maximum(np.abs(at) + half_size, within).max(axis=1)
-    return np.asarray(extent * RELATIVE_ERROR > _LARGEST_ERROR * 2.0 * half_size.max(axis=1))
+    return _Boxes(at - half_size, at + half_size, np.maximum(np.abs(at) + half_size, within).max(axis=1))
 
 
 def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
@@ -127,40 +141,72 @@ def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
     return corners.astype(np.float32), np.array(index, np.int64)
 
 
+def _near_others(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> npt.NDArray[np.bool_]:
+    """Which triangles, float32 (T, 3, 3), meet some of the boxes (K, 3)."""
+    if len(low) > _MOST_BOXES:
+        return np.ones(len(corners), bool)
+    least, most = corners.min(axis=1), corners.max(axis=1)
+    found = np.zeros(len(corners), bool)
+    for of_low, of_high in zip(low, high, strict=True):
+        found |= ((least <= of_high) & (most >= of_low)).all(axis=1)
+    return found
+
+
 def _gather(
-    geometry: GeometryArrays, lights: Sequence[Light], standing: np.ndarray, placed: np.ndarray
+    geometry: GeometryArrays, lights: Sequence[Light], boxes: _Boxes, standing: np.ndarray, placed: np.ndarray
 ) -> _Searched:
-    """Triangles of instances, `standing` those that are stored in world space, and of area lamps."""
+    """Triangles of instances, `standing` those that are stored in world space, and of area lamps.
+
+    What lies in one place within a mesh is found with the first of its instances. Of the others only what meets the box
+    of another instance is looked at.
+    """
     table, meshes = geometry.instance_table, geometry.mesh_table
-    first_row, count = (
-        meshes[table[:, layout.INSTANCE_MESH], column].astype(np.int64)
-        for column in (layout.MESH_FIRST_TRIANGLE, layout.MESH_TRIANGLE_COUNT)
-    )
-    corners, further = [geometry.triangles[first_row[k] : first_row[k] + count[k]] for k in standing.tolist()], []
-    owner, behind = [standing], len(geometry.vertices)
-    matrices = geometry.transforms.reshape(-1, 3, 4)
-    for mesh in np.unique(table[placed, layout.INSTANCE_MESH]).tolist():
-        own = placed[table[placed, layout.INSTANCE_MESH] == mesh]
-        first, size = (int(meshes[mesh, column]) for column in (layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT))
-        at = geometry.vertices[first : first + size] @ matrices[own, :, :3].transpose(0, 2, 1)
-        further.append((at + matrices[own, None, :, 3]).reshape(-1, 3))
-        row = int(meshes[mesh, layout.MESH_FIRST_TRIANGLE])
-        local = geometry.triangles[row : row + int(meshes[mesh, layout.MESH_TRIANGLE_COUNT])].astype(np.int64) - first
-        corners.append((local + (behind + size * np.arange(len(own)))[:, None, None]).reshape(-1, 3))
-        behind += size * len(own)
-        owner.append(own)
     quads, of_lights = _lamp_corners(lights)
+    corners, further, rows, owner, behind = [], [], [], [], len(geometry.vertices)
+
+    def add(triangles: np.ndarray, numbers: np.ndarray, of: int) -> None:
+        corners.append(triangles)
+        rows.append(numbers)
+        owner.append(of)
+
+    known: set[int] = set()
+    reach = APART * boxes.extent
+    low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
+    lamp_low, lamp_high = quads.min(axis=1), quads.max(axis=1)
+    for k in np.concatenate([standing, placed]).tolist():
+        mesh = int(table[k, layout.INSTANCE_MESH])
+        row, count = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_TRIANGLE, layout.MESH_TRIANGLE_COUNT))
+        first, size = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT))
+        triangles, numbers = geometry.triangles[row : row + count], np.arange(row, row + count)
+        if table[k, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED:
+            add(triangles, numbers, k)
+            continue
+        matrix = geometry.transforms[k].reshape(3, 4)
+        at = geometry.vertices[first : first + size] @ matrix[:, :3].T + matrix[:, 3]
+        local = triangles.astype(np.int64) - first
+        if mesh in known:
+            meets = ((low <= high[k]) & (high >= low[k])).all(axis=1)
+            meets[k] = False
+            kept = _near_others(
+                at[local], np.concatenate([low[meets], lamp_low]), np.concatenate([high[meets], lamp_high])
+            )
+            local, numbers = local[kept], numbers[kept]
+        known.add(mesh)
+        if len(local):
+            further.append(at)
+            add(local + behind, numbers, k)
+            behind += size
     further.append(quads.reshape(-1, 3))
-    fans = np.array([(0, 1, 2), (0, 2, 3)])
-    corners.append((fans + (behind + 4 * np.arange(len(quads)))[:, None, None]).reshape(-1, 3))
-    instances = np.concatenate(owner)
-    sizes = np.concatenate([count[instances], np.full(len(quads), len(fans))])
+    for quad, light in enumerate(of_lights.tolist()):
+        add(np.array([(0, 1, 2), (0, 2, 3)]) + behind + 4 * quad, np.full(2, -1), light)
+    sizes = np.array([len(part) for part in corners], np.int64)
+    nothing = np.zeros((0, 3), np.uint32)
     return _Searched(
-        corners=np.ascontiguousarray(np.concatenate(corners), np.uint32),
+        corners=np.ascontiguousarray(np.concatenate([nothing, *corners]), np.uint32),
         further=np.ascontiguousarray(np.concatenate(further), np.float32),
+        rows=np.concatenate([np.zeros(0, np.int64), *rows]),
         first=np.cumsum(sizes) - sizes,
-        rows=np.concatenate([first_row[instances], np.full(len(quads), -1)]),
-        owner=np.concatenate([instances, of_lights]),
+        owner=np.array(owner, np.int64),
     )
 
 
@@ -205,7 +251,7 @@ def _notices(
     Of bodies that stand on each other, whose faces look apart, there is nothing to say.
     """
     groups, of_others = searched.group(numbers), searched.group(others)
-    is_lamp, is_others = searched.rows[groups] < 0, searched.rows[of_others] < 0
+    is_lamp, is_others = searched.rows[numbers] < 0, searched.rows[others] < 0
     owner, of_other = searched.owner[groups], searched.owner[of_others]
     found = []
     for light in np.unique(owner[is_lamp & ~is_others]).tolist():
@@ -220,10 +266,8 @@ def _notices(
     for index in np.unique(owner[told]).tolist():
         is_own = told & (owner == index)
         group = int(groups[is_own][0])
-        end = searched.first[group + 1] if group + 1 < len(searched.first) else len(searched.corners)
-        whole = np.linalg.norm(
-            _vectors(geometry, searched, np.arange(searched.first[group], end)), axis=1
-        ).sum()
+        of_all = _vectors(geometry, searched, np.arange(searched.first[group], searched.end(group)))
+        whole = np.linalg.norm(of_all, axis=1).sum()
         if areas[is_own].sum() >= _LEAST_SHARE * whole:
             inside[names[index]] = [names[k] for k in of_other[is_own].tolist()]
     if inside:
@@ -259,27 +303,27 @@ def find_same_place(
     flags, count = table[:, layout.INSTANCE_FLAGS], meshes[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
     is_there = (count > 0) & (table[:, layout.INSTANCE_VISIBILITY] != 0)
     is_still = ((flags & layout.INSTANCE_FLAG_MOVING) == 0) & (meshes[:, layout.MESH_MOTION] < 0)
-    searchable = is_there & is_still & ~_is_far(geometry)
+    boxes = _boxes(geometry)
+    is_far = boxes.extent * RELATIVE_ERROR > _LARGEST_ERROR * (boxes.high - boxes.low).max(axis=1, initial=0.0)
+    searchable = is_there & is_still & ~is_far
     is_baked = (flags & layout.INSTANCE_FLAG_BAKED) != 0
     standing, placed = np.flatnonzero(searchable & is_baked), np.flatnonzero(searchable & ~is_baked)
     if only_standing or count[standing].sum() + count[placed].sum() > _MOST_TRIANGLES:
         placed = placed[:0]
     if count[standing].sum() > _MOST_TRIANGLES:
         standing = standing[:0]
-    searched = _gather(geometry, lights, standing, placed)
+    searched = _gather(geometry, lights, boxes, standing, placed)
     numbers, others = _search(geometry, searched, hierarchies)
-    groups = searched.group(numbers)
-    is_lamp = searched.rows[groups] < 0
+    is_lamp = searched.rows[numbers] < 0
     touched = np.zeros(0, np.uint8)
     if not is_lamp.all():
         touched = np.zeros(len(geometry.triangles), np.uint8)
-        own = groups[~is_lamp]
-        touched[searched.rows[own] + numbers[~is_lamp] - searched.first[own]] = 1
+        touched[searched.rows[numbers[~is_lamp]]] = 1
     instances = is_there.copy()
     instances[standing] = instances[placed] = False
     return SamePlace(
         triangles=touched,
         instances=instances,
-        lights=np.unique(searched.owner[groups[is_lamp]]),
+        lights=np.unique(searched.owner[searched.group(numbers[is_lamp])]),
         notices=_notices(geometry, searched, numbers, others, names, lights) if len(numbers) else [],
     )
