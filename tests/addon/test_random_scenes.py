@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Random scenes render: finite, in time, without warnings, and as by Cycles unless a notice says why not.
 
-`python -m tests.fuzz SEED` shows one of them.
+`python -m tests.helpers.fuzz SEED` shows one of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from tests.fuzz.judge import judge
+from tests.helpers.fuzz.judge import judge
 
 SCENES = 300
 SCENES_OF_A_TEST = 25

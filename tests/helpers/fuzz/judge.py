@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from addon import engine
-from tests.fuzz.scenes import make_scene
+from tests.helpers.fuzz.scenes import make_scene
 from tests.helpers.pass_scenes import render_passes
 
 #: Samples of a first look, and of further ones where it is not sure.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Judges random scenes: `python -m tests.fuzz 17`, or `python -m tests.fuzz 1000 6000 --keep out/fuzz` for a range.
+"""Judges random scenes: `python -m tests.helpers.fuzz 17`, or `… 1000 6000 --keep out/fuzz` for a range.
 
 Of each scene that fails, or of a single one, it keeps the .blend and both pictures side by side.
 """
@@ -18,12 +18,13 @@ import bpy
 import numpy as np
 
 import addon
-from tests.fuzz.judge import Verdict, judge
+from tests.helpers.fuzz.judge import Verdict, judge
 
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=(__doc__ or "").partition("\n")[0])
+    about = (__doc__ or "").partition("\n")[0]
+    parser = argparse.ArgumentParser(prog="python -m tests.helpers.fuzz", description=about)
     parser.add_argument("first", type=int, help="the scene's seed, or the first of a range")
     parser.add_argument("end", type=int, nargs="?", help="the seed after the last")
     parser.add_argument("--keep", type=Path, default=Path("out/fuzz"), help="where to keep what fails")

@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
-from tests.fuzz.graphs import GraphMaker
 from tests.helpers.blender_scenes import empty_scene
+from tests.helpers.fuzz.graphs import GraphMaker
 
 _SHAPES = ("cube", "uv_sphere", "plane", "torus", "cone", "monkey")
 _VISIBILITY = (
