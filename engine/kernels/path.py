@@ -11,6 +11,7 @@ from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_FLAG_TOUCHED,
+    POINT_FLAG_WHOLE,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -71,10 +72,10 @@ def go_on(paths, lane, origin):
 
 
 @kernel
-def _leave(paths, points, lane, direction):
-    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place."""
+def _leave(paths, points, lane, direction, where):
+    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place: if the point has flag `where`."""
     p = real_3(points, lane, POINT_P)
-    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_TOUCHED:
+    if points.integer[lane, POINT_FLAGS] & where:
         return p, RAY_STARTS_ON
     return offset_origin(p, real_3(points, lane, POINT_NG), direction, paths.offset[lane]), 0
 
@@ -86,7 +87,8 @@ def pass_through(options, paths, points, lane):
     if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
-    origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane))
+    # What is exactly as far is passed as well, as in Cycles: two surfaces would take turns for ever.
+    origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane), POINT_FLAG_WHOLE)
     go_on(paths, lane, origin)
     paths.flags[lane] |= starts_on
 
@@ -123,7 +125,7 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows, and clamping goes
     """
-    origin, starts_on = _leave(paths, points, lane, wi)
+    origin, starts_on = _leave(paths, points, lane, wi, POINT_FLAG_TOUCHED)
     _set_ray(paths, points, lane, origin, wi, pdf, bsdf_pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:

@@ -40,6 +40,7 @@ from engine.state.geometry import (
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
     POINT_FLAG_TOUCHED,
+    POINT_FLAG_WHOLE,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_LIGHT,
@@ -142,6 +143,8 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
         flags = POINT_FLAG_BACKFACING
     if is_touched(geometry, instance, triangle):
         flags |= POINT_FLAG_TOUCHED
+        if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_TOUCHED:
+            flags |= POINT_FLAG_WHOLE
     real = points.real
     for k in range(3):
         real[lane, POINT_P + k] = p[k]

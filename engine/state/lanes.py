@@ -128,6 +128,8 @@ POINT_INTEGER_WIDTH = 11
 POINT_FLAG_BACKFACING = 1
 #: Something else lies in one place with the triangle: see `engine.builder.same_place`.
 POINT_FLAG_TOUCHED = 2
+#: So do all of its instance's triangles, which may be only near.
+POINT_FLAG_WHOLE = 4
 
 
 class ShadePoints(Bundle):

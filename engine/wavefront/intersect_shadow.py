@@ -29,6 +29,7 @@ from engine.kernels.vector import length, load, scale, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_FLAG_TOUCHED,
+    POINT_FLAG_WHOLE,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_NG,
@@ -181,9 +182,10 @@ def pass_transparent(scene, unit, work, queue):
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
             ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
             skips = name_passed(scene, work, lane, instance, triangle)
-            if points.integer[row, POINT_FLAGS] & POINT_FLAG_TOUCHED:
-                # What else lies there has been counted as well, and comes next.
-                back = skipped_distance(ng, direction, error)
+            touches = points.integer[row, POINT_FLAGS] & (POINT_FLAG_TOUCHED | POINT_FLAG_WHOLE)
+            if touches:
+                # What else lies in one place with it has been counted as well, and comes next.
+                back = skipped_distance(ng, direction, error) if touches == POINT_FLAG_TOUCHED else 0.0 * error
                 store(shadows.origin, row, subtract(p, scale(direction, back)))
                 shadows.distance[row] += back - distance
             else:
