@@ -49,9 +49,18 @@ def register(addon_module: str = "addon") -> None:
     ----------
     addon_module : str
         The module that Blender knows as the add-on, whose preferences ours are.
+
+    Raises
+    ------
+    ImportError
+        Packages are missing. Blender shows the message, and does not enable the add-on.
     """
     if _registered:
         return
+    from .packages import missing_packages
+
+    if problem := missing_packages():
+        raise ImportError(problem)
     from .preferences import NeuralGuidePreferences
 
     NeuralGuidePreferences.bl_idname = addon_module

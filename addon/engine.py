@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import material_preview, passes, sequence
+from . import freestyle, material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
@@ -103,6 +103,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False
     bl_use_eevee_viewport = True
     bl_use_preview = True
+    # Lines are rendered here too (`freestyle`), as by Cycles; by EEVEE they would take half a minute without a GPU.
+    bl_use_custom_freestyle = True
 
     # Class attributes rather than `__init__`, whose signature differs between versions of Blender; and no types here
     # but plain ones, since Blender 3.4 evaluates the annotations of every class it registers.
@@ -116,6 +118,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     _fields: Any = None  # FieldPlan of what `update` exported
     _pending: Any = None  # list of (view name, SceneDescription), None if there is nothing to render
     _notices: Any = ()  # what settings and passes ask for in vain
+    _draws_strokes = False  # whether what `update` exported are Freestyle's lines
     _layers_done = 0
     _started = 0.0
     _first_image = math.nan
@@ -128,6 +131,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         """Tell Blender which passes there will be; without it only Combined exists."""
         for item in passes.requested_passes(scene, view_layer):
             self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
+        if freestyle.has_pass(scene, view_layer):
+            # Blender itself fills it.
+            self.register_pass(scene, view_layer, freestyle.PASS_NAME, 4, "RGBA", "COLOR")
 
     def update(self, _data: bpy.types.BlendData, depsgraph: bpy.types.Depsgraph) -> None:
         """Export the view layer; Blender's data must not be read later than this."""
@@ -157,6 +163,14 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._guard_view(lambda view: view.draw(self, context, depsgraph))
         windows.wake()
 
+    def view_pause(self, _context: bpy.types.Context) -> None:
+        """A window's pause button was pressed; without this method Blender 5.3 shows none."""
+        self.tag_redraw()
+
+    def view_resume(self, _context: bpy.types.Context) -> None:
+        """It was released."""
+        self.tag_redraw()
+
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -174,6 +188,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             samples=layer_samples(scene, layer, settings.samples),
             use_denoising=layer_is_denoised(scene, layer, settings.use_denoising),
         )
+        self._draws_strokes = freestyle.is_of_strokes(depsgraph.scene)
+        if self._draws_strokes:
+            self._settings = settings = freestyle.stroke_settings(settings)
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
             # It gets ready while the scene is exported, and stays for the renders after this one.
@@ -200,18 +217,21 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 pending.append((view, description))
             if views[0]:
                 self.active_view_set(views[0])
-            self._plan = sequence.make_plan(
-                depsgraph,
-                settings,
-                pending[0][1],
-                engine=self,
-                cache=self._export_cache,
-                should_cancel=self._should_cancel,
-            )
+            if not self._draws_strokes:
+                self._plan = sequence.make_plan(
+                    depsgraph,
+                    settings,
+                    pending[0][1],
+                    engine=self,
+                    cache=self._export_cache,
+                    should_cancel=self._should_cancel,
+                )
         except ExportCancelled:
             self._note_nothing(depsgraph)
             return
         self._pending = pending
+        if self._draws_strokes:
+            return
         self._notices = unsupported_settings(scene, layer)
         if self._plan is not None:
             self._notices += self._plan.notices
@@ -257,7 +277,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
         bar = TerminalBar() if bpy.app.background else None
         place = _place(depsgraph, view)
-        title = f"Frame {depsgraph.scene.frame_current} {depsgraph.view_layer_eval.name}"
+        shown = freestyle.PASS_NAME if self._draws_strokes else depsgraph.view_layer_eval.name
+        title = f"Frame {depsgraph.scene.frame_current} {shown}"
 
         def on_progress(progress: Any) -> None:
             fraction = self._total_fraction(depsgraph, progress.fraction)
@@ -338,6 +359,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         finally:
             # A cancelled result is thrown away unless merged; so is one that an error left half done.
             self.end_result(target, cancel=cancelled or not keep, do_merge_results=keep)
+        if self._draws_strokes:
+            self._show(report.notices)
+            return
         self._note(depsgraph, "CANCELLED" if cancelled else "FINISHED", report=report)
         # The picture is Blender's now: nothing that fails from here on may cost it.
         for doing, work in (
@@ -439,6 +463,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         """The render was cancelled before there was a picture of the layer."""
         from engine.render.report import ENDINGS
 
+        if self._draws_strokes:
+            # The picture is there, without lines.
+            return
         self._note(depsgraph, "CANCELLED")
         if self._layers_done == 0 and not self._has_picture:
             if saves_picture and not self.test_break():

@@ -189,6 +189,7 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
     "pass_render_time": "Render Time",
+    "denoising_store_motion_passes": "Denoising Backward Motion and Denoising Specular Motion",
 }
 
 

@@ -11,7 +11,7 @@ import bpy
 from engine.settings import EXPERIMENT_SECTIONS
 
 from . import guiding_panels, preferences, sampling_panels, simplify_panels
-from .dispersion import can_disperse
+from .dispersion import can_disperse, disperses_by_node
 from .engine import NeuralGuideRenderEngine
 from .panel_parts import RenderPanel, draw_presets, draw_section, draw_shared
 from .passes import requested_mattes
@@ -21,7 +21,6 @@ _ENGINE = NeuralGuideRenderEngine.bl_idname
 
 #: Panels of Blender that name things we do not do.
 _EXCLUDED_PANELS = {
-    "RENDER_PT_freestyle",
     "RENDER_PT_gpencil",
     "VIEWLAYER_PT_filter",
     "VIEWLAYER_PT_layer_passes",
@@ -360,6 +359,9 @@ class NEURALGUIDE_PT_dispersion(RenderPanel, bpy.types.Panel):  # noqa: N801
         """Draw."""
         settings = context.material.neuralguide
         column = self.column()
+        if disperses_by_node(context.material):
+            column.label(text="As its Principled BSDF says", icon="INFO")
+            return
         column.prop(settings, "dispersion", text="Kind")
         if settings.dispersion == "ABBE":
             column.prop(settings, "abbe_number")

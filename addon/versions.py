@@ -14,13 +14,13 @@ import bpy
 Version = tuple[int, int]
 
 #: The newest Blender whose nodes were gone through (tests/addon/test_node_coverage.py): all are known or reported.
-NEWEST_KNOWN: Version = (5, 2)
+NEWEST_KNOWN: Version = (5, 3)
 
 #: Passes have their new names, also as sockets of the compositor.
 RENAMED_PASSES: Version = (5, 0)
 #: Node groups are dissolved before Cycles sees them: sockets in between do not count.
 GROUPS_INLINED: Version = (5, 0)
-#: The background has motion vectors.
+#: The background has motion vectors in this version alone.
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
@@ -28,8 +28,17 @@ LOOKED_UP_TRANSMISSION: Version = (5, 2)
 MISSING_IMAGES_UNCLIPPED: Version = (5, 2)
 #: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
 NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
+#: Each window has a pause button of its own; Cycles' setting for all of them does nothing any more.
+PAUSED_BY_WINDOW: Version = (5, 3)
+#: The Principled BSDF's transmission is as anisotropic as its reflection.
+ANISOTROPIC_TRANSMISSION: Version = (5, 3)
 #: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.
 ALPHA_AS_SET: Version = (5, 2)
+#: Cycles' attribute N is in the world's space where nothing shares the mesh, and absent where normals are of corners;
+#: P and radius are names of its own.
+NORMALS_AS_ATTRIBUTES: Version = (5, 2)
+#: Materials see a mesh's own attributes before those that Cycles has under the same name, and N of corners again.
+OWN_ATTRIBUTES_FIRST: Version = (5, 3)
 #: Watts of an area light mean what they do now: the same number made it dimmer before.
 BRIGHTER_AREA_LIGHTS: Version = (4, 0)
 #: Materials and worlds always have nodes, and lights: `use_nodes` only says so, until Blender 6 drops it.

@@ -116,8 +116,9 @@ def absolute_percentage_error(image: FloatArray, reference: FloatArray) -> float
     return percentage_error(image, reference).whole
 
 
-def flip(image: FloatArray, reference: FloatArray) -> float:
-    """Mean HDR-FLIP; its exposures follow from the reference alone, so they are fixed for a scene.
+def flip_map(image: FloatArray, reference: FloatArray) -> npt.NDArray[np.float64]:
+    """HDR-FLIP of each pixel, float64 (height, width); its exposures follow from the reference alone, so they are fixed
+    for a scene.
 
     References: Andersson et al. 2021, "Visualizing errors in rendered high dynamic range images".
     """
@@ -126,8 +127,13 @@ def flip(image: FloatArray, reference: FloatArray) -> float:
     def prepare(pixels: FloatArray) -> npt.NDArray[np.float32]:
         return np.ascontiguousarray(np.maximum(np.nan_to_num(_colour(pixels)), 0.0), np.float32)
 
-    _, mean, _ = evaluate(prepare(reference), prepare(image), "HDR", inputsRGB=False, applyMagma=False)
-    return float(mean)
+    errors, _, _ = evaluate(prepare(reference), prepare(image), "HDR", inputsRGB=False, applyMagma=False)
+    return np.asarray(errors, np.float64)[..., 0]
+
+
+def flip(image: FloatArray, reference: FloatArray) -> float:
+    """Mean of `flip_map`."""
+    return float(flip_map(image, reference).mean())
 
 
 # ---------------------------------------------------------------------------------------------------------------------

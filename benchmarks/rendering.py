@@ -20,7 +20,7 @@ from benchmarks import environment
 from benchmarks.images import Float32Array, read_exr, read_sample_counts
 from benchmarks.light_paths import light_paths
 from benchmarks.rivals import Budget, Rival
-from benchmarks.scene_files import SceneSource, hide_lamps, open_scene
+from benchmarks.scene_files import SceneSource, hide_lamps, open_scene, restore_defaults
 
 
 @dataclass
@@ -194,6 +194,7 @@ def render_scene(
     resume: bool = False,
     isolate: bool = False,
     without_lamps: bool = False,
+    at_defaults: bool = False,
     is_usable: Callable[[RenderRecord], bool] = lambda record: True,
     check: Callable[[RenderRecord], None] = lambda record: None,
     say: Callable[[str], None] = print,
@@ -202,8 +203,9 @@ def render_scene(
 
     A rival that fails is left out of the remaining seeds, the others go on. One round of the machine's moods thus
     touches all rivals alike. With `isolate` every render has a process of its own, for figures of memory and start-up;
-    it opens the scene anew, so `without_lamps` (`hide_lamps`) does not go with it. With `resume` finished renders that
-    are `is_usable` are kept. `check` sees what is about to be rendered, and raises to refuse it.
+    it opens the scene anew, so `without_lamps` (`hide_lamps`) and `at_defaults` (`restore_defaults`) do not go with it.
+    With `resume` finished renders that are `is_usable` are kept. `check` sees what is about to be rendered, and raises
+    to refuse it.
     """
     scene = open_scene(source, pixels, size)
     renders: dict[str, list[Render]] = {rival.name: [] for rival in rivals}
@@ -212,6 +214,9 @@ def render_scene(
     if without_lamps:
         hide_lamps(scene)
         scene_hash += " without lamps"
+    if at_defaults:
+        restore_defaults(scene)
+        scene_hash += " at defaults"
     for seed in range(first_seed, first_seed + seed_count):
         for rival in rivals:
             if any(failure.rival == rival.name for failure in failures):

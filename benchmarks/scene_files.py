@@ -129,6 +129,17 @@ def hide_lamps(scene: Any) -> None:
             item.visible_camera = False
 
 
+#: What Blender's defaults make of Cycles' settings that scenes for measuring switch off. Noise threshold and denoising
+#: are the budget's and the rival's.
+BLENDER_DEFAULTS = ("sample_clamp_direct", "sample_clamp_indirect", "blur_glossy", "light_sampling_threshold")
+
+
+def restore_defaults(scene: Any) -> None:
+    """Give the open scene Blender's default clamps, Filter Glossy and Light Threshold."""
+    for name in BLENDER_DEFAULTS:
+        scene.cycles.property_unset(name)
+
+
 def _emits(material: Any) -> bool:
     """Whether a material's tree has an Emission node, or a Principled BSDF whose emission is linked or not black."""
     if material is None or material.node_tree is None:

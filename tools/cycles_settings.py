@@ -37,7 +37,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "samples time_limit"),
             *_rows("works", "use_adaptive_sampling adaptive_threshold adaptive_min_samples"),
             *_rows("works", "preview_samples use_preview_adaptive_sampling preview_adaptive_threshold"),
-            *_rows("works", "preview_adaptive_min_samples preview_pause"),
+            *_rows("works", "preview_adaptive_min_samples"),
+            *_rows("works", "preview_pause", "from Blender 5.3 on each viewport has a button of its own"),
             *_rows("said", "use_sample_subset"),
             *_rows("no", "sample_offset sample_subset_length", "belong to the subset of samples"),
             *_rows("works", "use_layer_samples light_sampling_threshold seed use_animated_seed"),
@@ -59,6 +60,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "preview_denoising_input_passes preview_denoising_start_sample"),
             *_rows("no", "preview_denoiser", "Open Image Denoise always"),
             *_rows("no", "preview_denoising_use_gpu", _GPU),
+            *_rows("no", "preview_denoising_upscale_quality", "belongs to DLSS", True),
         ),
     ),
     (
@@ -89,8 +91,9 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     (
         "Subdivision", "scene.cycles",
         (
-            *_rows("no", "dicing_rate preview_dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
-                   "there is no adaptive subdivision: a message names objects that have it"),
+            *_rows("said", "dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
+                   "meshes are not diced, but divided evenly, and no more often than this asks for"),
+            *_rows("no", "preview_dicing_rate", "viewports divide meshes as often as their modifiers say"),
         ),
     ),
     (
@@ -142,6 +145,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("said", "pass_render_time"),
             *_rows("works", "use_pass_volume_direct use_pass_volume_indirect"),
             *_rows("said", "use_pass_volume_scatter use_pass_volume_transmit use_pass_volume_majorant"),
+            *_rows("said", "denoising_store_motion_passes", is_newer=True),
             *_rows("no", "denoising_pass_follow_reflections denoising_pass_use_albedo_roughness_weighting", "", True),
         ),
     ),

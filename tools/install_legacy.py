@@ -1,27 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Installs NeuralGuide into a Blender older than 4.2, which knows no extensions: Debian's 3.4 for one.
+"""Installs NeuralGuide into a Blender that takes no zip: one older than 4.2, or with another Python than its zip.
 
-`python tools/install_legacy.py /usr/bin/blender` copies the add-on into the user's scripts, has pip put what it needs
-beside it (`scripts/modules` is on Blender's path), and enables it in the saved preferences. From then on
+Blenders of Linux distributions are meant: Debian's 3.4 (Python 3.11) and 4.3 (Python 3.13).
+`python3 tools/install_legacy.py /usr/bin/blender`, by any Python from 3.9 on, asks that Blender which Python it has,
+copies the add-on into the user's scripts, has pip put what it needs beside it (`scripts/modules` is on Blender's path;
+Open Image Denoise is part of that), and enables it in the saved preferences. From then on
 `blender -b scene.blend -E NEURALGUIDE -f 1` works.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 if __package__:
-    from .blender_ranges import ROOT, lock_file, pinned
-    from .build_extension import stage_sources
+    from .blender_ranges import RANGES, ROOT, lock_file, pinned
+    from .staged_sources import stage_sources
 else:
-    from blender_ranges import ROOT, lock_file, pinned
-    from build_extension import stage_sources
+    from blender_ranges import RANGES, ROOT, lock_file, pinned
+    from staged_sources import stage_sources
 
-#: Blender 3.4 of Debian comes without numpy.
+#: Debian's Blenders come without numpy.
 REQUIREMENTS = ("numpy", "numba", "llvmlite", "embreex")
+#: Open Image Denoise, of which these Blenders have none that the add-on could use. It is large, so no lock file has it.
+DENOISER = "pyoidn==2.5.1.0"
 
 _ASK = (
     "import bpy, sys; print('SCRIPTS=' + bpy.utils.user_resource('SCRIPTS', create=True)); "
@@ -35,7 +40,10 @@ _ENABLE = (
 
 def _run_in_blender(blender: str, code: str) -> str:
     command = [blender, "--background", "--python-exit-code", "1", "--python-expr", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise SystemExit(f"{blender} does not run: {error.strerror}. Name the binary of a Blender") from None
     if done.returncode != 0:
         raise SystemExit(f"{blender} failed:\n{done.stdout}{done.stderr}")
     return done.stdout
@@ -47,14 +55,52 @@ def describe(blender: str) -> tuple[Path, str]:
     return Path(facts["SCRIPTS"]), facts["PYTHON"]
 
 
-def install(blender: str, *, link: bool = False) -> Path:
+def find_pip(python: str) -> list[str]:
+    """The command of a pip: of this Python, else of one that is on the path.
+
+    Raises
+    ------
+    SystemExit
+        There is none.
+    """
+    names = (sys.executable, f"python{python}", "python3", "python")
+    for interpreter in dict.fromkeys(path for name in names if (path := shutil.which(name))):
+        done = subprocess.run([interpreter, "-m", "pip", "--version"], capture_output=True, check=False)
+        if done.returncode == 0:
+            return [interpreter, "-m", "pip"]
+    raise SystemExit(f"{sys.executable} has no pip: install it (on Debian: apt install python3-pip) and try again")
+
+
+def _download(python: str, packages: list[str], folder: Path) -> str:
+    """Put packages for that version of Python, which need not be this one, into `folder`; what went wrong, or ''."""
+    command = [*find_pip(python), "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--upgrade"]
+    command += ["--python-version", python, "--only-binary", ":all:", "--target", str(folder), *packages]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+    return "" if done.returncode == 0 else "\n".join(errors) or done.stderr or "pip failed"
+
+
+def install(blender: str, *, link: bool = False, denoiser: bool = True) -> Path:
     """Install add-on and packages for `blender`, enable it; returns the add-on's folder.
 
     With `link` the add-on is a link to this checkout, for whoever works on it.
+
+    Raises
+    ------
+    SystemExit
+        It cannot be done; the message says why.
     """
     scripts, python = describe(blender)
     if not lock_file(python).is_file():
-        raise SystemExit(f"{blender} has Python {python}, for which NeuralGuide pins no packages")
+        versions = " and ".join(item.python for item in RANGES)
+        raise SystemExit(f"{blender} runs Python {python}, and NeuralGuide has packages for {versions} only: "
+                         "use a Blender of blender.org")  # fmt: skip
+    # Packages first: an add-on without them would be found in Blender, and not work.
+    modules = scripts / "modules"
+    if problem := _download(python, pinned(python, REQUIREMENTS), modules):
+        raise SystemExit(f"pip could not get the packages for Python {python}:\n{problem}")
+    if denoiser and (problem := _download(python, [DENOISER], modules)):
+        print(f"Without Open Image Denoise, so nothing is denoised; pip could not get it:\n{problem}", file=sys.stderr)
     folder = scripts / "addons" / "neuralguide"
     if folder.is_symlink():
         folder.unlink()
@@ -63,11 +109,6 @@ def install(blender: str, *, link: bool = False) -> Path:
         folder.symlink_to(ROOT)
     else:
         stage_sources(folder)
-    modules = scripts / "modules"
-    # Blender's Python, which need not be this one.
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
-    command += ["--python-version", python, "--only-binary", ":all:", "--upgrade", "--target", str(modules)]
-    subprocess.run([*command, *pinned(python, REQUIREMENTS)], check=True)
     if "ENABLED=True" not in _run_in_blender(blender, _ENABLE):
         raise SystemExit(f"{blender} could not enable the add-on in {folder}")
     return folder
@@ -78,8 +119,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("blender", nargs="?", default="blender", help="the binary to install into")
     parser.add_argument("--link", action="store_true", help="link to this checkout instead of copying it")
+    parser.add_argument("--without-denoiser", action="store_true", help="save the 90 MB of Open Image Denoise")
     arguments = parser.parse_args()
-    print(f"installed {install(arguments.blender, link=arguments.link)}")
+    folder = install(arguments.blender, link=arguments.link, denoiser=not arguments.without_denoiser)
+    print(f"installed {folder}")
     return 0
 
 

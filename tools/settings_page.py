@@ -123,9 +123,10 @@ A stratum needs 8 samples a pixel; a render of fewer has fewer strata.
 _ELSEWHERE = """\
 ## What is set elsewhere
 
-- **Dispersion** is a panel of materials whose Glass, Refraction or Principled node transmits: an Abbe number or
-  Cauchy's coefficients (`material.neuralguide.dispersion`, `abbe_number`, `cauchy_a`, `cauchy_b`). The node's IOR
-  stays that of the d line, 587.6 nm.
+- **Dispersion** is what the Principled BSDF says from Blender 5.3 on. For other nodes and older Blenders it is a panel
+  of materials whose Glass, Refraction or Principled node transmits: an Abbe number or Cauchy's coefficients
+  (`material.neuralguide.dispersion`, `abbe_number`, `cauchy_a`, `cauchy_b`). The node's IOR stays that of the d line,
+  587.6 nm.
 - **Motion blur** is Blender's own: *Render Properties > Motion Blur*, and each object's switch and steps where
   Cycles has them. The rolling shutter is read from Cycles' settings (`scene.cycles.rolling_shutter_type`,
   `rolling_shutter_duration`).

@@ -150,6 +150,8 @@ class ExportContext:
     window: Window | None = None
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
+    #: Levels that `subdivision` has found for meshes that Cycles would dice, by the address of the original object.
+    subdivision_levels: dict[int, int] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)
 
     def notice(self, subject: str, problem: str, fallback: str) -> None:

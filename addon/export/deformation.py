@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -14,9 +15,10 @@ from engine.array_types import Float32Array
 from engine.scene.description import Mesh, SceneDescription
 
 from .context import ExportContext
-from .geometry import read_normals, read_positions
 from .instances import Appearance, Appearances
 from .moments import Moment
+from .normals import read_normals
+from .positions import read_positions
 from .shutter import Shutter
 from .topology import Faces, Topology, read_faces, read_topology
 
@@ -48,35 +50,25 @@ class ShapeTrack:
         self._shutter = shutter
         self._description = description
         self._shapes: list[_Shape] = []
-        # Meshes of the same vertices differ in properties of objects only.
-        groups: dict[int, list[int]] = {}
-        for row, mesh in enumerate(description.meshes):
-            groups.setdefault(id(mesh.vertices), []).append(row)
-        group_of_mesh = np.zeros(len(description.meshes), np.int64)
-        for group, rows in enumerate(groups.values()):
-            group_of_mesh[rows] = group
-        group_of_instance = group_of_mesh[description.instances.mesh]
-        order = np.argsort(group_of_instance, kind="stable")
-        bounds = np.searchsorted(group_of_instance[order], np.arange(len(groups) + 1))
-        for rows, first, end in zip(groups.values(), bounds[:-1], bounds[1:], strict=True):
+        order = np.argsort(description.instances.mesh, kind="stable")
+        bounds = np.searchsorted(description.instances.mesh[order], np.arange(len(description.meshes) + 1))
+        for row, (first, end) in enumerate(itertools.pairwise(bounds.tolist())):
             items = chosen[order[first:end]]
             kinds = [appearances.kinds[row] for row in np.unique(appearances.kind[items]).tolist()]
             kinds = [kind for kind in kinds if kind.use_deform_motion and kind.motion_step_count > 0]
             if kinds and kinds[0].mesh is not None:
-                self._add(rows, items, kinds, kinds[0].mesh)
+                self._add(row, items, kinds, kinds[0].mesh)
         #: Most times of any mesh, 0 if none may change.
         self.step_count = max((shape.step_count for shape in self._shapes), default=0)
 
-    def _add(
-        self, rows: list[int], items: npt.NDArray[np.intp], kinds: list[Appearance], source: bpy.types.Mesh
-    ) -> None:
+    def _add(self, row: int, items: npt.NDArray[np.intp], kinds: list[Appearance], source: bpy.types.Mesh) -> None:
         self._context.check_cancel()
-        mesh = self._description.meshes[rows[0]]
+        mesh = self._description.meshes[row]
         velocity = source.attributes.get(_VELOCITY)
         has_velocity = velocity is not None and (velocity.domain, velocity.data_type) == ("POINT", "FLOAT_VECTOR")
         if not has_velocity and not any(_can_deform(kind.owner) for kind in kinds):
             return
-        shape = _Shape(rows, items, mesh, kinds[0].name, max(kind.motion_step_count for kind in kinds))
+        shape = _Shape(row, items, mesh, kinds[0].name, max(kind.motion_step_count for kind in kinds))
         if has_velocity:
             _follow_velocity(self._context, self._shutter, shape, source)
         else:
@@ -139,16 +131,16 @@ class ShapeTrack:
             digest = hashlib.blake2b(vertices.data, digest_size=16)
             if normals is not None:
                 digest.update(normals.data)
-            for row in shape.rows:
-                key = (meshes[row].key, digest.hexdigest())
-                meshes[row] = replace(meshes[row], key=key, motion_vertices=vertices, motion_normals=normals)
+            row = shape.row
+            key = (meshes[row].key, digest.hexdigest())
+            meshes[row] = replace(meshes[row], key=key, motion_vertices=vertices, motion_normals=normals)
 
 
 @dataclass
 class _Shape:
-    """A mesh, its rows in the description, and the items that show it."""
+    """A mesh, its row in the description, and the items that show it."""
 
-    rows: list[int]
+    row: int
     items: npt.NDArray[np.intp]
     mesh: Mesh
     name: str

@@ -5,24 +5,26 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
-from engine.array_types import Float32Array, Int32Array
-from engine.scene.description import Attribute, Mesh
+from engine.array_types import Int32Array
+from engine.scene.description import UNDEFORMED, Attribute, Mesh
 
-from ..versions import NORMALS_STOP_AT_FLAT_FACES, is_since
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
+from .normals import read_flat_triangles, read_normals
+from .positions import read_positions, read_undeformed
+from .standard_attributes import is_hidden, is_standard, read_standard
 from .tangents import compute_tangents
 from .topology import Topology, gather, read_topology
 
-#: Undeformed positions of a deformed mesh, for Generated coordinates (before the texture space is applied).
-UNDEFORMED = "__undeformed"
-
 
 def export_mesh(
-    context: ExportContext, mesh: bpy.types.Mesh, owner: bpy.types.Object, request: AttributeRequest
+    context: ExportContext,
+    mesh: bpy.types.Mesh,
+    owner: bpy.types.Object,
+    request: AttributeRequest,
+    vertex_groups: tuple[str, ...] = (),
 ) -> Mesh | None:
     """The triangles of an evaluated mesh; None if it has none.
 
@@ -32,6 +34,8 @@ def export_mesh(
     ----------
     owner : Object
         Whose evaluation made the mesh.
+    vertex_groups : tuple of str
+        Names of the mesh's vertex groups, which only an object that has the mesh knows.
     """
     original = owner.original
     names = (original.name_full, mesh.name_full)
@@ -41,7 +45,7 @@ def export_mesh(
     if kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
-    exported = _read_mesh(context, mesh, owner, request)
+    exported = _read_mesh(context, mesh, request, vertex_groups)
     if exported is None:
         context.cache.meshes.pop(identity, None)
         return None
@@ -85,7 +89,7 @@ def _is_untouched(context: ExportContext, original: bpy.types.Object) -> bool:
 
 
 def _read_mesh(
-    context: ExportContext, mesh: bpy.types.Mesh, owner: bpy.types.Object, request: AttributeRequest
+    context: ExportContext, mesh: bpy.types.Mesh, request: AttributeRequest, vertex_groups: tuple[str, ...]
 ) -> Mesh | None:
     mesh.calc_loop_triangles()
     triangle_count = len(mesh.loop_triangles)
@@ -103,99 +107,9 @@ def _read_mesh(
         material_slots=_read_material_slots(mesh, topology),
     )
     context.check_cancel()
-    _add_attributes(context, mesh, owner, request, topology, exported)
     exported.texture_space = np.array([mesh.texspace_location, mesh.texspace_size], np.float32)
+    _add_attributes(context, mesh, request, vertex_groups, topology, exported)
     return exported
-
-
-def read_positions(mesh: bpy.types.Mesh) -> Float32Array:
-    """Positions of the vertices, float32 (V, 3)."""
-    flat = np.empty(len(mesh.vertices) * 3, np.float32)
-    position = mesh.attributes.get("position")
-    if position is not None:
-        position.data.foreach_get("vector", flat)
-    else:
-        mesh.vertices.foreach_get("co", flat)
-    return flat.reshape(-1, 3)
-
-
-def read_normals(mesh: bpy.types.Mesh, topology: Topology) -> Float32Array | None:
-    """Normals of the triangles' corners, float32 (T, 3, 3), or None where every face is flat.
-
-    Where Cycles takes Blender's own normals of corners, which stop at flat faces and sharp edges, so do we. Else smooth
-    faces have their vertices' normals, over all faces around them, and triangles of flat faces their own.
-    """
-    is_flat = _read_flat_faces(mesh)
-    if is_flat.all():
-        return None
-    if _has_normals_of_corners(mesh):
-        return gather(_read_corner_normals(mesh), topology.corners).reshape(-1, 3, 3)
-    flat = np.empty(len(mesh.vertices) * 3, np.float32)
-    if hasattr(mesh, "vertex_normals"):
-        mesh.vertex_normals.foreach_get("vector", flat)
-    else:
-        mesh.vertices.foreach_get("normal", flat)
-    normals = gather(flat.reshape(-1, 3), topology.vertices.reshape(-1)).reshape(-1, 3, 3)
-    if is_flat.any():
-        of_triangles = gather(is_flat, topology.polygons)
-        normals[of_triangles] = _flat_normals(read_positions(mesh), topology.vertices[of_triangles])[:, None]
-    return normals
-
-
-def _read_flat_faces(mesh: bpy.types.Mesh) -> npt.NDArray[np.bool_]:
-    """Which faces are flat; where no face says so, sharp edges or normals of faces may make all of them flat."""
-    if hasattr(mesh, "normals_domain") and "sharp_face" not in mesh.attributes:
-        return np.full(len(mesh.polygons), mesh.normals_domain == "FACE")
-    is_smooth = np.empty(len(mesh.polygons), bool)
-    mesh.polygons.foreach_get("use_smooth", is_smooth)
-    return ~is_smooth
-
-
-def _has_normals_of_corners(mesh: bpy.types.Mesh) -> bool:
-    """Whether Cycles takes normals of corners, not of vertices."""
-    if not hasattr(mesh, "normals_domain"):
-        return mesh.use_auto_smooth
-    if mesh.normals_domain != "CORNER":
-        return False
-    # Custom normals that are free vectors are an attribute only.
-    return (
-        is_since(NORMALS_STOP_AT_FLAT_FACES)
-        or mesh.has_custom_normals
-        or "custom_normal" in mesh.attributes
-        or _has_sharp_edges(mesh)
-    )
-
-
-def _read_corner_normals(mesh: bpy.types.Mesh) -> Float32Array:
-    """Blender's own, float32 (corners, 3)."""
-    flat = np.empty(len(mesh.loops) * 3, np.float32)
-    if hasattr(mesh, "corner_normals"):
-        mesh.corner_normals.foreach_get("vector", flat)
-    else:
-        # Before Blender 4.1 normals are split on demand.
-        mesh.calc_normals_split()
-        mesh.loops.foreach_get("normal", flat)
-        mesh.free_normals_split()
-    return flat.reshape(-1, 3)
-
-
-def _flat_normals(vertices: Float32Array, triangles: npt.NDArray[np.integer]) -> Float32Array:
-    """Normals of the planes of triangles, float32 (T, 3); (0, 0, 1) for those that are degenerate."""
-    a, b, c = (vertices[triangles[:, corner]].astype(np.float64) for corner in range(3))
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    is_degenerate = ~(lengths > 0.0)
-    normals[is_degenerate], lengths[is_degenerate] = (0.0, 0.0, 1.0), 1.0
-    return (normals / lengths[:, None]).astype(np.float32)
-
-
-def _has_sharp_edges(mesh: bpy.types.Mesh) -> bool:
-    stored = mesh.attributes.get("sharp_edge")
-    if stored is None:
-        return False
-    is_sharp = np.empty(len(stored.data), bool)
-    stored.data.foreach_get("value", is_sharp)
-    return bool(is_sharp.any())
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:
@@ -214,8 +128,8 @@ def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array
 def _add_attributes(
     context: ExportContext,
     mesh: bpy.types.Mesh,
-    owner: bpy.types.Object,
     request: AttributeRequest,
+    vertex_groups: tuple[str, ...],
     topology: Topology,
     exported: Mesh,
 ) -> None:
@@ -227,24 +141,31 @@ def _add_attributes(
     if 0 <= index < len(mesh.color_attributes):
         exported.default_color = mesh.color_attributes[index].name
     for name in sorted(name or exported.default_color for name in request.names):
-        if name and name not in exported.attributes:
-            attribute = read_attribute(mesh, name, topology)
-            if attribute is not None:
-                exported.attributes[name] = attribute
+        if not name or name in exported.attributes:
+            continue
+        context.check_cancel()
+        if is_standard(name):
+            attribute = read_standard(mesh, name, topology, vertex_groups, exported)
+        elif is_hidden(name) and name != exported.default_color:
+            continue
+        else:
+            attribute = read_attribute(mesh, name, topology, vertex_groups)
+        if attribute is not None:
+            exported.attributes[name] = attribute
     for name in sorted(request.tangents):
         uv = exported.attributes.get(name or exported.default_uv)
         if uv is not None and uv.data.shape[1] == 2:
             context.check_cancel()
-            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data)
-    if request.generated and len(owner.modifiers) > 0:
-        _add_undeformed(mesh, exported)
+            is_flat = read_flat_triangles(mesh, topology)
+            exported.attributes[f"{name}.tangent"] = compute_tangents(exported, uv.data, is_flat)
+    if request.generated:
+        _add_undeformed(context, mesh, exported)
 
 
-def _add_undeformed(mesh: bpy.types.Mesh, exported: Mesh) -> None:
-    """Where modifiers moved vertices, Blender remembers where they were before (for final renders)."""
-    undeformed = np.empty(len(mesh.vertices) * 3, np.float32)
-    mesh.vertices.foreach_get("undeformed_co", undeformed)
-    moved = np.abs(undeformed - exported.vertices.reshape(-1)).max(initial=0.0)
+def _add_undeformed(context: ExportContext, mesh: bpy.types.Mesh, exported: Mesh) -> None:
+    """Where vertices are not where they were before deformation, or may not be while the shutter is open."""
+    undeformed = read_undeformed(mesh)
+    moved = np.abs(undeformed - exported.vertices).max(initial=0.0)
     # Blender stores them relative to the texture space: what is left of rounding is no deformation.
-    if not moved <= 1e-5 * np.abs(undeformed).max(initial=0.0):
-        exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed.reshape(-1, 3))
+    if context.is_blurred or not moved <= 1e-5 * np.abs(undeformed).max(initial=0.0):
+        exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed)

@@ -27,8 +27,9 @@ from engine.scene.description import (
 from ..versions import read_setting
 from .context import ExportContext
 from .gases import Gas, gas_of
+from .instance_attributes import PATH_LENGTH, InstanceAttributes, can_read_instances
 from .materials import MaterialExporter
-from .object_properties import Value, find_property
+from .object_properties import NOTHING, Value, find_property
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
@@ -48,6 +49,12 @@ _UNSUPPORTED = {
     "GPENCIL": "grease pencil is",
     "GREASEPENCIL": "grease pencil is",
 }
+
+
+def _unsupported(shown: bpy.types.Object) -> str:
+    is_splat = getattr(shown.data, "type", "") == "GAUSSIAN_SPLAT"  # From Blender 5.3 on.
+    return "Gaussian splats are" if is_splat else _UNSUPPORTED[shown.type]
+
 
 #: Appearances between two questions whether to stop.
 _CANCEL_INTERVAL = 4096
@@ -84,7 +91,13 @@ class Appearance:
     #: Indices into the exported materials, one a slot.
     materials: tuple[int, ...]
     #: Values of properties that materials read, by the names the engine has for them.
-    properties: tuple[tuple[str, Value], ...] = ()
+    properties: dict[str, Value] = field(default_factory=dict)
+    #: Those of them that attributes of instances come before.
+    of_instances: tuple[str, ...] = ()
+    #: What makes the instances, None for objects that are none.
+    instancer: bpy.types.Object | None = None
+    #: Names of the mesh's vertex groups, if materials read attributes.
+    vertex_groups: tuple[str, ...] = ()
     #: Times of the shutter it is looked at, 0 if it is not blurred.
     motion_step_count: int = 0
     use_deform_motion: bool = False
@@ -106,6 +119,8 @@ class Appearances:
     random : float32 (N,)
     generated : float32 (N, 3), uv : float32 (N, 2)
         Texture coordinates of the instancer, as Cycles scales them; zero where no material reads them.
+    properties : dict of float32 (N, 4)
+        What materials read of objects and instancers, by the names the engine has for it; zeros where none does.
     """
 
     kinds: list[Appearance] = field(default_factory=list)
@@ -114,6 +129,7 @@ class Appearances:
     random: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
     generated: Float32Array = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     uv: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    properties: dict[str, Float32Array] = field(default_factory=dict)
 
 
 def gather_appearances(context: ExportContext, materials: MaterialExporter) -> Appearances:
@@ -138,6 +154,7 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
     context.check_cancel()
     result.kind = np.array(numbers, np.int32)
     _read_arrays(context, materials, result)
+    _read_properties(context, result)
     return result
 
 
@@ -188,7 +205,7 @@ def _classify(
     has_shape = is_mesh or is_volume
     if not has_shape and shown.type != "LIGHT":
         if shown.type in _UNSUPPORTED:
-            context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
+            context.notice(shown.name, f"{_unsupported(shown)} not supported", "left out of the picture")
         return -1
     if is_mesh and not context.view_layer.use_solid or is_volume and not context.view_layer.use_volumes:
         return -1
@@ -215,7 +232,9 @@ def _classify(
     slots = _slots(context, materials, shown) if has_shape else ()
     if is_volume or gas is not None:
         slots = tuple(materials.default_volume() if slot < 0 else slot for slot in slots)
-    wanted = {name for index in slots if index >= 0 for name in materials.requests[index].properties}
+    requests = [materials.requests[index] for index in slots if index >= 0]
+    found = {name: find_property(item, name) for name in sorted(set().union(*(one.properties for one in requests)))}
+    reads_attributes = is_mesh and any(one.names for one in requests)
     kinds.append(
         Appearance(
             name=shown.name,
@@ -236,7 +255,10 @@ def _classify(
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),
             materials=slots,
-            properties=tuple((name, find_property(context, item, name, shown.name)) for name in sorted(wanted)),
+            properties={name: value for name, (value, _) in found.items()},
+            of_instances=tuple(name for name, (_, comes_after) in found.items() if comes_after),
+            instancer=item.parent if item.is_instance else None,
+            vertex_groups=tuple(shown.vertex_groups.keys()) if reads_attributes else (),
         )
     )
     if context.is_blurred:
@@ -315,3 +337,46 @@ def _read_arrays(context: ExportContext, materials: MaterialExporter, result: Ap
     numbers[named] = np.array([*hashes, 0], np.uint32)[result.kind[named]]
     # 2^-32 as Cycles; its largest value, one, is just outside our interval.
     result.random = np.minimum(numbers.astype(np.float32) * np.float32(2.0**-32), np.float32(1.0 - 2.0**-24))
+
+
+def _read_properties(context: ExportContext, result: Appearances) -> None:
+    """What materials read of each instance: of its object or instancer, or before that what geometry nodes gave it."""
+    kinds = result.kinds
+    for name in sorted({name for kind in kinds for name in kind.properties}):
+        of_kinds = np.array([*(kind.properties.get(name, NOTHING) for kind in kinds), NOTHING], np.float32)
+        result.properties[name] = of_kinds[result.kind]
+    makers = {kind.instancer.as_pointer(): kind.instancer for kind in kinds if kind.of_instances and kind.instancer}
+    if not makers:
+        return
+    if not can_read_instances():
+        for kind in kinds:
+            for name in kind.of_instances:
+                _notice_instances(context, kind.name, name)
+        return
+    paths = np.empty(len(result.kind) * PATH_LENGTH, np.int32)
+    context.depsgraph.object_instances.foreach_get("persistent_id", paths)
+    # Of what is not shown too: where numbers are drawn their order counts.
+    made_by = [0 if kind.instancer is None else kind.instancer.as_pointer() for kind in kinds]
+    maker_of = np.array([*made_by, 0], np.uint64)[result.kind]
+    for address, maker in makers.items():
+        context.check_cancel()
+        items = np.flatnonzero(maker_of == address)
+        mine = [kind for kind, made in zip(kinds, made_by, strict=True) if made == address]
+        names = sorted({name for kind in mine for name in kind.of_instances})
+        read = InstanceAttributes(
+            maker, paths.reshape(-1, PATH_LENGTH)[items], [name.partition(":")[2] for name in names],
+            is_final=context.depsgraph.mode == "RENDER",
+        )  # fmt: skip
+        for name in names:
+            comes_after = np.array([name in kind.of_instances for kind in kinds] + [False])[result.kind[items]]
+            values, has = read.values[name.partition(":")[2]]
+            has &= comes_after
+            result.properties[name][items[has]] = values[has]
+            if (read.is_lost & comes_after & ~has).any():
+                _notice_instances(context, maker.name, name)
+
+
+def _notice_instances(context: ExportContext, subject: str, name: str) -> None:
+    attribute = name.partition(":")[2]
+    problem = f"attribute {attribute!r} of geometry nodes' instances cannot be read"
+    context.notice(subject, problem, "that of the object")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import bpy
@@ -135,7 +136,9 @@ class MaterialExporter:
             graph = self.graphs.export(material.node_tree, f"{user} / {material.name}")
         else:
             graph = _plain_graph(material)
-        notice_material(context, material, graph, f"{user} / {material.name}")
+        subject = f"{user} / {material.name}"
+        notice_material(context, material, graph, subject)
+        dispersion = dispersion_of(material, graph, partial(context.notice, subject))
         exported = Material(
             key=None,
             name=material.name,
@@ -145,7 +148,7 @@ class MaterialExporter:
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             has_smooth_voxels=_has_smooth_voxels(material, graph),
             emission_sampling=_emission_sampling(material),
-            dispersion=context.finite(dispersion_of(material), 0.0, f"Material {material.name}", "Dispersion"),
+            dispersion=context.finite(dispersion, 0.0, f"Material {material.name}", "Dispersion"),
             user=user,
         )
         exported.key = (material.name_full, fingerprint(exported))

@@ -14,13 +14,14 @@ import numpy as np
 
 from engine.scene.description import Link, Node, NodeGraph
 
-from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, is_since
+from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, NORMALS_AS_ATTRIBUTES, is_since
 from .context import ExportContext
 from .images import ImageExporter
 from .node_defaults import changed_parts
 from .node_tables import bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
+from .standard_attributes import UNREAD, attribute_name
 
 #: Linear Rec.709 luminance: what a typed-in colour becomes on a float socket in any working space. Blender makes it so,
 #: before Cycles sees it.
@@ -29,6 +30,8 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = (0.0, 0.0, 0.0, 1.0)
 
 _FLOAT_SOCKETS = ("VALUE", "INT", "BOOLEAN")
+#: Nodes whose vectors Blender does not show, and has all the same: the surface supplies none.
+_HIDDEN_VALUES = {"ShaderNodeMapRange", "ShaderNodeTexWhiteNoise", "ShaderNodeVectorRotate"}
 _VALUE_SOCKETS = (*_FLOAT_SOCKETS, "VECTOR", "RGBA", "STRING", "ROTATION", "MENU")
 _SIMPLE_PROPERTIES = ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
 _OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld")
@@ -273,6 +276,10 @@ class GraphExporter:
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True
+        elif idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY":
+            properties["attribute_name"] = self._mesh_attribute(node, node.attribute_name)
+        elif idname == "ShaderNodeVertexColor":
+            properties["layer_name"] = self._mesh_attribute(node, node.layer_name)
         if hasattr(node, "image"):
             properties["image"] = index = self._image(node)
             if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
@@ -295,6 +302,14 @@ class GraphExporter:
             return -1
         self.reads.add(node.image.original.as_pointer())
         return self._images.export(node.image, node.image_user, subject)
+
+    def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
+        if name in UNREAD:
+            self._notice(node, f"attribute {name!r} is not supported", "0 everywhere")
+        elif name == "N" and is_since(NORMALS_AS_ATTRIBUTES):
+            problem = "attribute 'N' is in the world's space in Cycles, unless objects share a mesh"
+            self._notice(node, problem, "the object's space")
+        return attribute_name(name)
 
     def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
         """A property of the view layer, scene or world; zeros if there is none."""
@@ -364,7 +379,9 @@ def _renamed_output(node: Node, index: int, socket: bpy.types.NodeSocket) -> Lin
 
 def _constant(socket: bpy.types.NodeSocket) -> Source:
     """The value typed into a socket; None if it has none, or if the surface supplies a default."""
-    if socket.type not in _VALUE_SOCKETS or (socket.type == "VECTOR" and socket.hide_value):
+    if socket.type not in _VALUE_SOCKETS:
+        return None
+    if socket.type == "VECTOR" and socket.hide_value and socket.node.bl_idname not in _HIDDEN_VALUES:
         return None
     return _socket_value(socket)
 

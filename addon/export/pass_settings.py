@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from engine.scene.description import Aov, PassSettings
 
-from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_since
+from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_newer, is_since
 from .context import ExportContext
 from .world import world_of
 
@@ -33,7 +33,7 @@ def export_pass_settings(context: ExportContext) -> PassSettings:
             context.view_layer.pass_alpha_threshold, 0.5, f"View layer {context.view_layer.name}", "Alpha Threshold"
         ),
         aovs=tuple(Aov(name, is_color) for name, is_color in context.aovs.items()),
-        background_moves=is_since(BACKGROUND_VECTORS),
+        background_moves=is_since(BACKGROUND_VECTORS) and not is_newer(BACKGROUND_VECTORS),
         looks_up_transmission=is_since(LOOKED_UP_TRANSMISSION),
     )
     shown = world_of(context)

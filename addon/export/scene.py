@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import bpy
 import numpy as np
 
-from engine.scene.description import Attribute, Camera, Frame, Instances, Light, Mesh, SceneDescription
+from engine.scene.description import Camera, Frame, Instances, Light, Mesh, SceneDescription
 
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
@@ -26,6 +25,7 @@ from .pass_motion import find_pass_motion
 from .pass_settings import export_pass_settings, read_requests
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .studio_light import export_studio_light
+from .subdivision import cap_levels
 from .unsupported import notice_scene
 from .volumes import export_volume, medium_density
 from .world import export_world
@@ -111,6 +111,8 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     studio = None if context.window is None else context.window.studio
     world = export_world(context, graphs) if studio is None else export_studio_light(context, images, studio)
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
+    if camera_object is not None:
+        cap_levels(context, camera_object, frame)
     curve, rolling = None, 1.0
     if shutter is not None and camera_object is not None:
         curve, rolling = read_shutter_curve(context.scene.render), read_rolling_shutter(context.scene)
@@ -198,7 +200,7 @@ def _export_instances(
 
     meshes: list[Mesh] = []
     exported: dict[int, Mesh | None] = {0: None}
-    rows: dict[tuple[int, object], int] = {}
+    rows: dict[int, int] = {}
     mesh_of_kind: list[int] = []
     for address, kind in zip(addresses, kinds, strict=True):
         if address not in exported:
@@ -212,15 +214,16 @@ def _export_instances(
                     context, kind.gas, kind.owner, requests[address], is_blurred=kind.motion_step_count > 0
                 )
             elif kind.mesh is not None:
-                exported[address] = export_mesh(context, kind.mesh, kind.owner, requests[address])
+                exported[address] = export_mesh(
+                    context, kind.mesh, kind.owner, requests[address], kind.vertex_groups
+                )
         mesh = exported[address]
-        variant = (address, kind.properties)
         if mesh is None:
-            rows[variant] = -1
-        elif variant not in rows:
-            rows[variant] = len(meshes)
-            meshes.append(_with_properties(mesh, kind))
-        mesh_of_kind.append(rows[variant])
+            rows[address] = -1
+        elif address not in rows:
+            rows[address] = len(meshes)
+            meshes.append(mesh)
+        mesh_of_kind.append(rows[address])
 
     slots: list[int] = []
     kind_mesh = np.array([*mesh_of_kind, -1], np.int32)
@@ -262,6 +265,7 @@ def _export_instances(
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,
         light_group=column([kind.light_group for kind in kinds], np.int32) if context.light_groups else None,
+        properties={name: values[chosen] for name, values in appearances.properties.items()},
     )
     return meshes, instances, chosen
 
@@ -275,16 +279,6 @@ def _medium_density(kinds: list[Appearance], kind_of: np.ndarray, transform: np.
             mine = kind_of == row
             factors[mine] = medium_density(kind.volume, transform[mine])
     return factors
-
-
-def _with_properties(mesh: Mesh, kind: Appearance) -> Mesh:
-    """The mesh with an object's properties as attributes: another mesh, of the same arrays, for other values."""
-    if not kind.properties:
-        return mesh
-    attributes = dict(mesh.attributes)
-    for name, value in kind.properties:
-        attributes[name] = Attribute("MESH", np.array([value], np.float32))
-    return replace(mesh, key=(mesh.key, kind.properties), attributes=attributes)
 
 
 def _drop_broken(

@@ -14,6 +14,7 @@ from engine.array_types import Float32Array
 
 from ..versions import read_setting
 from .context import ExportContext, cycles_property
+from .subdivision import apply_levels
 
 #: Cycles' most times of an object: 2**7 + 1.
 _MAX_STEPS = 7
@@ -133,6 +134,7 @@ class Clock:
         # An animated scene is copied anew, and its view layers with it.
         context.scene = context.depsgraph.scene_eval
         context.view_layer = context.depsgraph.view_layer_eval
+        apply_levels(context)
 
     def restore(self) -> None:
         """Go back to the frame found, if this clock ever left it."""

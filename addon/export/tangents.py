@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array
 from engine.scene.description import Attribute, Mesh
 
 
-def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
+def compute_tangents(mesh: Mesh, uv: Float32Array, is_flat: npt.NDArray[np.bool_] | None = None) -> Attribute:
     """Tangent and sign of the bitangent at every corner.
 
     Parameters
     ----------
     uv : float32 (3 * T, 2)
+    is_flat : bool (T,), optional
+        Triangles of flat faces: Cycles takes their own normals here, whatever those of their corners are.
 
     Returns
     -------
@@ -31,10 +34,11 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     points = mesh.vertices[mesh.triangles].astype(np.float64)
     maps = uv.reshape(triangle_count, 3, 2).astype(np.float64)
     edge1, edge2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    if mesh.corner_normals is not None:
+    normals = np.repeat(_normalized(np.cross(edge1, edge2))[:, None], 3, axis=1)
+    if mesh.corner_normals is not None and is_flat is not None:
+        normals[~is_flat] = mesh.corner_normals[~is_flat]
+    elif mesh.corner_normals is not None:
         normals = mesh.corner_normals.astype(np.float64)
-    else:
-        normals = np.repeat(_normalized(np.cross(edge1, edge2))[:, None], 3, axis=1)
 
     # Mikkelsen 2008, Eq. (3.1): the direction in which u grows.
     t1, t2 = maps[:, 1] - maps[:, 0], maps[:, 2] - maps[:, 0]
@@ -52,7 +56,7 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     weighted = (projected * (angle * is_valid[:, None])[..., None]).reshape(-1, 3)
 
     corner_sign = np.repeat(sign, 3)
-    group = _group_corners(mesh, uv, corner_sign)
+    group = _group_corners(mesh, uv, corner_sign, None if mesh.corner_normals is None else normals)
     group_count = int(group.max()) + 1
     total = np.stack([np.bincount(group, weights=weighted[:, i], minlength=group_count) for i in range(3)], axis=1)
     result = np.empty((3 * triangle_count, 4), np.float32)
@@ -61,11 +65,11 @@ def compute_tangents(mesh: Mesh, uv: Float32Array) -> Attribute:
     return Attribute("CORNER", result)
 
 
-def _group_corners(mesh: Mesh, uv: Float32Array, sign: np.ndarray) -> np.ndarray:
-    """Number of the group of corners that share a tangent, (3 * T,)."""
+def _group_corners(mesh: Mesh, uv: Float32Array, sign: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
+    """Number of the group of corners that share a tangent, (3 * T,); without `normals` each triangle has its own."""
     columns = [mesh.vertices[mesh.triangles.reshape(-1)], uv, sign[:, None].astype(np.float32)]
-    if mesh.corner_normals is not None:
-        columns.append(mesh.corner_normals.reshape(-1, 3))
+    if normals is not None:
+        columns.append(normals.reshape(-1, 3).astype(np.float32))
     else:
         columns.append(np.repeat(np.arange(len(mesh.triangles), dtype=np.float32), 3)[:, None])
     # Adding zero makes -0 and 0 the same bits.

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import bpy
 
-from engine.scene.description import NodeGraph
+from engine.scene.description import Node, NodeGraph
 
-from ..versions import SETTINGS, is_since, read_setting
+from ..versions import ANISOTROPIC_TRANSMISSION, is_since, read_setting
 from .context import ExportContext, cycles_property
+from .subdivision import diced_modifier
 
 
 def notice_scene(context: ExportContext) -> None:
@@ -38,18 +39,31 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
     if _is_culled(context.scene, shown):
         context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
-    if _is_diced(context.scene, shown):
-        context.notice(shown.name, "adaptive subdivision is not supported", "subdivided as its modifier's render level")
+    modifier = diced_modifier(context.scene, shown.original)
+    if modifier is not None:
+        level = context.subdivision_levels.get(shown.original.as_pointer())
+        evenly = f"subdivided evenly, {level} times instead of {modifier.render_levels}"
+        context.notice(
+            shown.name, "adaptive subdivision is not supported",
+            "subdivided as its modifier's render level" if level is None else evenly,
+        )  # fmt: skip
 
 
 def notice_material(
     context: ExportContext, material: bpy.types.Material, graph: NodeGraph | None, subject: str
 ) -> None:
     """What a material asks for beyond its nodes; `subject` names it and an object that has it."""
-    if graph is None or graph.displacement is None:
+    if graph is None:
         return
-    if read_setting(material, "displacement_method") != "BUMP":
+    if is_since(ANISOTROPIC_TRANSMISSION) and any(_is_anisotropic_glass(node) for node in graph.nodes):
+        context.notice(subject, "anisotropic transmission is not supported", "glass as rough in all directions")
+    if graph.displacement is not None and read_setting(material, "displacement_method") != "BUMP":
         context.notice(subject, "displacement of the geometry is not supported", "its bump alone")
+
+
+def _is_anisotropic_glass(node: Node) -> bool:
+    parts = (node.inputs.get(name, 0.0) for name in ("Transmission Weight", "Anisotropic"))
+    return node.kind == "ShaderNodeBsdfPrincipled" and all(part != 0.0 for part in parts)
 
 
 def _is_culled(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:
@@ -59,13 +73,3 @@ def _is_culled(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:
         cycles_property(scene, name, False) and cycles_property(shown, name, False)
         for name in ("use_camera_cull", "use_distance_cull")
     )
-
-
-def _is_diced(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:
-    modifiers = shown.original.modifiers
-    if not modifiers or modifiers[-1].type != "SUBSURF" or not modifiers[-1].show_render:
-        return False
-    # As long as Cycles had it, it was an experiment.
-    is_offered = is_since(SETTINGS["use_adaptive_subdivision"].since)
-    is_offered = is_offered or cycles_property(scene, "feature_set", "SUPPORTED") == "EXPERIMENTAL"
-    return is_offered and bool(read_setting(modifiers[-1], "use_adaptive_subdivision", shown))

@@ -11,6 +11,7 @@ from engine.settings import LEAST_GUIDED_SAMPLES, RenderSettings
 
 from ..properties import render_settings
 from ..shared_settings import follows_cycles, setting_value
+from ..versions import PAUSED_BY_WINDOW, is_since
 
 if TYPE_CHECKING:
     import bpy
@@ -60,6 +61,8 @@ def _method(name: str, samples: int) -> str:
     return source if source and not SOURCES[source].is_network else "VMM"
 
 
-def is_paused(scene: bpy.types.Scene) -> bool:
-    """Whether the pause button of viewports is pressed."""
+def is_paused(scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> bool:
+    """Whether the pause button is pressed: the window's own, or Cycles' for all windows in older Blenders."""
+    if is_since(PAUSED_BY_WINDOW):
+        return bool(region_data.pause_render)
     return follows_cycles(scene) and bool(scene.cycles.preview_pause)

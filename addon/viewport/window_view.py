@@ -69,9 +69,7 @@ class WindowView:
             )  # fmt: skip
             addresses.add(item.original.as_pointer())
         scene = self.host.scene
-        reads_objects = scene is not None and any(
-            name.startswith(("object:", "instancer:")) for mesh in scene.meshes for name in mesh.attributes
-        )
+        reads_objects = scene is not None and bool(scene.instances.properties)
         self._change |= classify(touched, reads_objects=reads_objects)
         if self._touched is not None:
             self._touched |= addresses
@@ -114,7 +112,7 @@ class WindowView:
         except ValueError as error:
             self._problem = str(error)
         else:
-            self._send(view, depsgraph.scene)
+            self._send(view, depsgraph.scene, context.region_data)
         image = process.read_image()
         if image is not None:
             self._canvas.take(image)
@@ -128,7 +126,7 @@ class WindowView:
         )
         return read_view(export, context.region, context.space_data, context.region_data)
 
-    def _send(self, view: View, scene: bpy.types.Scene) -> None:
+    def _send(self, view: View, scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> None:
         assert self._settings is not None
         size = view.width, view.height
         now = time.monotonic()
@@ -137,9 +135,8 @@ class WindowView:
         self._size = size
         if now - self._resized < _RESIZE_SECONDS:
             return
-        self.host.show(
-            view, self._settings, denoises_from=denoises_from(scene), is_paused=is_paused(scene)
-        )
+        paused = is_paused(scene, region_data)
+        self.host.show(view, self._settings, denoises_from=denoises_from(scene), is_paused=paused)
 
     def tick(self) -> tuple[bool, bool]:
         """Look at the process: whether the window is to be drawn again, and whether more will come soon."""

@@ -6,6 +6,7 @@ Importing this package fills the registry; `bpy` is needed only to build.
 
 from benchmarks.scenes import (
     cameras,
+    clamped,
     closures,
     failing_media,
     failures,
@@ -23,6 +24,6 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "closures", "failing_media", "failures", "furnished", "geometry",
-    "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "failing_media", "failures", "furnished",
+    "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
 ]  # fmt: skip

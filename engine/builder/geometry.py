@@ -161,13 +161,18 @@ class GeometryCache:
 
 def _instances_key(instances: Instances) -> object:
     """What of instances geometry depends on: all."""
-    apart = ("name", "motion", "asset")
+    apart = ("name", "motion", "asset", "properties")
     columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in apart]
     return (
         tuple(instances.name),
         tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
         tuple((index, steps.shape, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
+        _properties_key(instances),
     )
+
+
+def _properties_key(instances: Instances) -> object:
+    return tuple((name, values.shape, values.tobytes()) for name, values in instances.properties.items())
 
 
 @dataclass(frozen=True)
@@ -259,9 +264,10 @@ def build_geometry(
         where = tuple(None if item is None else item.transform.tobytes() for item in placed.placements)
         shapes, shape_notices = cache.shapes.get((keys, where), shape)
         cache.slot_counts = shapes.slot_counts
+        kept = cache.shapes.version if any(k is not None for k in shapes.kept_triangles) else 0
         attributes = cache.attributes.get(
-            (keys, cache.shapes.version if any(k is not None for k in shapes.kept_triangles) else 0, names),
-            lambda: build_attributes(meshes, shapes.kept_triangles, names),
+            (keys, kept, names, _properties_key(instances)),
+            lambda: build_attributes(meshes, shapes.kept_triangles, names, instances.properties),
         )
         found = motion_notices + shape_notices
         return _assemble(instances, motions, placed, shapes, attributes, default_program, found), found
@@ -314,13 +320,15 @@ def _assemble(
     values[:, layout.VALUE_DENSITY] = 1.0 if instances.medium_density is None else instances.medium_density
 
     mesh_table = shapes.mesh_table.copy()
-    mesh_table[:, [layout.MESH_DEFAULT_UV, layout.MESH_DEFAULT_COLOR]] = attributes.default_slots
+    columns = [layout.MESH_DEFAULT_UV, layout.MESH_DEFAULT_COLOR, layout.MESH_UNDEFORMED]
+    mesh_table[:, columns] = attributes.default_slots
     materials = np.where(instances.materials >= 0, instances.materials, default_program)
     return GeometryArrays(
         vertices=shapes.vertices,
         triangles=shapes.triangles,
         corner_normals=shapes.corner_normals,
         material_slots=shapes.material_slots,
+        touched=np.zeros(0, np.uint8),
         mesh_table=mesh_table,
         instance_table=table,
         transforms=placed.transforms,

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from engine.array_types import Float32Array
 from engine.kernels.bsdf import BsdfTables
 from engine.kernels.shader import ops_input
+from engine.kernels.shader.light_path import LIGHT_PATH_LENGTH
 from engine.kernels.shader.opcodes import CLOSURE_FIRST
 from engine.runtime.jit import kernel
 from engine.scene.description import Mesh
@@ -66,11 +68,35 @@ _LOCAL = frozenset({
     ops_input.OP_VECTOR_TO_FLOAT, ops_input.OP_FLOAT_TO_VECTOR,
 })  # fmt: skip
 #: Kinds of rays that a program may tell apart.
-_RAYS = (
+_RAY_KINDS = (
     lane_layout.RAY_CAMERA, lane_layout.RAY_DIFFUSE | lane_layout.RAY_REFLECT,
     lane_layout.RAY_GLOSSY | lane_layout.RAY_REFLECT, lane_layout.RAY_TRANSMIT, lane_layout.RAY_VOLUME,
     lane_layout.RAY_SHADOW,
 )  # fmt: skip
+#: Depths that a program may be told: what it makes of those in between is no larger, if it grows or falls steadily.
+_RAY_DEPTHS = (0, 1, 2, 4, 12)
+_POINT_DEPTHS = [
+    lane_layout.POINT_PATH_DEPTH, lane_layout.POINT_DIFFUSE_DEPTH, lane_layout.POINT_GLOSSY_DEPTH,
+    lane_layout.POINT_TRANSMISSION_DEPTH, lane_layout.POINT_TRANSPARENT_DEPTH,
+]  # fmt: skip
+
+
+class _Ray(NamedTuple):
+    """What a program may know of a ray: its kind (RAY_*), and all its depths."""
+
+    flags: int
+    depth: int
+
+
+def _rays_of(program: CompiledProgram) -> list[_Ray]:
+    """Rays that a medium's program may tell apart."""
+    read = {
+        instruction.immediates[0] for instruction in program.medium_instructions
+        if instruction.opcode == ops_input.OP_LIGHT_PATH
+    }  # fmt: skip
+    kinds = _RAY_KINDS if any(output < LIGHT_PATH_LENGTH for output in read) else _RAY_KINDS[:1]
+    depths = _RAY_DEPTHS if any(output > LIGHT_PATH_LENGTH for output in read) else _RAY_DEPTHS[:1]
+    return [_Ray(flags, depth) for flags in kinds for depth in depths]
 
 
 @dataclass(frozen=True)
@@ -116,7 +142,7 @@ class _Lookup:
         self._memory = allocate_memory(shaders)
 
     def __call__(
-        self, filled: Filled, points: np.ndarray, times: np.ndarray, flags: int, *, by_lines: bool = False
+        self, filled: Filled, points: np.ndarray, times: np.ndarray, ray: _Ray, *, by_lines: bool = False
     ) -> tuple[Float32Array, Float32Array]:
         """Largest channels of extinction and emission at points of the world, float32 (N,).
 
@@ -132,7 +158,8 @@ class _Lookup:
         integer[:, lane_layout.POINT_INSTANCE] = filled.instance
         integer[:, [lane_layout.POINT_TRIANGLE, lane_layout.POINT_LIGHT]] = -1
         integer[:, lane_layout.POINT_PROGRAM] = filled.program
-        integer[:, lane_layout.POINT_RAY_FLAGS] = flags
+        integer[:, lane_layout.POINT_RAY_FLAGS] = ray.flags
+        integer[:, _POINT_DEPTHS] = ray.depth
         extinction, emission = np.empty(len(points), np.float32), np.empty(len(points), np.float32)
         for start in range(0, len(points), LANE_COUNT):
             end = min(start + LANE_COUNT, len(points))
@@ -264,7 +291,7 @@ def _raise_cells(low, high, values, cells):
 
 
 def _meet_voxels(
-    filled: Filled, lookup: _Lookup, rays: Sequence[int], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray,
+    filled: Filled, lookup: _Lookup, rays: Sequence[_Ray], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray,
     reach: float,
 ) -> None:
     """Raise what was found by cell to what is at voxels: between them there is nothing larger.
@@ -283,16 +310,16 @@ def _meet_voxels(
             np.clip(np.floor((middle + sign * extent - filled.lower) * scale), 0, cells - 1).astype(np.int64)
             for sign in (-1.0, 1.0)
         )
-        for flags in rays:
+        for ray in rays:
             extinction, emission = lookup(
-                filled, world.astype(np.float32), np.zeros(len(world), np.float32), flags, by_lines=reach > _REACH
+                filled, world.astype(np.float32), np.zeros(len(world), np.float32), ray, by_lines=reach > _REACH
             )
             _raise_cells(low, high, extinction, largest)
             _raise_cells(low, high, emission, bright)
 
 
 def _at_times(
-    filled: Filled, lookup: _Lookup, local: np.ndarray, flags: int, random: np.random.Generator
+    filled: Filled, lookup: _Lookup, local: np.ndarray, ray: _Ray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Extinction and emission at points in the space of the object, (..., 3), each at some time of the shutter."""
     step = random.integers(len(filled.to_world), size=local.shape[:-1])
@@ -300,7 +327,7 @@ def _at_times(
     world = np.einsum("...ij,...j->...i", matrix[..., :3], local) + matrix[..., 3]
     times = step.ravel() / max(len(filled.to_world) - 1, 1)
     extinction, emission = lookup(
-        filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), flags
+        filled, world.reshape(-1, 3).astype(np.float32), times.astype(np.float32), ray
     )
     return extinction.reshape(local.shape[:-1]), emission.reshape(local.shape[:-1])
 
@@ -362,23 +389,23 @@ def _bulge(corners: np.ndarray) -> np.ndarray:
     return total
 
 
-def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[int], *, has_splines: bool) -> Float32Array:
+def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[_Ray], *, has_splines: bool) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
     shape = tuple(cells[::-1])
     largest, smallest, bright = np.zeros(shape), np.full(shape, np.inf), np.zeros(shape)
     has_short_cells = bool(filled.grids) and _has_short_cells(filled, cells)
-    for flags in rays:
+    for ray in rays:
         for slab in range(cells[2]):
-            extinction, emission = _at_times(filled, lookup, _points_of(filled, cells, slab, random), flags, random)
+            extinction, emission = _at_times(filled, lookup, _points_of(filled, cells, slab, random), ray, random)
             largest[slab] = np.maximum(largest[slab], extinction.max(axis=-1))
             smallest[slab] = np.minimum(smallest[slab], extinction.min(axis=-1))
             bright[slab] = np.maximum(bright[slab], emission.max(axis=-1))
         # What grows steadily is largest at a corner, which cells share.
         ticks = [np.arange(count + 1) / count for count in cells]
         corners = np.stack(np.meshgrid(*ticks[::-1], indexing="ij"), axis=-1)[..., ::-1]
-        extinction, emission = _at_times(filled, lookup, _in_object(filled, corners), flags, random)
+        extinction, emission = _at_times(filled, lookup, _in_object(filled, corners), ray, random)
         for corner in np.ndindex(2, 2, 2):
             part = tuple(slice(at, at + count) for at, count in zip(corner, shape, strict=True))
             np.maximum(largest, extinction[part], out=largest)
@@ -420,7 +447,7 @@ def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArray
         return shape
     values = geometry.instance_values[filled.instance]
     mesh = int(geometry.instance_table[filled.instance, geometry_layout.INSTANCE_MESH])
-    shape = (*shape, geometry.texture_space[mesh].tobytes(), *_whole_values(geometry, mesh))
+    shape = (*shape, geometry.texture_space[mesh].tobytes(), *_whole_values(geometry, mesh, filled.instance))
     if _is_local(program):
         # How often emission is looked for goes by the size in the world.
         lengths = np.linalg.norm(filled.to_world[0, :, :3], axis=0)
@@ -428,13 +455,14 @@ def _looked_up(filled: Filled, program: CompiledProgram, geometry: GeometryArray
     return (*shape, filled.instance, values.tobytes(), filled.to_world.tobytes())
 
 
-def _whole_values(geometry: GeometryArrays, mesh: int) -> list[bytes]:
-    """Attributes that a whole mesh has one value of; a point inside of it sees no others but voxels."""
+def _whole_values(geometry: GeometryArrays, mesh: int, instance: int) -> list[bytes]:
+    """Attributes that an instance has one value of; a point inside of it sees no others but voxels."""
     count = int(geometry.attribute_count[0])
     rows = geometry.attribute_table[mesh * count : (mesh + 1) * count]
-    starts = rows[:, geometry_layout.ATTRIBUTE_OFFSET]
-    ends = starts + rows[:, geometry_layout.ATTRIBUTE_COMPONENTS]
-    is_whole = rows[:, geometry_layout.ATTRIBUTE_DOMAIN] == geometry_layout.DOMAIN_MESH
+    widths = rows[:, geometry_layout.ATTRIBUTE_COMPONENTS]
+    starts = rows[:, geometry_layout.ATTRIBUTE_OFFSET] + instance * widths
+    ends = starts + widths
+    is_whole = rows[:, geometry_layout.ATTRIBUTE_DOMAIN] == geometry_layout.DOMAIN_INSTANCE
     return [
         geometry.attribute_data[start:end].tobytes() if whole else b""
         for start, end, whole in zip(starts, ends, is_whole, strict=True)
@@ -510,10 +538,9 @@ def build_majorants(
         program = compiled[filled.program]
         key = (program, kept.state, *_looked_up(filled, program, geometry))
         if key not in known:
-            sees_ray = any(instruction.opcode == ops_input.OP_LIGHT_PATH for instruction in program.medium_instructions)
             bound = kept.bounds.get(key)
             if bound is None:
-                bound = _bound(filled, lookup, _RAYS if sees_ray else _RAYS[:1], has_splines=_has_splines(program))
+                bound = _bound(filled, lookup, _rays_of(program), has_splines=_has_splines(program))
             bounds[key] = bound
             known[key] = size, np.array(bound.shape[::-1])
             values.append(bound.ravel())

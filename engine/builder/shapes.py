@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.builder.grids import build_grids
 from engine.builder.motion import MOST_KEYS
-from engine.scene.description import Mesh, Notice
+from engine.scene.description import UNDEFORMED, Mesh, Notice
 from engine.state import geometry as layout
 from engine.state.grids import GridArrays
 
@@ -19,7 +19,6 @@ _DOMAINS = {
     "POINT": layout.DOMAIN_POINT,
     "FACE": layout.DOMAIN_FACE,
     "CORNER": layout.DOMAIN_CORNER,
-    "MESH": layout.DOMAIN_MESH,
 }
 #: Rows of a mesh that are converted at a time.
 _ROWS = 1 << 16
@@ -65,7 +64,7 @@ class Shapes:
 class Attributes:
     """Attributes of all meshes that programs read; see `GeometryArrays`.
 
-    default_slots : int32 (M, 2), slots of the render-active UV map and colour, -1 = none
+    default_slots : int32 (M, 3), slots of the render-active UV map and colour and of undeformed positions, -1 = none
     """
 
     table: Int64Array
@@ -254,9 +253,10 @@ def _normals_by_step(mesh: Mesh, placement: Placement | None, steps: np.ndarray 
 
 
 def build_attributes(
-    meshes: Sequence[Mesh], kept_triangles: Sequence[np.ndarray | None], attribute_names: Sequence[str]
+    meshes: Sequence[Mesh], kept_triangles: Sequence[np.ndarray | None], attribute_names: Sequence[str],
+    properties: Mapping[str, Float32Array],
 ) -> Attributes:
-    """Lay the attributes of meshes one after the other.
+    """Lay the attributes of meshes one after the other, and behind them those of instances.
 
     Parameters
     ----------
@@ -265,18 +265,21 @@ def build_attributes(
         Of `build_shapes`.
     attribute_names : sequence of str
         Attribute slots in the order the shader programs number them.
+    properties : mapping
+        `Instances.properties`.
     """
     slot_of = {name: slot for slot, name in enumerate(attribute_names)}
     count = max(len(attribute_names), 1)
     table = np.zeros((max(len(meshes), 1) * count, layout.ATTRIBUTE_WIDTH), np.int64)
-    default_slots = np.zeros((max(len(meshes), 1), 2), np.int32)
+    default_slots = np.zeros((max(len(meshes), 1), 3), np.int32)
     parts: list[np.ndarray] = []
     total = 0
     grids, grid_numbers = build_grids(meshes, slot_of)
     for (index, name), number in grid_numbers.items():
         table[index * count + slot_of[name]] = (layout.DOMAIN_GRID, meshes[index].grids[name].width, number)
     for index, (mesh, keep) in enumerate(zip(meshes, kept_triangles, strict=True)):
-        default_slots[index] = slot_of.get(mesh.default_uv, -1), slot_of.get(mesh.default_color, -1)
+        undeformed = slot_of.get(UNDEFORMED, -1) if UNDEFORMED in mesh.attributes else -1
+        default_slots[index] = slot_of.get(mesh.default_uv, -1), slot_of.get(mesh.default_color, -1), undeformed
         for name, attribute in mesh.attributes.items():
             slot = slot_of.get(name)
             if slot is None:
@@ -289,6 +292,12 @@ def build_attributes(
             table[index * count + slot] = (_DOMAINS[attribute.domain], data.shape[1], total)
             parts.append(data.reshape(-1, 1))
             total += data.size
+    for name, values in properties.items():
+        slot = slot_of.get(name)
+        if slot is not None:
+            table[slot::count] = (layout.DOMAIN_INSTANCE, values.shape[1], total)
+            parts.append(values.reshape(-1, 1))
+            total += values.size
     return Attributes(
         table, _joined(parts, 1, np.float32).reshape(-1), np.array([count], np.int64), default_slots, grids
     )

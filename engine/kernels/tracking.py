@@ -343,7 +343,9 @@ def next_collision(scene, paths, media, row, origin, direction, time, t, end, u_
 
 
 @kernel
-def place_in_medium(paths, lane, points, row, instance, program, p, direction, distance, flags):
+def place_in_medium(
+    paths, lane, points, row, instance, program, p, direction, distance, flags, transparent_depth
+):
     """Set row `row` of `points` to a point within a medium.
 
     Parameters
@@ -353,6 +355,8 @@ def place_in_medium(paths, lane, points, row, instance, program, p, direction, d
     distance : float32 [m]
         From the ray's start.
     flags : int, RAY_*
+    transparent_depth : int
+        Surfaces that the ray has passed.
     """
     real, integer = points.real, points.integer
     for c in range(3):
@@ -373,7 +377,7 @@ def place_in_medium(paths, lane, points, row, instance, program, p, direction, d
     integer[row, POINT_RAY_FLAGS] = flags
     integer[row, POINT_FLAGS] = 0
     integer[row, POINT_LIGHT] = -1
-    store_depths(paths, lane, paths.transparent_depth[lane], points, row)
+    store_depths(paths, lane, transparent_depth, points, row)
 
 
 @kernel

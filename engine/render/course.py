@@ -31,13 +31,13 @@ from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
 from engine.render.schedule import (
     LARGEST_TASK_SAMPLES,
-    TASK_GROWTH,
     Iterations,
     PacedSchedule,
     PlainSchedule,
     Schedule,
     Steps,
     Task,
+    task_samples,
 )
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile, TrialTiles
@@ -49,6 +49,8 @@ from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.
 _LEAST_TRIAL_PIXELS = 1 << 12
+#: Until the first look a step before a time limit has at most so many times the samples so far.
+_STEP_GROWTH = 4
 
 
 class Course:
@@ -335,7 +337,7 @@ class Course:
                 wanted = next_look(begin) - begin
                 if time_left.is_limited:
                     # How long samples take is to be known soon.
-                    wanted = min(wanted, max(TASK_GROWTH * begin, 1), LARGEST_TASK_SAMPLES)
+                    wanted = min(wanted, max(_STEP_GROWTH * begin, 1), LARGEST_TASK_SAMPLES)
                 return begin + time_left.fit(wanted, begin)
 
             self._schedule = self._steps = Steps(samples, next_end, first, count, self._whole)
@@ -389,7 +391,7 @@ class Course:
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
                 self.tiles = tiles
-                self._go_on_plainly(following[0], LARGEST_TASK_SAMPLES)
+                self._go_on_plainly(following[0], task_samples(following[0]))
                 return
             parts = self._parts_of(*following)
             other_parts: Sequence[Part] = ()

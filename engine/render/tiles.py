@@ -78,15 +78,13 @@ class FrameTiles(_Tiles):
         return pixels, rows * width + (columns + ((top - y0) * width + left - x0))
 
 
-#: Side of the blocks of which each unit of `TrialTiles` has one quarter, and of a quarter [pixels].
-_BLOCK_SIZE, _QUARTER_SIZE = 8, 4
-_UNITS = 4
-#: Side of the squares that so many units share [pixels].
+#: Side of the squares that so many units share, each with one pixel of every quad of 2 x 2 [pixels].
 _GROUP_SIZE = 2 * TILE_SIZE
+_UNITS = 4
 
 
 def _turn(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """A hash of each block, of columns and rows of blocks in the region, that says which quarter is whose: int64.
+    """A hash of each quad, of columns and rows of quads in the region, that says which pixel is whose: int64.
 
     No pattern of the scene can then be that of a unit.
     """
@@ -98,7 +96,9 @@ def _turn(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
 class TrialTiles(_Tiles):
     """The pixels of `FrameTiles` in other units: the first have an even quarter of them, on which something is tried.
 
-    A unit has as many pixels as a tile at most; at the border some may have none.
+    A unit has as many pixels as a tile at most; at the border some may have none. Pixels that are tried lie among the
+    others one by one: a denoiser takes patches with another noise than that around them for what is in the picture
+    (docs/decisions/trial-and-choice.md).
 
     Attributes
     ----------
@@ -110,17 +110,24 @@ class TrialTiles(_Tiles):
         x0, y0, x1, y1 = self._region = frame.region
         self._columns = -(-(x1 - x0) // _GROUP_SIZE)
         self.trial_count = self._columns * -(-(y1 - y0) // _GROUP_SIZE)
-        # Quarters are whole but at the border.
-        widths, heights = (
-            np.clip(size - _QUARTER_SIZE * np.arange(2 * -(-size // _BLOCK_SIZE)), 0, _QUARTER_SIZE)
-            for size in (x1 - x0, y1 - y0)
+        width, height = x1 - x0, y1 - y0
+        # Of quads that the border cuts, some have theirs outside.
+        cut = [
+            self._places(np.arange(-(-height // 2)), np.full(-(-height // 2), width // 2), 0),
+            self._places(np.full(width // 2, height // 2), np.arange(width // 2), 0),
+        ]
+        self.trial_pixels = (width // 2) * (height // 2) + sum(
+            int(np.count_nonzero((rows < height) & (columns < width))) for rows, columns in cut
         )
-        columns, rows = np.arange(len(widths) // 2), np.arange(len(heights) // 2)[:, None]
-        quarter = -_turn(columns, rows) & _UNITS - 1
-        self.trial_pixels = int((widths[2 * columns + quarter % 2] * heights[2 * rows + quarter // 2]).sum())
 
     def __len__(self) -> int:
         return _UNITS * self.trial_count
+
+    @staticmethod
+    def _places(quad_rows: np.ndarray, quad_columns: np.ndarray, unit: int) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column in the region of the pixel that a unit has of each quad."""
+        place = unit - _turn(quad_columns, quad_rows) & _UNITS - 1
+        return 2 * quad_rows + place // 2, 2 * quad_columns + place % 2
 
     def _tile(self, index: int) -> Tile:
         group, unit = index, 0
@@ -128,16 +135,11 @@ class TrialTiles(_Tiles):
             group, unit = divmod(index - self.trial_count, _UNITS - 1)
             unit += 1
         x0, y0, x1, y1 = self._region
-        block_rows, block_columns = (
-            side + _GROUP_SIZE // _BLOCK_SIZE * of_group
-            for side, of_group in zip(
-                _grid(_GROUP_SIZE // _BLOCK_SIZE, _GROUP_SIZE // _BLOCK_SIZE), divmod(group, self._columns), strict=True
-            )
+        group_row, group_column = divmod(group, self._columns)
+        quad_rows, quad_columns = _grid(_GROUP_SIZE // 2, _GROUP_SIZE // 2)
+        rows, columns = self._places(
+            quad_rows + _GROUP_SIZE // 2 * group_row, quad_columns + _GROUP_SIZE // 2 * group_column, unit
         )
-        quarter = unit - _turn(block_columns, block_rows) & _UNITS - 1
-        within_rows, within_columns = _grid(_QUARTER_SIZE, _QUARTER_SIZE)
-        rows = ((_BLOCK_SIZE * block_rows + _QUARTER_SIZE * (quarter // 2))[:, None] + within_rows).ravel()
-        columns = ((_BLOCK_SIZE * block_columns + _QUARTER_SIZE * (quarter % 2))[:, None] + within_columns).ravel()
         is_inside = (rows < y1 - y0) & (columns < x1 - x0)
         if not is_inside.all():
             rows, columns = rows[is_inside], columns[is_inside]

@@ -29,6 +29,9 @@ VISIBLE_VOLUME = 16
 VISIBLE_SHADOW = 32
 VISIBLE_ALL = 63
 
+#: The attribute of positions before deformation.
+UNDEFORMED = "__undeformed"
+
 
 @dataclass(frozen=True)
 class Notice:
@@ -163,9 +166,9 @@ class Image:
 
 @dataclass
 class Attribute:
-    """Values on a mesh. `domain` is 'POINT', 'FACE' (triangle), 'CORNER' (3 per triangle) or 'MESH' (one value).
+    """Values on a mesh. `domain` is 'POINT', 'FACE' (triangle) or 'CORNER' (3 per triangle).
 
-    data : float32, shape (vertices | triangles | 3 * triangles | 1, 1..4)
+    data : float32, shape (vertices | triangles | 3 * triangles, 1..4)
     """
 
     domain: str
@@ -188,9 +191,9 @@ class Mesh:
         Index into the material list of the instance.
     attributes : dict
         By name; UV maps are `CORNER` attributes of width 2, tangents for map `X` are `'X.tangent'`, width 4
-        (`'.tangent'` for the render-active map where a node names none). Properties of objects that Attribute nodes
-        read are `MESH` attributes `'object:name'` and `'instancer:name'`. `'__undeformed'` are positions before
-        deformation, where they differ, for Generated coordinates.
+        (`'.tangent'` for the render-active map where a node names none). `'standard:name'` is what Cycles has under a
+        name of its own ('standard:N'). `UNDEFORMED` are positions before deformation, width 3, where they differ, for
+        Generated coordinates.
     default_uv, default_color : str
         Names of the render-active UV map and colour attribute, '' if none.
     texture_space : float32 (2, 3)
@@ -252,6 +255,8 @@ class Instances:
     is_shadow_catcher: npt.NDArray[np.bool_] | None = None  # (N,); None = none
     #: (N,) factor on the density of media inside that vary (volumes that grow thinner with their size); None = 1.
     medium_density: Float32Array | None = None
+    #: (N, 4) each: what Attribute nodes read of objects and their instancers, by 'object:name' and 'instancer:name'.
+    properties: dict[str, Float32Array] = field(default_factory=dict)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -47,8 +47,8 @@ def compile_programs(
     ShaderArrays
     attribute_names : list of str
         Name of each attribute slot that programs read. `'X.tangent'` is the tangent of UV map X, `'.tangent'` that of
-        each mesh's render-active UV map; `'object:x'` and `'instancer:x'` are custom properties. A mesh without the
-        attribute leaves the slot absent.
+        each mesh's render-active UV map; `'object:x'` and `'instancer:x'` are properties of instances. A mesh without
+        the attribute leaves the slot absent.
     notices : list of Notice
         What is not supported, with `'name / node'` as subject.
     """

@@ -61,7 +61,7 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
     mesh = np.zeros((1, layout.MESH_WIDTH), np.int32)
     mesh[0, layout.MESH_TRIANGLE_COUNT] = 2
     mesh[0, layout.MESH_VERTEX_COUNT] = 4
-    mesh[0, layout.MESH_FIRST_NORMAL] = mesh[0, layout.MESH_MOTION] = -1
+    mesh[0, [layout.MESH_FIRST_NORMAL, layout.MESH_MOTION, layout.MESH_UNDEFORMED]] = -1
     count = max(attribute_count, 1)
     table = np.tile(np.array([layout.DOMAIN_CORNER, 4, 0], np.int64), (count, 1))
     identity = np.eye(4, dtype=np.float32)[:3].reshape(1, 12).copy()
@@ -70,6 +70,7 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
         triangles=triangles,
         corner_normals=np.zeros((1, 9), np.float32),
         material_slots=np.zeros(2, np.int32),
+        touched=np.zeros(0, np.uint8),
         mesh_table=mesh,
         instance_table=np.zeros((1, layout.INSTANCE_WIDTH), np.int32),
         transforms=identity,

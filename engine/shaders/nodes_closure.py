@@ -150,6 +150,8 @@ def refraction(node: Node, weight: Value, builder: Any) -> None:
 def glass(node: Node, weight: Value, builder: Any) -> None:
     """Glass BSDF."""
     _thin_film(builder)
+    if not is_zero(_float(builder, "Anisotropy", 0.0)):
+        builder.notice("anisotropic transmission is not supported", "glass as rough in all directions")
     color = _color(builder, default=1.0)
     roughness = _roughness(node, builder, 0.0)
     ior = _float(builder, "IOR", 1.5)
@@ -357,6 +359,7 @@ def ray_portal(node: Node, weight: Value, builder: Any) -> None:
 _LOBE = ("Color", "Roughness", "Normal")
 _FILM = ("Thin Film Thickness", "Thin Film IOR")
 _GLOSSY = ClosureNode(glossy, (*_LOBE, "Anisotropy", "Rotation", "Tangent"), ("distribution",))
+_GLASS = ClosureNode(glass, (*_LOBE, "IOR", "Anisotropy", "Rotation", "Tangent", *_FILM), ("distribution",))
 _EMISSION = ClosureNode(emission, ("Color", "Strength"))
 _VOLUME = ClosureNode(_nothing("is a volume linked to a surface"))
 _PRINCIPLED = ClosureNode(
@@ -365,6 +368,8 @@ _PRINCIPLED = ClosureNode(
         *("Base Color", "Metallic", "Roughness", "IOR", "Alpha", "Normal", "Diffuse Roughness", "Thin Wall"),
         *("Subsurface Weight", "Subsurface Radius", "Subsurface Scale", "Subsurface IOR", "Subsurface Anisotropy"),
         *("Specular IOR Level", "Specular Tint", "Anisotropic", "Anisotropic Rotation", "Tangent"),
+        # The host says how strongly a material disperses (`Material.dispersion`).
+        *("Transmission Dispersion Scale", "Transmission Dispersion Abbe Number"),
         *("Transmission Weight", "Coat Weight", "Coat Roughness", "Coat IOR", "Coat Tint", "Coat Normal"),
         *("Sheen Weight", "Sheen Roughness", "Sheen Tint", "Emission Color", "Emission Strength", *_FILM),
     ),
@@ -387,7 +392,7 @@ CLOSURES: dict[str, ClosureNode] = {
     "ShaderNodeBsdfGlossy": _GLOSSY,
     "ShaderNodeBsdfAnisotropic": _GLOSSY,
     "ShaderNodeBsdfRefraction": ClosureNode(refraction, (*_LOBE, "IOR"), ("distribution",)),
-    "ShaderNodeBsdfGlass": ClosureNode(glass, (*_LOBE, "IOR", *_FILM), ("distribution",)),
+    "ShaderNodeBsdfGlass": _GLASS,
     "ShaderNodeBsdfTranslucent": ClosureNode(translucent, ("Color", "Normal")),
     "ShaderNodeBsdfTransparent": ClosureNode(transparent, ("Color",)),
     "ShaderNodeBsdfMetallic": _METALLIC,

@@ -123,14 +123,16 @@ def _pointiness(node: Node, builder: Any) -> Operation:
     return constant(0.5)
 
 
-_ATTRIBUTE_OWNERS = ("GEOMETRY", "OBJECT", "INSTANCER", "VIEW_LAYER")
+_ATTRIBUTE_OWNERS = ("GEOMETRY", "OBJECT", "INSTANCER", "VIEW_LAYER", "LIGHT")
 
 
 def _attribute(node: Node, builder: Any) -> Operation:
     name = str(node.properties.get("attribute_name", ""))
     outputs = (Socket("Color", COLOR), Socket("Fac", FLOAT), Socket("Alpha", FLOAT))
     kind = _ATTRIBUTE_OWNERS[choice(node, builder, "attribute_type", _ATTRIBUTE_OWNERS, "GEOMETRY")]
-    if kind == "VIEW_LAYER":
+    if kind == "LIGHT":
+        builder.notice(f"the attribute {name!r} of lights is not supported", "0")
+    if kind in ("VIEW_LAYER", "LIGHT"):
         value = tuple(float(x) for x in node.properties.get("value", (0.0, 0.0, 0.0, 0.0)))
         color = Socket("", COLOR, value[:3])
         fac = Socket("", FLOAT, sum(value[:3]) / 3.0)

@@ -7,7 +7,7 @@ array and index.
 
 from __future__ import annotations
 
-from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.state.grids import GridArrays
 
@@ -44,6 +44,8 @@ INSTANCE_FLAG_HOLDOUT = 4
 INSTANCE_FLAG_MOVING = 8
 #: A shadow catcher, and no holdout.
 INSTANCE_FLAG_CATCHER = 16
+#: All of its triangles count as touched.
+INSTANCE_FLAG_TOUCHED = 32
 
 # Columns of GeometryArrays.mesh_table
 MESH_FIRST_TRIANGLE = 0
@@ -52,12 +54,14 @@ MESH_FIRST_VERTEX = 2
 MESH_VERTEX_COUNT = 3
 #: Row in `corner_normals` of the mesh's first triangle, -1 = flat.
 MESH_FIRST_NORMAL = 4
-#: Slot numbers (see `attribute_table`) of the render-active UV map and colour, -1 = none.
+#: Slot numbers (see `attribute_table`) of the render-active UV map and colour, and of positions before deformation,
+#: -1 = none.
 MESH_DEFAULT_UV = 5
 MESH_DEFAULT_COLOR = 6
+MESH_UNDEFORMED = 7
 #: Row of `motion_table`, -1 where the mesh keeps its shape.
-MESH_MOTION = 7
-MESH_WIDTH = 8
+MESH_MOTION = 8
+MESH_WIDTH = 9
 
 # Columns of GeometryArrays.motion_table: a mesh's steps from the shutter's opening to its closing lie one after the
 # other, each as long as the mesh itself.
@@ -68,7 +72,7 @@ MOTION_FIRST_NORMAL = 2
 MOTION_WIDTH = 4
 
 # Columns of GeometryArrays.attribute_table: one row per (mesh, attribute slot), row = mesh * attribute_count + slot.
-#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole mesh, 5 voxels
+#: 0 absent, 1 point, 2 triangle, 3 corner, 4 whole instance, 5 voxels
 ATTRIBUTE_DOMAIN = 0
 ATTRIBUTE_COMPONENTS = 1
 #: First float in `attribute_data`, or row of `grids.table`
@@ -79,7 +83,7 @@ DOMAIN_ABSENT = 0
 DOMAIN_POINT = 1
 DOMAIN_FACE = 2
 DOMAIN_CORNER = 3
-DOMAIN_MESH = 4
+DOMAIN_INSTANCE = 4
 DOMAIN_GRID = 5
 
 
@@ -91,6 +95,8 @@ class GeometryArrays(Bundle):
     triangles : uint32 (T, 3), rows of `vertices` (already offset by mesh)
     corner_normals : float32 (N, 9), three unit normals a triangle, same space and steps as `vertices`
     material_slots : int32 (T,), slot in the instance's material list
+    touched : uint8 (T,), whether something else lies in one place with a triangle (`engine.builder.same_place`); (0,)
+        where nothing does
     mesh_table : int32 (M, MESH_WIDTH)
     instance_table : int32 (I, INSTANCE_WIDTH)
     transforms, inverses : float32 (I, 12), object to world and back (of the original object, also where baked), at the
@@ -110,6 +116,7 @@ class GeometryArrays(Bundle):
     triangles: Uint32Array
     corner_normals: Float32Array
     material_slots: Int32Array
+    touched: Uint8Array
     mesh_table: Int32Array
     instance_table: Int32Array
     transforms: Float32Array

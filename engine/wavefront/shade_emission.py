@@ -17,6 +17,7 @@ from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
 from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
+    CLOSURE_CHANNELS,
     CLOSURE_WIDTH,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
@@ -38,6 +39,18 @@ def keep_transparent(closures, lane):
                 closures.param[lane, 0, column] = closures.param[lane, i, column]
             kept = 1
     closures.count[lane] = kept
+
+
+@kernel
+def _hold_out(closures, lane):
+    """Leave nothing of an object that is held out but its transparency; returns how much of it is a hole."""
+    keep_transparent(closures, lane)
+    if closures.count[lane] == 0:
+        return np.float32(1.0)
+    for c in range(CLOSURE_CHANNELS):
+        closures.emission[lane, c] = 0.0
+    passed = closures.transparency[lane, 0] + closures.transparency[lane, 1] + closures.transparency[lane, 2]
+    return np.float32(1.0) - passed * np.float32(1.0 / 3.0)
 
 
 @kernel
@@ -63,14 +76,18 @@ def shade_emission(scene, unit, work, queue):
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
         holdout = closures.holdout[lane]
-        if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT:
-            holdout = 1.0
+        if (
+            geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT
+            and flags & RAY_TRANSPARENT_BACKGROUND
+        ):
+            holdout = _hold_out(closures, lane)
         if holdout > 0.0 and flags & RAY_TRANSPARENT_BACKGROUND:
             average = 0.0
             for c in range(len(paths.channels)):
                 average += paths.throughput[lane, c]
             paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
-            if holdout >= 0.9999:
+            # Of a sum of holdouts that is more than a hole the rest is seen, as in Cycles.
+            if abs(holdout - 1.0) < 1e-4:
                 paths.alive[lane] = 0
                 continue
         emitted = 0.0

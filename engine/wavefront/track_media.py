@@ -165,7 +165,8 @@ def find_collisions(scene, unit, work, queue):
                 tracking.u_roulette[lane] = u_roulette
                 p = add(origin, scale(direction, t))
                 place_in_medium(
-                    paths, lane, points, lane, media.instance[lane, entry], program, p, direction, t, paths.flags[lane]
+                    paths, lane, points, lane, media.instance[lane, entry], program, p, direction, t,
+                    paths.flags[lane], paths.transparent_depth[lane],
                 )
                 lanes[kept] = lane
                 kept += 1

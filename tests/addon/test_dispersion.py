@@ -152,3 +152,100 @@ def test_broken_numbers_do_not_disperse(glass: Any) -> None:
     for value in (float("nan"), float("inf")):
         description.materials[0].dispersion = value
         assert not compile_scene(description).arrays.program_dispersion.any()
+
+
+@pytest.fixture
+def principled(cube_scene: Any) -> Any:
+    """The inputs of a Principled BSDF on the cube, of glass."""
+    material = _material(cube_scene, "ShaderNodeBsdfPrincipled")
+    inputs = next(node for node in material.node_tree.nodes if "Transmission Weight" in node.inputs).inputs
+    if "Transmission Dispersion Scale" not in inputs:
+        pytest.skip("Blender 5.3 has dispersion")
+    inputs["Transmission Weight"].default_value = 1.0
+    return inputs
+
+
+def _problems() -> list[tuple[str, str, str]]:
+    return [(notice.subject, notice.problem, notice.fallback) for notice in _export().notices]
+
+
+@pytest.mark.parametrize("scale, abbe_number, acts", [(1.0, 30.0, 30.0), (0.5, 30.0, 60.0), (3.0, 20.0, 20.0)])
+def test_a_principled_surface_disperses_as_its_inputs_say(
+    principled: Any, scale: float, abbe_number: float, acts: float
+) -> None:
+    principled["Transmission Dispersion Scale"].default_value = scale
+    principled["Transmission Dispersion Abbe Number"].default_value = abbe_number
+    description = _export()
+    assert description.has_dispersion and description.notices == []
+    assert description.materials[0].dispersion == pytest.approx(dispersion_from_abbe(acts), rel=1e-6)
+    assert compile_scene(description).notices == []
+
+
+def test_a_principled_surface_does_not_disperse_unless_asked(principled: Any) -> None:
+    assert not _export().has_dispersion
+    principled["Transmission Dispersion Scale"].default_value = 1.0
+    principled["Transmission Dispersion Abbe Number"].default_value = 0.0
+    assert not _export().has_dispersion
+    principled["Transmission Dispersion Abbe Number"].default_value = 20.0
+    principled["Transmission Weight"].default_value = 0.0
+    assert not _export().has_dispersion
+
+
+def test_the_node_counts_before_the_panel_which_is_said(principled: Any) -> None:
+    import bpy
+
+    material = bpy.data.materials["Material"]
+    material.neuralguide.dispersion, material.neuralguide.abbe_number = "ABBE", 50.0
+    assert _only_material().dispersion == pytest.approx(dispersion_from_abbe(50.0)), "the panel remains"
+    assert _problems() == []
+    principled["Transmission Dispersion Scale"].default_value = 1.0
+    principled["Transmission Dispersion Abbe Number"].default_value = 30.0
+    assert _only_material().dispersion == pytest.approx(dispersion_from_abbe(30.0))
+    assert _problems() == [
+        ("Cube / Material", "its Dispersion panel is not read", "dispersion as its Principled BSDF says")
+    ]
+
+
+def test_the_panel_says_that_the_node_counts(principled: Any) -> None:
+    import bpy
+
+    from addon.dispersion import disperses_by_node
+
+    assert not disperses_by_node(bpy.data.materials["Material"])
+    principled["Transmission Dispersion Scale"].default_value = 1.0
+    assert disperses_by_node(bpy.data.materials["Material"])
+
+
+@pytest.mark.parametrize("kind", ["ShaderNodeValue", "ShaderNodeTexNoise"])
+def test_a_linked_scale_is_read_or_named(principled: Any, kind: str) -> None:
+    import bpy
+
+    tree = bpy.data.materials["Material"].node_tree
+    source = tree.nodes.new(kind)
+    tree.links.new(source.outputs[0], principled["Transmission Dispersion Scale"])
+    if kind == "ShaderNodeValue":
+        source.outputs[0].default_value = 0.5
+        assert _only_material().dispersion == pytest.approx(dispersion_from_abbe(40.0))
+        assert _problems() == []
+        return
+    assert not _export().has_dispersion
+    assert [problem for _, problem, _ in _problems()] == [
+        "dispersion of 'Principled BSDF' that varies over the surface is not supported"
+    ]
+
+
+def test_nodes_that_disperse_differently_in_one_material_are_named(principled: Any) -> None:
+    import bpy
+
+    principled["Transmission Dispersion Scale"].default_value = 1.0
+    tree = bpy.data.materials["Material"].node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    mix, glass = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfGlass")
+    tree.links.new(output.inputs["Surface"].links[0].from_socket, mix.inputs[1])
+    tree.links.new(glass.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    assert _only_material().dispersion == pytest.approx(dispersion_from_abbe(20.0))
+    assert _problems() == [(
+        "Cube / Material", "nodes that disperse differently in one material are not supported",
+        "all as the strongest of them",
+    )]  # fmt: skip

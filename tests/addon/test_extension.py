@@ -25,7 +25,8 @@ from packaging.utils import canonicalize_name
 
 from tools import kernel_library
 from tools.blender_ranges import RANGES, ROOT, BlenderRange
-from tools.build_extension import absolute_imports, build, relative_imports
+from tools.build_extension import build
+from tools.staged_sources import absolute_imports, relative_imports
 
 #: Runs as a user's Blender would: no repository, and no packages but Blender's own and those it brings, numpy for one.
 USER_SESSION = """

@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 
 from tools.blender_ranges import RANGES, ROOT
-from tools.build_extension import build, download_wheels, stage_sources
+from tools.build_extension import build, download_wheels
 from tools.extension_sizes import measure
+from tools.staged_sources import stage_sources
 
 #: Modules that install packages, and those that reach for the network.
 INSTALLERS = {"ensurepip", "pip", "venv", "virtualenv"}

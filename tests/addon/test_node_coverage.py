@@ -24,7 +24,10 @@ from engine.shaders.vocabulary import SETTINGS
 from tests.helpers.node_kinds import kinds, known, settings_of
 
 #: Known nodes and settings that are reported: part of the notice.
-REPORTED = ("thin film", "Thin Wall", "subsurface", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION")
+REPORTED = (
+    "thin film", "Thin Wall", "subsurface", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
+    "of lights", "'LIGHT'",
+)  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
 WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method"), ("ShaderNodeNormalMap", "base")}
 

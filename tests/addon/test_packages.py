@@ -51,3 +51,22 @@ def test_an_older_numba_is_a_sentence() -> None:
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("[(")]
     assert "FAILED" in line and "another add-on has loaded numba 0.55.1 (from /somewhere/numba/__init__.py)" in line
     assert "internal error" not in done.stdout
+
+
+#: Enables the add-on where numba cannot be found.
+_ENABLE = """
+import importlib.util, sys
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: None if name == "numba" else find(name, *more)
+import addon_utils
+sys.path.insert(0, sys.argv[1])
+print("ENABLED", addon_utils.enable("addon", handle_error=lambda error: print("SAID", error)))
+"""
+
+
+def test_a_blender_with_another_python_does_not_enable_it_and_says_what_to_do() -> None:
+    command = [sys.executable, "-c", "import bpy\n" + _ENABLE, str(ROOT)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    (said,) = [line for line in done.stdout.splitlines() if line.startswith("SAID")]
+    assert "without its packages for Python 3." in said and "tools/install_legacy.py /usr/bin/blender" in said
+    assert "ENABLED None" in done.stdout

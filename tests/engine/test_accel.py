@@ -3,6 +3,7 @@
 
 import dataclasses
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -165,6 +166,29 @@ def test_an_empty_scene_hits_nothing():
     description.meshes, description.instances = [], empty_instances()
     _, accelerator = built(description)
     assert not trace(accelerator, (0.0, 0.0, 5.0))[0]
+
+
+#: Memory is overwritten as it is freed.
+GARBAGE = """
+import gc
+import numpy as np
+from engine.accel import MASK_SHADOW_OPAQUE, MeshHierarchies, build_accelerator
+from engine.builder.geometry import build_geometry
+from tests.helpers.placed_quads import at, quad_scene
+
+for _ in range(20):
+    geometry, hierarchies = build_geometry(quad_scene([at(0, 0, 0), at(4, 0, 0)]), (), []), MeshHierarchies(2)
+    cycle = [hierarchies, build_accelerator(geometry, np.full(2, MASK_SHADOW_OPAQUE, np.uint32), hierarchies)]
+    cycle.append(cycle)
+    del cycle, hierarchies
+    gc.collect()
+"""
+
+
+def test_scenes_and_their_device_can_be_garbage_of_one_cycle():
+    """As a failed render leaves it. It is finalized in any order, but Embree's device must be released last."""
+    environment = {**os.environ, "MALLOC_PERTURB_": "85"}
+    subprocess.run([sys.executable, "-c", GARBAGE], env=environment, cwd=Path(__file__).parents[2], check=True)
 
 
 def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library():

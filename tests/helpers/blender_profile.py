@@ -19,5 +19,5 @@ def installed(blender: str, folder: Path) -> dict[str, str]:
             patch.setenv(name, value)
         patch.delenv("PYTHONPATH", raising=False)
         # A link, so that the kernels this run of the tests has compiled already serve here too.
-        install(blender, link=True)
+        install(blender, link=True, denoiser=False)
     return {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | paths

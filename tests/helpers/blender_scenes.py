@@ -28,6 +28,43 @@ def export(**arguments: Any) -> SceneDescription:
     return export_scene(bpy.context.evaluated_depsgraph_get(), **arguments)
 
 
+def render_and_export(scene: Any, frames: int = 1, cache: Any = None, resolution: int = 4) -> Any:
+    """What an engine exports in a final render; a list of descriptions for several frames."""
+    import bpy
+
+    from addon.export import export_scene
+
+    results: list[Any] = []
+
+    class Engine(bpy.types.RenderEngine):
+        bl_idname = "EXPORT_TEST"
+        bl_label = "Export test"
+
+        def update(self, data: Any, depsgraph: Any) -> None:
+            try:
+                results.append(export_scene(depsgraph, engine=self, cache=cache))
+            except Exception as error:  # Blender would swallow it.
+                results.append(error)
+
+        def render(self, depsgraph: Any) -> None:
+            pass
+
+    bpy.utils.register_class(Engine)
+    try:
+        scene.render.engine = "EXPORT_TEST"
+        scene.render.resolution_x = scene.render.resolution_y = resolution
+        for frame in range(1, frames + 1):
+            scene.frame_set(frame)
+            bpy.ops.render.render()
+    finally:
+        scene.render.engine = "BLENDER_WORKBENCH"
+        bpy.utils.unregister_class(Engine)
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+    return results if frames > 1 else results[0]
+
+
 def export_context() -> Any:
     """What an export of the current scene works with, for parts of it that are tested alone."""
     import bpy

@@ -20,7 +20,6 @@ from engine.kernels.shader.surface import (
     displaced_position,
     fetch_attribute,
     generated,
-    mirrored_position,
     orthogonal_tangent,
     radial_tangent,
     read_point,
@@ -36,7 +35,7 @@ from engine.state.geometry import (
     ATTRIBUTE_DOMAIN,
     ATTRIBUTE_OFFSET,
     DOMAIN_GRID,
-    DOMAIN_MESH,
+    DOMAIN_INSTANCE,
     INSTANCE_MESH,
     MESH_DEFAULT_COLOR,
     MESH_DEFAULT_UV,
@@ -213,7 +212,7 @@ def run_grid(code, pc, memory, geometry, points, lane):
                 alpha = sample_alpha(geometry.grids, grid, p, is_smooth)
                 if alpha > 1e-6 and alpha != 1.0:
                     x, y, z = x / alpha, y / alpha, z / alpha
-        elif domain == DOMAIN_MESH:
+        elif domain == DOMAIN_INSTANCE:
             x, y, z, _w, components = fetch_attribute(geometry, instance, -1, slot, 0.0, 0.0)
             if components == 1:
                 y, z = x, x
@@ -233,7 +232,7 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
     if opcode == OP_POSITION:
         value = displaced_position(points, lane, axis, width)
     elif opcode == OP_GENERATED:
-        value = generated(geometry, instance, time, mirrored_position(points, lane, axis, width))
+        value = generated(geometry, points, lane, axis, width)
     elif opcode == OP_OBJECT_COORDINATE:
         value = to_object(geometry, instance, time, displaced_position(points, lane, axis, width))
     elif opcode == OP_CAMERA_COORDINATE:

@@ -20,7 +20,7 @@ from engine.state.geometry import (
     DOMAIN_CORNER,
     DOMAIN_FACE,
     DOMAIN_GRID,
-    DOMAIN_MESH,
+    DOMAIN_INSTANCE,
     DOMAIN_POINT,
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAGS,
@@ -28,6 +28,7 @@ from engine.state.geometry import (
     MESH_FIRST_NORMAL,
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
+    MESH_UNDEFORMED,
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
@@ -128,7 +129,7 @@ def attribute_component(geometry, offset, stride, i0, i1, i2, u, v, component):
 
 @kernel
 def fetch_attribute(geometry, instance, triangle, slot, u, v):
-    """Attribute `slot` of an instance's mesh.
+    """Attribute `slot` of an instance or its mesh.
 
     Returns
     -------
@@ -141,7 +142,7 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
     row = mesh * geometry.attribute_count[0] + slot
     domain = geometry.attribute_table[row, ATTRIBUTE_DOMAIN]
     # A point inside is on no triangle, and voxels are inside.
-    if domain == DOMAIN_ABSENT or domain == DOMAIN_GRID or (triangle < 0 and domain != DOMAIN_MESH):
+    if domain == DOMAIN_ABSENT or domain == DOMAIN_GRID or (triangle < 0 and domain != DOMAIN_INSTANCE):
         return 0.0, 0.0, 0.0, 0.0, 0
     components = geometry.attribute_table[row, ATTRIBUTE_COMPONENTS]
     offset = geometry.attribute_table[row, ATTRIBUTE_OFFSET]
@@ -159,6 +160,10 @@ def fetch_attribute(geometry, instance, triangle, slot, u, v):
         i2 = int(geometry.triangles[triangle, 2]) - first
     elif domain == DOMAIN_FACE:
         i0 = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+        i1 = i0
+        i2 = i0
+    elif domain == DOMAIN_INSTANCE:
+        i0 = instance
         i1 = i0
         i2 = i0
     x = attribute_component(geometry, offset, components, i0, i1, i2, u, v, 0)
@@ -292,13 +297,22 @@ def uv_tangent_object(geometry, points, lane, slot, uv_slot):
 
 
 @kernel
-def generated(geometry, instance, time, p):
-    """Generated coordinates of world point `p`: its place in the mesh's texture space box."""
+def generated(geometry, points, lane, axis, width):
+    """Generated coordinates of `mirrored_position`: its place in the mesh's texture space box, before deformation."""
+    instance = points.integer[lane, POINT_INSTANCE]
+    p = mirrored_position(points, lane, axis, width)
     if instance < 0:
         return p
-    local = point_to_object(geometry, instance, time, p)
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     box = geometry.texture_space
+    local = point_to_object(geometry, instance, points.real[lane, POINT_TIME], p)
+    slot = geometry.mesh_table[mesh, MESH_UNDEFORMED]
+    if slot >= 0:
+        u, v = displaced_barycentrics(geometry, points, lane, axis, width)
+        triangle = points.integer[lane, POINT_TRIANGLE]
+        x, y, z, _w, components = fetch_attribute(geometry, instance, triangle, slot, u, v)
+        if components == 3:
+            local = (x, y, z)
     return (
         generated_axis(box, mesh, 0, local[0]),
         generated_axis(box, mesh, 1, local[1]),
@@ -318,9 +332,7 @@ def generated_axis(box, mesh, axis, x):
 @kernel
 def radial_tangent(geometry, points, lane, axis):
     """Cycles' radial tangent about `axis` (0, 1, 2) from Generated coordinates, perpendicular to the normal."""
-    instance = points.integer[lane, POINT_INSTANCE]
-    time = points.real[lane, POINT_TIME]
-    g = generated(geometry, instance, time, read_point(points, lane, POINT_P))
+    g = generated(geometry, points, lane, 0, 0.0)
     if axis == 0:
         t = (0.0 * g[0], 0.5 - g[2], g[1] - 0.5)
     elif axis == 1:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
-from tests.helpers.blender_scenes import empty_scene, export
+from tests.helpers.blender_scenes import empty_scene, export, render_and_export
 
 
 @pytest.fixture
@@ -387,7 +387,7 @@ def test_instances_have_the_color_of_their_instancer(scene: Any) -> None:
 
 def properties_of_instances(description: SceneDescription, name: str) -> list[Any]:
     """What instances have of a property that materials read."""
-    return [description.meshes[row].attributes[name].data[0] for row in description.instances.mesh]
+    return list(description.instances.properties[name])
 
 
 def test_face_instances_carry_texture_coordinates_when_wanted(scene: Any) -> None:
@@ -456,43 +456,6 @@ def test_hidden_objects_are_left_out(scene: Any) -> None:
     assert render_and_export(scene).instances.name == ["Shown"]
 
 
-def render_and_export(scene: Any, frames: int = 1, cache: Any = None) -> Any:
-    """What an engine exports in a final render; a list of descriptions for several frames."""
-    import bpy
-
-    from addon.export import export_scene
-
-    results: list[Any] = []
-
-    class Engine(bpy.types.RenderEngine):
-        bl_idname = "EXPORT_TEST"
-        bl_label = "Export test"
-
-        def update(self, data: Any, depsgraph: Any) -> None:
-            try:
-                results.append(export_scene(depsgraph, engine=self, cache=cache))
-            except Exception as error:  # Blender would swallow it.
-                results.append(error)
-
-        def render(self, depsgraph: Any) -> None:
-            pass
-
-    bpy.utils.register_class(Engine)
-    try:
-        scene.render.engine = "EXPORT_TEST"
-        scene.render.resolution_x = scene.render.resolution_y = 4
-        for frame in range(1, frames + 1):
-            scene.frame_set(frame)
-            bpy.ops.render.render()
-    finally:
-        scene.render.engine = "BLENDER_WORKBENCH"
-        bpy.utils.unregister_class(Engine)
-    for result in results:
-        if isinstance(result, Exception):
-            raise result
-    return results if frames > 1 else results[0]
-
-
 def test_ray_visibility_holdout_and_indirect_only(scene: Any) -> None:
     import bpy
 
@@ -546,7 +509,7 @@ def test_random_of_a_name_that_is_not_ascii(scene: Any) -> None:
     np.testing.assert_allclose(export().instances.random, [0.54099333], rtol=1e-6)
 
 
-def test_object_properties_become_mesh_attributes(scene: Any) -> None:
+def test_properties_of_objects_are_values_of_instances(scene: Any) -> None:
     import bpy
 
     square = add_square("A")
@@ -555,13 +518,10 @@ def test_object_properties_become_mesh_attributes(scene: Any) -> None:
     square["dirt"], twin["dirt"] = 0.25, [0.5, 0.75, 1.0]
     add_material(square, ("ShaderNodeAttribute", {"attribute_name": "dirt", "attribute_type": "OBJECT"}))
     description = export()
-    values = {}
-    for name, mesh in zip(description.instances.name, description.instances.mesh.tolist(), strict=True):
-        attribute = description.meshes[mesh].attributes["object:dirt"]
-        assert attribute.domain == "MESH"
-        values[name] = attribute.data[0].tolist()
-    assert values == {"A": [0.25, 0.25, 0.25, 1.0], "B": [0.5, 0.75, 1.0, 1.0]}
-    assert description.meshes[0].vertices is description.meshes[1].vertices
+    assert len(description.meshes) == 1
+    values = dict(zip(description.instances.name, properties_of_instances(description, "object:dirt"), strict=True))
+    np.testing.assert_array_equal(values["A"], [0.25, 0.25, 0.25, 1.0])
+    np.testing.assert_array_equal(values["B"], [0.5, 0.75, 1.0, 1.0])
 
 
 def test_undeformed_coordinates_of_a_deformed_mesh(scene: Any) -> None:

@@ -196,6 +196,65 @@ def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
     assert found[0].problem == "Thin Wall is not supported"
 
 
+@pytest.mark.parametrize("kind, strength, weight", [
+    ("ShaderNodeBsdfGlass", "Anisotropy", None),
+    ("ShaderNodeBsdfPrincipled", "Anisotropic", "Transmission Weight"),
+])  # fmt: skip
+def test_anisotropic_glass_is_named(scene: Any, kind: str, strength: str, weight: str | None) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has anisotropic glass")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(kind)
+    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    if weight is not None:
+        node.inputs[strength].default_value = 0.5
+        assert notices(scene) == []  # Reflection alone is as anisotropic as in Cycles.
+        node.inputs[weight].default_value = 1.0
+    else:
+        assert notices(scene) == []
+        node.inputs[strength].default_value = 0.5
+    found = [(notice.problem, notice.fallback) for notice in notices(scene)]
+    assert found == [("anisotropic transmission is not supported", "glass as rough in all directions")]
+
+
+@pytest.mark.parametrize("kind", ["Attribute", "LightInfo", "LightEvaluation", "LightAccumulation", "ShadowRaycast"])
+def test_what_reads_lights_is_named(scene: Any, kind: str) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has light loops")
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    if kind == "Attribute":
+        node.attribute_type, node.attribute_name = "LIGHT", "energy"
+    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
+    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
+    is_shader = node.outputs[0].type == "SHADER"
+    tree.links.new(node.outputs[0], output.inputs["Surface"] if is_shader else shader.inputs["Base Color"])
+    (found,) = notices(scene)
+    # Blender itself takes links from such nodes for invalid outside of a light loop.
+    if tree.links[-1].is_valid:
+        assert found.subject == f"Plane / Paint / {node.name}" and "not supported" in found.problem
+    else:
+        assert found.problem.startswith("has an invalid link")
+
+
+def test_gaussian_splats_are_named(scene: Any) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 has Gaussian splats")
+    points = bpy.data.pointclouds.new("Splats")
+    points.type = "GAUSSIAN_SPLAT"
+    scene.collection.objects.link(bpy.data.objects.new("Splats", points))
+    assert [(notice.subject, notice.problem) for notice in notices(scene)] == [
+        ("Splats", "Gaussian splats are not supported")
+    ]
+
+
 def test_what_a_volume_cannot_do_is_named(scene: Any) -> None:
     material = scene.objects["Plane"].data.materials[0]
     tree = material.node_tree

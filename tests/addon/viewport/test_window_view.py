@@ -12,6 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from addon.engine import NeuralGuideRenderEngine  # noqa: E402
 from addon.viewport import host as host_module  # noqa: E402
 from addon.viewport import window_view  # noqa: E402
 from engine.viewport.protocol import DEAD, DONE, Status  # noqa: E402
@@ -60,7 +61,7 @@ class Window:
         view = np.eye(4, dtype=np.float32)
         view[2, 3] = -5.0
         self.region_3d = SimpleNamespace(
-            window_matrix=matrix, view_matrix=view, view_perspective="PERSP", is_perspective=True
+            window_matrix=matrix, view_matrix=view, view_perspective="PERSP", is_perspective=True, pause_render=False
         )
         self.context = SimpleNamespace(
             region=SimpleNamespace(width=100, height=50), space_data=space, region_data=self.region_3d
@@ -177,8 +178,28 @@ def test_settings_of_the_viewport_are_cycles(window: Window) -> None:
     (update,) = window.draw(touched(scene))
     assert update.scene is None
     assert update.settings.samples == 77 and update.settings.use_denoising and update.denoises_from == 5
-    scene.cycles.preview_pause = True
+    if bpy.app.version >= (5, 3):
+        window.region_3d.pause_render = True
+    else:
+        scene.cycles.preview_pause = True
     assert window.draw(touched(scene)) == [Update(is_paused=True)]
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 3), reason="Blender 5.3 has a pause button in each window")
+def test_each_window_has_its_pause_button(window: Window) -> None:
+    # Cycles' setting of older Blenders may be left in a file, and does nothing.
+    with pytest.warns(DeprecationWarning):
+        bpy.context.scene.cycles.preview_pause = True
+    assert window.draw(touched(bpy.context.scene)) == []
+    redrawn: list[bool] = []
+    engine = SimpleNamespace(tag_redraw=lambda: redrawn.append(True))
+    for hook in (NeuralGuideRenderEngine.view_pause, NeuralGuideRenderEngine.view_resume):
+        hook(engine, window.context)
+    assert redrawn == [True, True]
+    window.region_3d.pause_render = True
+    assert window.draw() == [Update(is_paused=True)]
+    window.region_3d.pause_render = False
+    assert window.draw() == [Update(is_paused=False)]
 
 
 def test_without_the_scenes_world_the_studio_light_shines(window: Window, blender: Any) -> None:

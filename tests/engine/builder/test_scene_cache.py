@@ -17,6 +17,7 @@ from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.render.session import Session
 from engine.scene import description as contract
 from engine.scene.description import (
+    UNDEFORMED,
     VISIBLE_ALL,
     VISIBLE_CAMERA,
     Aov,
@@ -123,9 +124,12 @@ def _materials() -> list[Material]:
             Node("ShaderNodeTexCoord", "Where", {}, {"from_instancer": True}),
             Node("ShaderNodeVectorMath", "Sum", {"Vector": Link(0, "Generated"), "Vector_001": Link(0, "UV")},
                  {"operation": "ADD"}),
-            Node("ShaderNodeBsdfTransparent", "Clear", {"Color": Link(1, "Vector")}),
+            Node("ShaderNodeAttribute", "Dirt", {}, {"attribute_type": "OBJECT", "attribute_name": "dirt"}),
+            Node("ShaderNodeVectorMath", "More", {"Vector": Link(1, "Vector"), "Vector_001": Link(2, "Color")},
+                 {"operation": "ADD"}),
+            Node("ShaderNodeBsdfTransparent", "Clear", {"Color": Link(3, "Vector")}),
         ],
-        Link(2, "BSDF"),
+        Link(4, "BSDF"),
     )  # fmt: skip
     return [
         Material("textured", "Textured", textured),
@@ -147,6 +151,7 @@ def _original() -> SceneDescription:
     instances.material_offset = np.array([0, 0, 2, 2, 6, 4], np.int32)
     instances.terminator_offset = np.full(6, 0.1, np.float32)
     instances.light_group = np.full(6, -1, np.int32)
+    instances.properties = {"object:dirt": np.linspace(0.0, 0.5, 24, dtype=np.float32).reshape(6, 4)}
     instances.is_shadow_catcher = np.zeros(6, np.bool_)
     instances.motion = {1: np.stack([_at(0, 0, -0.2), _at(0, 0, 0.2)])}
     meshes = [_bumpy(key, seed) for seed, key in enumerate(("shared", "single", "other", "waving"))]
@@ -404,7 +409,9 @@ CHANGES: dict[str, list[Change]] = {
     "Mesh.corner_normals": [_set("meshes.0.corner_normals", None),
                             _edit("meshes.1.corner_normals", lambda n: n * np.float32([-1, 1, 1]))],
     "Mesh.material_slots": [_edit("meshes.2.material_slots", lambda s: 1 - s)],
-    "Mesh.attributes": [_edit("meshes.0.attributes", lambda a: {k: v for k, v in a.items() if k != "UV"})],
+    "Mesh.attributes": [_edit("meshes.0.attributes", lambda a: {k: v for k, v in a.items() if k != "UV"}),
+                        lambda d: (_set("meshes.0.attributes", {
+        **d.meshes[0].attributes, UNDEFORMED: Attribute("POINT", 0.5 * d.meshes[0].vertices)})(d))],
     "Mesh.default_uv": [_set("meshes.0.default_uv", "Other")],
     "Mesh.default_color": [_set("meshes.0.default_color", "Tone")],
     "Mesh.texture_space": [_set("meshes.0.texture_space", np.array([(0, 0, 0), (3, 3, 3)], np.float32))],
@@ -438,6 +445,8 @@ CHANGES: dict[str, list[Change]] = {
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),
                          _set("instances.motion", {2: np.stack([_at(2, 0, -0.5), _at(2, 0, 0.5)])})],
     "Instances.asset": [_set("instances.asset", ["Whole"] * 6)],
+    "Instances.properties": [_set("instances.properties", {}),
+                             _edit("instances.properties", lambda p: {k: 0.5 * v for k, v in p.items()})],
     "SceneDescription.passes": [_set("passes", PassSettings())],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],

@@ -98,7 +98,27 @@ def test_tasks_of_a_pass_are_alike_and_tiles_are_never_a_pass_apart(tile_count):
         # One in work.
         assert max(samples.values()) - behind <= 2 * 5
     assert samples == Counter({tile: 23 for tile in range(tile_count)})
-    assert asked == [(1, 0), (4, 1), (16, 5), (13, 10), (8, 15), (3, 20)]
+    assert asked == [(1, 0), *((2, first) for first in range(1, 23, 2))]
+
+
+def test_a_pass_that_may_be_cut_off_begins_when_all_tiles_are_there():
+    """However slow one tile is, when the clock ends the render tiles differ by one such pass at most."""
+    schedule = PacedSchedule(8, 64, lambda wanted, first: min(wanted, 16 if first < 37 else 2))
+    samples, out, slow = Counter(), [], 3
+    while schedule.has_task or out:
+        if schedule.has_task and len(out) < 2:
+            out.append(schedule.take())
+            continue
+        # The slow tile is finished only when nothing else is to be done.
+        task = min(out, key=lambda one: one.tile == slow)
+        out.remove(task)
+        first, count, _ = task.part
+        samples[task.tile] += count
+        schedule.finish(task)
+        behind = min(samples[tile] for tile in range(8))
+        if behind >= 37:
+            assert max(samples.values()) - behind <= SHORTEST_PASS
+    assert samples == Counter({tile: 64 for tile in range(8)})
 
 
 def test_an_iteration_that_does_not_fit_is_continued_by_the_next():

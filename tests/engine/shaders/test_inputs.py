@@ -142,7 +142,7 @@ def attribute_geometry(domain: int, data: np.ndarray) -> GeometryArrays:
         (layout.DOMAIN_POINT, [[0.0], [1.0], [2.0], [3.0]], (1.0, 1.0, 1.0)),
         (layout.DOMAIN_FACE, [[5.0, 6.0], [7.0, 8.0]], (5.0, 6.0, 0.0)),
         (layout.DOMAIN_CORNER, [[1, 0, 0], [0, 1, 0], [0, 0, 1]] * 2, (0.5, 0.25, 0.25)),
-        (layout.DOMAIN_MESH, [[1.0, 2.0, 3.0, 0.5]], (1.0, 2.0, 3.0)),
+        (layout.DOMAIN_INSTANCE, [[1.0, 2.0, 3.0, 0.5]], (1.0, 2.0, 3.0)),
     ],
 )
 def test_attribute_domains(domain: int, data: list, color: tuple[float, ...]) -> None:
@@ -156,7 +156,7 @@ def test_attribute_domains(domain: int, data: list, color: tuple[float, ...]) ->
     vector = output("ShaderNodeAttribute", "Vector", points, geometry, attribute_name="a")[0]
     np.testing.assert_array_equal(vector, found)
     alpha = output("ShaderNodeAttribute", "Alpha", points, geometry, attribute_name="a")[0, 0]
-    assert alpha == (0.5 if domain == layout.DOMAIN_MESH else 1.0)
+    assert alpha == (0.5 if domain == layout.DOMAIN_INSTANCE else 1.0)
 
 
 def test_missing_attributes() -> None:

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Adaptive subdivision: until meshes are diced, their level is what the picture can show of it, not the modifier's.
+
+Cycles dices such meshes itself, and does not read the modifier's level: files have levels for which there is no memory.
+Since version 5.0 Blender subdivides a mesh when somebody first asks for it. Before that the level is changed in the
+evaluated copy of the modifier, from which nothing comes back into the file.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+import numpy as np
+
+from engine.scene.description import Frame
+
+from ..versions import SETTINGS, is_since, read_setting
+from .context import ExportContext, cycles_property
+
+#: Faces that any mesh may have.
+_FEWEST_FACES = 1 << 16
+#: Faces of a mesh for each place that the dicing rate has in the picture: the rest is out of sight, or smaller.
+_FACES_PER_PLACE = 2.0
+
+
+def diced_modifier(scene: bpy.types.Scene, shown: bpy.types.Object) -> Any:
+    """The modifier for which Cycles would dice an object's mesh, of the same copy of the object; None: it would not."""
+    if shown.type not in ("MESH", "CURVE", "SURFACE", "FONT") or not shown.modifiers:
+        return None
+    modifier = shown.modifiers[-1]
+    if modifier.type != "SUBSURF" or not modifier.show_render:
+        return None
+    # As long as Cycles had it, it was an experiment.
+    is_offered = is_since(SETTINGS["use_adaptive_subdivision"].since)
+    is_offered = is_offered or cycles_property(scene, "feature_set", "SUPPORTED") == "EXPERIMENTAL"
+    return modifier if is_offered and read_setting(modifier, "use_adaptive_subdivision", shown) else None
+
+
+def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: Frame) -> None:
+    """Lower the levels of meshes that Cycles would dice; nothing must have asked for these meshes yet.
+
+    Parameters
+    ----------
+    camera_object : Object
+        Original.
+    """
+    context.subdivision_levels.clear()
+    if context.depsgraph.mode != "RENDER" or not is_since(SETTINGS["use_adaptive_subdivision"].since):
+        return
+    camera = cycles_property(context.scene, "dicing_camera", None) or camera_object
+    camera = camera.evaluated_get(context.depsgraph)
+    for item in context.depsgraph.ids:
+        if not isinstance(item, bpy.types.Object) or item.type != "MESH":
+            continue
+        modifier = diced_modifier(context.scene, item)
+        if modifier is None:
+            continue
+        context.check_cancel()
+        level = _visible_level(context, item, modifier, camera, frame)
+        if level < modifier.render_levels:
+            context.subdivision_levels[item.original.as_pointer()] = level
+    apply_levels(context)
+
+
+def apply_levels(context: ExportContext) -> None:
+    """Have meshes subdivided as `cap_levels` found; to be called again whenever Blender has gone to another time."""
+    if not context.subdivision_levels:
+        return
+    for item in context.depsgraph.ids:
+        if isinstance(item, bpy.types.Object):
+            level = context.subdivision_levels.get(item.original.as_pointer())
+            if level is not None:
+                _read_at_level(context, item, item.modifiers[-1], level)
+                item.to_mesh_clear()
+
+
+def _read_at_level(context: ExportContext, item: bpy.types.Object, modifier: Any, level: int) -> bpy.types.Mesh:
+    """The mesh of an evaluated object subdivided `level` times, which becomes its own if nobody has asked for that."""
+    found = modifier.render_levels
+    try:
+        modifier.render_levels = level
+        return item.to_mesh(preserve_all_data_layers=True, depsgraph=context.depsgraph)
+    finally:
+        modifier.render_levels = found
+
+
+def _visible_level(
+    context: ExportContext, item: bpy.types.Object, modifier: Any, camera: bpy.types.Object, frame: Frame
+) -> int:
+    """How many times the picture can show a mesh's faces divided, at the dicing rate."""
+    mesh = _read_at_level(context, item, modifier, 0)
+    try:
+        positions = np.empty(3 * len(mesh.vertices), np.float32)
+        mesh.vertices.foreach_get("co", positions)
+        edges = np.empty(2 * len(mesh.edges), np.int32)
+        mesh.edges.foreach_get("vertices", edges)
+        corner_count = len(mesh.loops)
+    finally:
+        item.to_mesh_clear()
+    if corner_count == 0 or len(edges) == 0 or not np.isfinite(positions).all():
+        return 1
+    ends = positions.reshape(-1, 3)[edges.reshape(-1, 2)].astype(np.float64)
+    rate = float(cycles_property(context.scene, "dicing_rate", 1.0))
+    places = float(frame.width * frame.height)
+    if modifier.adaptive_space == "OBJECT":
+        longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / (rate * modifier.adaptive_object_edge_length)
+    else:
+        rate = max(0.1, rate * modifier.adaptive_pixel_size)
+        longest = _longest_edge(context, ends, np.array(item.matrix_world, np.float64), camera, frame) / rate
+        places /= max(rate, 1.0) ** 2
+    # Each corner becomes a face, and each face four.
+    most = 1.0 + math.log(max(_FACES_PER_PLACE * places, _FEWEST_FACES) / corner_count, 4.0)
+    needed = math.ceil(math.log2(max(longest, 1.0)))
+    # Once at least: without any subdivision the level that Blender has taken note of would stay.
+    return max(1, min(needed, math.floor(most), int(cycles_property(context.scene, "max_subdivisions", 12))))
+
+
+def _longest_edge(
+    context: ExportContext, ends: np.ndarray, to_world: np.ndarray, camera: bpy.types.Object, frame: Frame
+) -> float:
+    """Length of the longest edge [pixels], as if all were seen across; what is out of view counts for less.
+
+    Parameters
+    ----------
+    ends : float64 (E, 2, 3), in the object's space
+    """
+    points = np.stack([ends[:, 0], ends.mean(axis=1), ends[:, 1]], axis=1)
+    to_camera = np.array(camera.matrix_world.normalized().inverted_safe(), np.float64) @ to_world
+    points = points @ to_camera[:3, :3].T + to_camera[:3, 3]
+    lengths = np.linalg.norm(points[:, 2] - points[:, 0], axis=1)
+    data = camera.data
+    kind = data.type if camera.type == "CAMERA" else "PERSP"
+    nearest = max(getattr(data, "clip_start", 0.1), 1e-6)
+    if kind == "PANO":
+        distance = np.linalg.norm(points, axis=2).min(axis=1)
+        return float((lengths / (np.maximum(distance, nearest) * 2.0 * math.pi / frame.width)).max())
+    render = context.scene.render
+    projection = np.array(camera.calc_matrix_camera(
+        context.depsgraph, x=frame.width, y=frame.height, scale_x=render.pixel_aspect_x, scale_y=render.pixel_aspect_y
+    ), np.float64)  # fmt: skip
+    depth = -points[:, :, 2]
+    size = np.full(depth.shape, 2.0 / (abs(projection[0, 0]) * frame.width))
+    if kind != "ORTHO":
+        size *= np.maximum(depth, nearest)
+    # In view is what has its box, in the picture's plane, there; what passes the camera may be.
+    seen = points @ projection[:2, :3].T + projection[:2, 3]
+    if kind != "ORTHO":
+        seen /= np.maximum(depth, nearest)[:, :, None]
+    is_before = (depth > nearest).any(axis=1)
+    is_inside = ((seen.min(axis=1) <= 1.0) & (seen.max(axis=1) >= -1.0)).all(axis=1)
+    passes = is_before & (depth <= nearest).any(axis=1)
+    pixels = lengths / size.min(axis=1)
+    out_of_view = ~(is_before & is_inside | passes)
+    pixels[out_of_view] /= max(float(cycles_property(context.scene, "offscreen_dicing_scale", 4.0)), 1.0)
+    return float(pixels.max())

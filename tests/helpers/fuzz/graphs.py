@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Random trees of the nodes that the engine knows, with settings and values as nobody would choose them."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import bpy
+
+from engine.shaders import nodes_closure
+from engine.shaders.media import NODES as VOLUMES
+from engine.shaders.node_values import NODES as VALUES
+
+#: Need what these scenes do not have, or are told apart by what Cycles does not know either.
+_LEFT_OUT = {
+    "ShaderNodeTexImage", "ShaderNodeTexEnvironment", "ShaderNodeUVAlongStroke", "ShaderNodeTexPointDensity",
+    "ShaderNodeVolumeInfo", "ShaderNodeOutputLight",
+}  # fmt: skip
+_SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
+_EXTREMES = (0.0, 0.0, 1.0, -1.0, 1e-6, 1e-3, 30.0, 1e4, 1e6, -1e3)
+#: A tangent of zero length makes a surface black in Cycles, which divides by it. The normal of a coat that is not there
+#: changes the sheen there.
+_UNTOUCHED = {"Tangent", "Coat Normal"}
+#: How deep a value's tree is at most.
+_DEPTH = 2
+
+
+def known_kinds() -> dict[str, list[str]]:
+    """Kinds of nodes by what they are for: values, surfaces, volumes. Those of this Blender that the engine knows."""
+    closures = (kind for kind, closure in nodes_closure.CLOSURES.items() if closure.inputs is not None)
+    kinds = {
+        "values": [kind for kind in VALUES if kind not in _LEFT_OUT],
+        "surfaces": [kind for kind in closures if kind.startswith(_SURFACES)],
+        "volumes": list(VOLUMES),
+    }
+    tree = bpy.data.node_groups.new("Every node", "ShaderNodeTree")
+    found = {of: [kind for kind in sorted(names) if _fits(tree, kind)] for of, names in kinds.items()}
+    bpy.data.node_groups.remove(tree)
+    return found
+
+
+def _fits(tree: Any, kind: str) -> bool:
+    try:
+        tree.nodes.remove(tree.nodes.new(kind))
+    except RuntimeError:  # Of another Blender, or of another kind of tree.
+        return False
+    return True
+
+
+class GraphMaker:
+    """Fills node trees.
+
+    Parameters
+    ----------
+    numbers : random.Random
+    extreme : float
+        How likely a value is one that nobody would choose.
+    """
+
+    def __init__(self, numbers: random.Random, extreme: float) -> None:
+        self._numbers, self._extreme = numbers, extreme
+        self._kinds = known_kinds()
+
+    def surface(self, tree: Any, depth: int = 2) -> Any:
+        """The output of a random closure, or of a mix of two."""
+        numbers = self._numbers
+        if depth and numbers.random() < 0.35:
+            node = tree.nodes.new(numbers.choice(("ShaderNodeMixShader", "ShaderNodeAddShader")))
+            shaders = [socket for socket in node.inputs if socket.type == "SHADER"]
+            for socket in shaders:
+                tree.links.new(self.surface(tree, depth - 1), socket)
+            self._fill(tree, node, _DEPTH)
+            return node.outputs[0]
+        return self._closure(tree, numbers.choice(self._kinds["surfaces"]))
+
+    def volume(self, tree: Any) -> Any:
+        """The output of a random volume, thin enough to see something."""
+        node = tree.nodes[self._closure(tree, self._numbers.choice(self._kinds["volumes"])).node.name]
+        if "Density" in node.inputs and not node.inputs["Density"].is_linked:
+            node.inputs["Density"].default_value = self._numbers.choice((0.0, 0.05, 0.3, 1.0))
+        return node.outputs[0]
+
+    def value(self, tree: Any, depth: int = _DEPTH) -> Any:
+        """Some output of a random node that gives values."""
+        node = tree.nodes.new(self._numbers.choice(self._kinds["values"]))
+        self._settings(node)
+        self._fill(tree, node, depth - 1)
+        outputs = [socket for socket in node.outputs if socket.enabled and socket.type != "SHADER"]
+        if not outputs:
+            return self.value(tree, depth)
+        return self._numbers.choice(outputs)
+
+    def _closure(self, tree: Any, kind: str) -> Any:
+        node = tree.nodes.new(kind)
+        self._settings(node)
+        self._fill(tree, node, _DEPTH)
+        return node.outputs[0]
+
+    def _settings(self, node: Any) -> None:
+        for item in node.bl_rna.properties:
+            if item.type != "ENUM" or item.is_readonly or item.identifier in ("bl_icon", "warning_propagation"):
+                continue
+            if item.identifier in bpy.types.Node.bl_rna.properties or self._numbers.random() < 0.5:
+                continue
+            values = [value.identifier for value in item.enum_items]
+            if values:
+                try:
+                    setattr(node, item.identifier, self._numbers.choice(values))
+                except TypeError:  # Menus whose values depend on other settings.
+                    continue
+
+    def _fill(self, tree: Any, node: Any, depth: int) -> None:
+        for socket in node.inputs:
+            if socket.name in _UNTOUCHED or socket.is_linked or socket.type == "SHADER":
+                continue
+            if not socket.enabled or socket.is_unavailable:
+                continue
+            if depth > 0 and self._numbers.random() < 0.25:
+                tree.links.new(self.value(tree, depth), socket)
+            elif hasattr(socket, "default_value") and self._numbers.random() < 0.6:
+                self._set(socket)
+
+    def _set(self, socket: Any) -> None:
+        if socket.type == "VALUE":
+            socket.default_value = self._number()
+        elif socket.type == "RGBA":
+            # Of brighter ones some closures of Cycles make light below zero.
+            socket.default_value = (*(min(max(self._number(), 0.0), 1.0) for _ in range(3)), 1.0)
+        elif socket.type == "VECTOR":
+            socket.default_value = [self._number() for _ in range(len(socket.default_value))]
+        elif socket.type == "INT":
+            socket.default_value = self._numbers.randint(-2, 8)
+        elif socket.type == "BOOLEAN":
+            socket.default_value = self._numbers.random() < 0.5
+
+    def _number(self) -> float:
+        if self._numbers.random() < self._extreme:
+            return self._numbers.choice(_EXTREMES)
+        return self._numbers.choice((self._numbers.random(), self._numbers.uniform(0.0, 3.0)))
