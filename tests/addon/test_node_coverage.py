@@ -20,9 +20,19 @@ from engine.scene.description import Link, Node, NodeGraph, Notice
 from engine.shaders import nodes_closure
 from engine.shaders.compiled_program import ProgramSource
 from engine.shaders.compiler import compile_programs
+from engine.shaders.node_values import gives_values
 from engine.shaders.vocabulary import SETTINGS
-from tests.helpers.node_kinds import kinds, known, settings_of
 
+#: Resolved by the export, or no nodes that anything could be linked from.
+STRUCTURE = {
+    "NodeFrame", "NodeGroupInput", "NodeGroupOutput", "NodeReroute", "ShaderNodeGroup", "ShaderNodeCustomGroup",
+    "ShaderNodeOutputAOV", "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial",
+    "ShaderNodeOutputWorld",
+}  # fmt: skip
+#: Reported whole, whatever their inputs and settings.
+REPORTED_WHOLE = {
+    "ShaderNodeAmbientOcclusion", "ShaderNodeBevel", "ShaderNodeTexIES", "ShaderNodeTexSky", "ShaderNodeWireframe",
+}  # fmt: skip
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
     "thin film", "Thin Wall", "subsurface", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
@@ -30,6 +40,14 @@ REPORTED = (
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
 WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method"), ("ShaderNodeNormalMap", "base")}
+
+
+def known(kind: str) -> bool:
+    if kind in REPORTED_WHOLE:
+        return False
+    closure = nodes_closure.CLOSURES.get(kind)
+    named = gives_values(kind) or kind in nodes_closure.MIXES or (closure is not None and closure.inputs is not None)
+    return named or kind in ("ShaderNodeBump", "ShaderNodeDisplacement")
 
 
 def known_settings(kind: str) -> tuple[str, ...]:
@@ -45,6 +63,26 @@ def tree() -> Any:
     return material.node_tree
 
 
+def kinds(tree: Any) -> list[str]:
+    """All kinds of nodes that fit into the tree."""
+
+    def below(base: Any) -> Iterator[Any]:
+        for cls in base.__subclasses__():
+            yield cls
+            yield from below(cls)
+
+    names = {cls.bl_rna.identifier for cls in below(bpy.types.Node)}
+    names |= {name for name in dir(bpy.types) if "Node" in name}
+    found = []
+    for name in sorted(names - STRUCTURE):
+        try:
+            tree.nodes.remove(tree.nodes.new(name))
+        except RuntimeError:
+            continue
+        found.append(name)
+    return found
+
+
 def notices(kind: str, output: str, is_shader: bool, inputs: Any, properties: Any, changed: Any = ()) -> list[Notice]:
     """What is reported of one node whose `output` is seen."""
     value = Node("ShaderNodeValue", "Value", {}, {"value": 0.5})
@@ -54,6 +92,16 @@ def notices(kind: str, output: str, is_shader: bool, inputs: Any, properties: An
         graph.nodes.append(Node("ShaderNodeEmission", "Emission", {"Color": Link(1, output)}))
         graph.surface = Link(2, "Emission")
     return compile_programs([ProgramSource("It", graph)], [])[2]
+
+
+def settings_of(node: Any) -> dict[str, Any]:
+    """All switches and enums of a node, whatever they are for."""
+    common = set(bpy.types.ShaderNode.bl_rna.properties.keys())
+    return {
+        prop.identifier: prop
+        for prop in node.bl_rna.properties
+        if prop.identifier not in common and prop.type in ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
+    }
 
 
 def properties_of(node: Any) -> dict[str, Any]:
