@@ -41,11 +41,29 @@ def take(state: State, name: str, dtype: npt.DTypeLike, shape: tuple[int | None,
     )
     if not fits:
         raise StateError(f"{name} has the shape {array.shape}, not {shape}")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        raise StateError(f"{name} holds numbers that are not finite")
-    if array.dtype.kind == "f" and array.size and np.abs(array).max() > MOST:
-        raise StateError(f"{name} holds numbers that are too large")
+    _check_numbers(name, array)
     return np.array(array, order="C")
+
+
+def check_numbers(state: State) -> None:
+    """Raise where a number would keep the state from being taken again.
+
+    Raises
+    ------
+    StateError
+        If an array holds a number that is not finite, or beyond `MOST`.
+    """
+    for name, array in state.items():
+        _check_numbers(name, array)
+
+
+def _check_numbers(name: str, array: np.ndarray) -> None:
+    if array.dtype.kind != "f" or not array.size:
+        return
+    if not np.isfinite(array).all():
+        raise StateError(f"{name} holds numbers that are not finite")
+    if np.abs(array).max() > MOST:
+        raise StateError(f"{name} holds numbers that are too large")
 
 
 def require(is_so: bool | np.bool_, problem: str) -> None:

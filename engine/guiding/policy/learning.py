@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from engine.guiding.fields.state import part, prefixed
+from engine.guiding.fields.state import check_numbers, part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.regions import RegionModels, without_surfaces
@@ -220,12 +220,19 @@ class Learner:
         return 0.0 if self._start is None else self._start.samples
 
     def learned(self, light_digest: str) -> LearnedField | None:
-        """All that was learned so far of the scene of this digest, for other renders; None while there is nothing."""
+        """All that was learned so far of the scene of this digest, for other renders; None while there is nothing.
+
+        Raises
+        ------
+        StateError
+            If no render could start from it: light was so bright that sums of its squares are out of bounds.
+        """
         if self._regions is None:
             return None
         choice, state = self._choice, self._regions.state()
         for predictor in self._predictors.values():
             state |= prefixed(predictor.part, predictor.state())
+        check_numbers(state)
         return LearnedField(
             state,
             light_digest, choice.rung, LOST if self._is_over else choice.verdict,

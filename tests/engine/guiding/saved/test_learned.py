@@ -203,6 +203,18 @@ def test_a_field_of_another_scene_is_dropped_with_a_notice(change: Any, session:
     assert "are not those that it was learned with" in notice.problem
 
 
+def test_what_no_render_could_start_from_is_not_kept(session: Session) -> None:
+    """Squares of light so bright are beyond what a state may hold: the next render was lost by it."""
+    scene = pit_scene()
+    session.settings = replace(session.settings, guiding_method="TABLE_RIS")
+    session.load(replace(scene, lights=[replace(lamp, energy=1e16 * lamp.energy) for lamp in scene.lights]))
+    result = session.render(keep=True)
+    assert np.isfinite(image(result)).all() and image(result).max() > 1e14
+    assert result.learned is None
+    (notice,) = result.report.notices
+    assert "holds numbers that are too large" in notice.problem and notice.fallback == "the next render learns anew"
+
+
 def test_an_unguided_render_starts_from_nothing(session: Session) -> None:
     learned = session.render(keep=True).learned
     session.settings = replace(session.settings, guiding_method="OFF")
