@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What lies in one place with area lamps, and what is so far from the origin that a rounding error shows.
+"""What lies in one place: triangles that share a plane and overlap, and area lamps in the plane of a surface.
 
-Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
-such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
-start and end on, and no other. So here rays do the same where something is *touched*: triangles and lamps that share a
-plane and overlap, and as a whole instances that are too far from the origin for their size.
+Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it, the
+copy of a wall or the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles
+that they start and end on, and no other. So here rays do the same where something is touched, in the sense of this
+module; everywhere else nothing lies within a rounding error, and they need not look.
 
-Surfaces in one place that no lamp is near are not searched for: they shadow each other in Cycles, and not here
-(docs/differences.md).
+Touched as a whole are instances that are not searched (what moves, and too many triangles), and those so far from the
+origin for their size that a rounding error shows.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from engine.state.geometry import GeometryArrays
 _MOST_TRIANGLES = 4_000_000
 #: How large the rounding error of a point may be, relative to the size of its mesh.
 _LARGEST_ERROR = 1e-3
-#: Lamps whose boxes triangles are compared with; where there are more, all triangles are searched.
-_MOST_BOXES = 64
-#: Names in a notice.
-_MOST_NAMES = 4
+#: Boxes that triangles of an instance are compared with.
+_MOST_BOXES = 16
+#: Names in a notice, and the share of an object's area that is worth one.
+_MOST_NAMES, _LEAST_SHARE = 4, 0.1
 _NONE = 0xFFFFFFFF
 
 
@@ -153,13 +153,15 @@ def _near_others(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> npt.
 
 
 def _gather(
-    geometry: GeometryArrays, lights: Sequence[Light], standing: np.ndarray, placed: np.ndarray
+    geometry: GeometryArrays, lights: Sequence[Light], boxes: _Boxes, standing: np.ndarray, placed: np.ndarray
 ) -> _Searched:
-    """Area lamps, and what meets their boxes of instances; `standing` are those that are stored in world space."""
+    """Triangles of instances, `standing` those that are stored in world space, and of area lamps.
+
+    What lies in one place within a mesh is found with the first of its instances. Of the others only what meets the box
+    of another instance is looked at.
+    """
     table, meshes = geometry.instance_table, geometry.mesh_table
     quads, of_lights = _lamp_corners(lights)
-    reach = APART * np.abs(quads).max(axis=(1, 2), initial=0.0)[:, None]
-    low, high = quads.min(axis=1) - reach, quads.max(axis=1) + reach
     corners, further, rows, owner, behind = [], [], [], [], len(geometry.vertices)
 
     def add(triangles: np.ndarray, numbers: np.ndarray, of: int) -> None:
@@ -167,22 +169,32 @@ def _gather(
         rows.append(numbers)
         owner.append(of)
 
+    known: set[int] = set()
+    reach = APART * boxes.extent
+    low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
+    lamp_low, lamp_high = quads.min(axis=1), quads.max(axis=1)
     for k in np.concatenate([standing, placed]).tolist():
         mesh = int(table[k, layout.INSTANCE_MESH])
         row, count = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_TRIANGLE, layout.MESH_TRIANGLE_COUNT))
         first, size = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT))
-        local = geometry.triangles[row : row + count].astype(np.int64) - first
-        at = geometry.vertices[first : first + size]
-        is_baked = bool(table[k, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED)
-        if not is_baked:
-            matrix = geometry.transforms[k].reshape(3, 4)
-            at = at @ matrix[:, :3].T + matrix[:, 3]
-        kept = np.flatnonzero(_near_others(at[local], low, high))
-        if not len(kept):
+        triangles, numbers = geometry.triangles[row : row + count], np.arange(row, row + count)
+        if table[k, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED:
+            add(triangles, numbers, k)
             continue
-        add(local[kept] + (first if is_baked else behind), kept + row, k)
-        if not is_baked:
+        matrix = geometry.transforms[k].reshape(3, 4)
+        at = geometry.vertices[first : first + size] @ matrix[:, :3].T + matrix[:, 3]
+        local = triangles.astype(np.int64) - first
+        if mesh in known:
+            meets = ((low <= high[k]) & (high >= low[k])).all(axis=1)
+            meets[k] = False
+            kept = _near_others(
+                at[local], np.concatenate([low[meets], lamp_low]), np.concatenate([high[meets], lamp_high])
+            )
+            local, numbers = local[kept], numbers[kept]
+        known.add(mesh)
+        if len(local):
             further.append(at)
+            add(local + behind, numbers, k)
             behind += size
     further.append(quads.reshape(-1, 3))
     for quad, light in enumerate(of_lights.tolist()):
@@ -198,9 +210,7 @@ def _gather(
     )
 
 
-def _search(
-    geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies
-) -> tuple[np.ndarray, np.ndarray]:
+def _search(geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the triangles that lie in one place with others, and of each one of these."""
     found = np.full(len(searched.corners), _NONE, np.uint32)
     task = np.array(
@@ -213,6 +223,16 @@ def _search(
     return numbers, found[numbers].astype(np.int64)
 
 
+def _vectors(geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray) -> np.ndarray:
+    """Normals of triangles times twice their areas, float64 (N, 3)."""
+    corners, known = searched.corners[numbers].astype(np.int64), len(geometry.vertices)
+    at = np.zeros((*corners.shape, 3))
+    is_known = corners < known
+    at[is_known] = geometry.vertices[corners[is_known]]
+    at[~is_known] = searched.further[corners[~is_known] - known]
+    return np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+
+
 def _listed(names: Iterable[str]) -> str:
     """Names in words, the first few of them."""
     known = sorted(set(names))
@@ -221,16 +241,38 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _notices(
-    searched: _Searched, numbers: np.ndarray, others: np.ndarray, names: Sequence[str], lights: Sequence[Light]
+    geometry: GeometryArrays, searched: _Searched, numbers: np.ndarray, others: np.ndarray, names: Sequence[str],
+    lights: Sequence[Light],
 ) -> list[Notice]:
-    """What to say of lamps that surfaces hide."""
-    is_told = (searched.rows[numbers] < 0) & (searched.rows[others] >= 0)
-    owner, of_other = searched.owner[searched.group(numbers)], searched.owner[searched.group(others)]
+    """What to say of lamps that surfaces hide, and of objects that lie in others, or in themselves, to a good part.
+
+    Of bodies that stand on each other, whose faces look apart, there is nothing to say.
+    """
+    groups, of_others = searched.group(numbers), searched.group(others)
+    is_lamp, is_others = searched.rows[numbers] < 0, searched.rows[others] < 0
+    owner, of_other = searched.owner[groups], searched.owner[of_others]
     found = []
-    for light in np.unique(owner[is_told]).tolist():
-        where = _listed(names[k] for k in of_other[is_told & (owner == light)].tolist())
+    for light in np.unique(owner[is_lamp & ~is_others]).tolist():
+        where = _listed(names[k] for k in of_other[is_lamp & ~is_others & (owner == light)].tolist())
         problem, fallback = f"it lies in {where}", "that shadows it, as in Cycles: move it off by a millimetre"
         found.append(Notice(f"light {lights[light].name}", problem, fallback))
+    vectors = _vectors(geometry, searched, numbers)
+    looks_along = (vectors * _vectors(geometry, searched, others)).sum(axis=1) > 0.0
+    told = ~is_lamp & ~is_others & (looks_along | (owner == of_other))
+    areas = np.linalg.norm(vectors, axis=1)
+    inside: dict[str, list[str]] = {}
+    for index in np.unique(owner[told]).tolist():
+        is_own = told & (owner == index)
+        group = int(groups[is_own][0])
+        of_all = _vectors(geometry, searched, np.arange(searched.first[group], searched.end(group)))
+        whole = np.linalg.norm(of_all, axis=1).sum()
+        if areas[is_own].sum() >= _LEAST_SHARE * whole:
+            inside[names[index]] = [names[k] for k in of_other[is_own].tolist()]
+    if inside:
+        others_named = _listed(name for group in inside.values() for name in group if name not in inside)
+        problem = "faces lie in one place" + (f" with faces of {others_named}" if others_named else "")
+        fallback = "they shadow each other, as in Cycles: move one of them, or delete it"
+        found.append(Notice(f"object {_listed(inside)}", problem, fallback))
     return found
 
 
@@ -261,24 +303,25 @@ def find_same_place(
     is_still = ((flags & layout.INSTANCE_FLAG_MOVING) == 0) & (meshes[:, layout.MESH_MOTION] < 0)
     boxes = _boxes(geometry)
     is_far = boxes.extent * RELATIVE_ERROR > _LARGEST_ERROR * (boxes.high - boxes.low).max(axis=1, initial=0.0)
-    has_lamps = any(light.kind == "AREA" for light in lights)
-    searchable = is_there & is_still & ~is_far & has_lamps
+    searchable = is_there & is_still & ~is_far
     is_baked = (flags & layout.INSTANCE_FLAG_BAKED) != 0
     standing, placed = np.flatnonzero(searchable & is_baked), np.flatnonzero(searchable & ~is_baked)
     if only_standing or count[standing].sum() + count[placed].sum() > _MOST_TRIANGLES:
         placed = placed[:0]
     if count[standing].sum() > _MOST_TRIANGLES:
         standing = standing[:0]
-    searched = _gather(geometry, lights, standing, placed)
+    searched = _gather(geometry, lights, boxes, standing, placed)
     numbers, others = _search(geometry, searched, hierarchies)
     is_lamp = searched.rows[numbers] < 0
     touched = np.zeros(0, np.uint8)
     if not is_lamp.all():
         touched = np.zeros(len(geometry.triangles), np.uint8)
         touched[searched.rows[numbers[~is_lamp]]] = 1
+    instances = is_there.copy()
+    instances[standing] = instances[placed] = False
     return SamePlace(
         triangles=touched,
-        instances=is_there & is_far,
+        instances=instances,
         lights=np.unique(searched.owner[searched.group(numbers[is_lamp])]),
-        notices=_notices(searched, numbers, others, names, lights),
+        notices=_notices(geometry, searched, numbers, others, names, lights) if len(numbers) else [],
     )

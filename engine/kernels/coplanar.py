@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whether triangles lie in one place: in one plane, up to rounding, and over each other by more than an edge.
 
-`enclose` and `compare` are for a library that looks for pairs of boxes which meet (`engine.accel.visit_pairs`). Both
-get the address of a task, int64 words: the addresses of the scene's vertices and of further ones, float32 (N, 3), how
-many of the former there are, and the addresses of the triangles, uint32 (P, 3), and of what is found, uint32 (P,).
+`enclose` and `compare` are for a library that looks for pairs of boxes which meet (`engine.accel.visit_pairs`). Both get
+the address of a task, int64 words: the addresses of the scene's vertices and of further ones, float32 (N, 3), how many
+of the former there are, and the addresses of the triangles, uint32 (P, 3), and of what is found, uint32 (P,).
 """
 
 import math
@@ -112,8 +112,7 @@ def compare(task, pairs, count):
     """Note of pairs of triangles that lie in one place, at each of both, the least number of such another one."""
     found = read_word(task, _FOUND)
     for k in range(count):
-        pair = k * _PAIR_BYTES
-        first, second = read_half(pairs, pair + _PAIR_FIRST), read_half(pairs, pair + _PAIR_SECOND)
+        first, second = read_half(pairs, k * _PAIR_BYTES + _PAIR_FIRST), read_half(pairs, k * _PAIR_BYTES + _PAIR_SECOND)
         if first != second and _share_place(
             _corner(task, first, 0), _corner(task, first, 1), _corner(task, first, 2),
             _corner(task, second, 0), _corner(task, second, 1), _corner(task, second, 2),

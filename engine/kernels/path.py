@@ -73,7 +73,7 @@ def go_on(paths, lane, origin):
 
 @kernel
 def _leave(paths, points, lane, direction, where):
-    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place: at points with flag `where`."""
+    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place: if the point has flag `where`."""
     p = real_3(points, lane, POINT_P)
     if points.integer[lane, POINT_FLAGS] & where:
         return p, RAY_STARTS_ON

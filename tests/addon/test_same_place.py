@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lamps in the plane of a surface, and scenes far from the origin, beside Cycles."""
+"""Surfaces and lamps in one place, and scenes far from the origin, beside Cycles."""
 
 from __future__ import annotations
 
@@ -112,6 +112,25 @@ def test_a_ceiling_hides_the_lamp_that_lies_in_it(blender: Any, tmp_path: Path, 
     assert theirs < 0.1 * free
 
 
+def duplicates(gap: float) -> Any:
+    """A floor twice, turned so that rounding takes either side, in the light of the sun."""
+    scene = scene_of(world=0.1)
+    plane("Floor", 6.0, (0.0, 0.0, 0.0))
+    plane("Floor again", 6.0, (0.0, 0.0, -gap))
+    lamp("SUN", 3.0, (0.0, 0.0, 5.0), (0.4, 0.2, 0.0))
+    scene.camera.location = (0.0, 0.0, 4.0)
+    turn_all((0.3, 0.2, 0.1))
+    return scene
+
+
+def test_a_floor_that_is_there_twice_shadows_itself(blender: Any, tmp_path: Path):
+    """It is about half as bright in Cycles."""
+    ours, theirs = means(duplicates(0.0), tmp_path, 16)
+    free, _ = means(duplicates(APART), tmp_path, 16)
+    assert theirs < 0.8 * free
+    assert ours == pytest.approx(theirs, rel=0.1)
+
+
 def survey(distance: float) -> Any:
     """A cube that floats above a floor, in the sun, so far from the origin."""
     place = Vector((distance, 0.3 * distance, 0.0))
@@ -138,8 +157,10 @@ def test_far_from_the_origin_shadows_are_where_they_are_for_cycles(blender: Any,
     [
         (lambda: room_with_lamp(0.0), ["light Lamp: it lies in Ceiling"]),
         (lambda: room_with_lamp(APART), []),
+        (lambda: duplicates(0.0), ["object Floor, Floor again: faces lie in one place"]),
+        (lambda: duplicates(APART), []),
     ],
-    ids=["lamp", "lamp before the ceiling"],
+    ids=["lamp", "lamp before the ceiling", "twice", "one above the other"],
 )
 def test_what_lies_in_something_else_is_named(blender: Any, build: Callable[[], Any], told: list[str]):
     from engine.builder.scene import SceneCache, build_scene
