@@ -145,7 +145,7 @@ def test_pairs_of_integers_are_not_there(kind: str, blender: Any, tmp_path: Path
 def test_what_cycles_makes_and_we_do_not_is_named(blender: Any) -> None:
     grid("pointiness", bent)
     assert [(item.subject, item.problem, item.fallback) for item in export().notices] == [
-        ("Grid / Glow / Attribute", "attribute 'pointiness' is not supported", "0")
+        ("Grid / Glow / Attribute", "attribute 'pointiness' is not supported", "0 everywhere")
     ]
 
 
