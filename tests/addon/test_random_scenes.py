@@ -26,4 +26,4 @@ def test_random_scenes(first: int, blender: Any, tmp_path: Path) -> None:
     assert {item.seed: item.problems for item in verdicts if item.problems} == {}
     # The test can fail: most scenes are compared, and many of them show something.
     compared = [item.theirs for item in verdicts if item.theirs is not None]
-    assert sum(bool(image[..., :3].any()) for image in compared) > SCENES_OF_A_TEST // 3
+    assert sum(bool(image[..., :3].any()) for image in compared) >= SCENES_OF_A_TEST // 3

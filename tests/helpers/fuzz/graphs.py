@@ -16,12 +16,14 @@ from engine.shaders.node_values import NODES as VALUES
 _LEFT_OUT = {
     "ShaderNodeTexImage", "ShaderNodeTexEnvironment", "ShaderNodeUVAlongStroke", "ShaderNodeTexPointDensity",
     "ShaderNodeVolumeInfo", "ShaderNodeOutputLight",
+    # Named by notices, so that their pictures are not compared.
+    "ShaderNodeTexSky", "ShaderNodeWireframe", "ShaderNodeTexIES", "ShaderNodeAmbientOcclusion", "ShaderNodeBevel",
 }  # fmt: skip
 _SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
 _EXTREMES = (0.0, 0.0, 1.0, -1.0, 1e-6, 1e-3, 30.0, 1e4, 1e6, -1e3)
 #: A tangent of zero length makes a surface black in Cycles, which divides by it. The normal of a coat that is not there
-#: changes the sheen there.
-_UNTOUCHED = {"Tangent", "Coat Normal"}
+#: changes the sheen there. Of the others a notice would say that they are not supported.
+_UNTOUCHED = {"Tangent", "Coat Normal", "Thin Film Thickness", "Subsurface Weight"}
 #: How deep a value's tree is at most.
 _DEPTH = 2
 

@@ -21,6 +21,8 @@ _LOOKS = (16, 256, 4096)
 _MEANS, _CELLS = 1.3, 2.0
 #: What is darker than this share of the brightest cell, or of one, is not compared.
 _DARK = 0.02
+#: Cells of a picture that is darker altogether differ by less than a screen shows.
+_SHOWN = 2.5e-2
 #: Pixels count up to so many times the median of Cycles' picture: single bright ones decide nothing.
 _CAP = 12.0
 #: A scene of 192 pixels takes no longer [s].
@@ -88,7 +90,7 @@ def _differences(ours: np.ndarray, theirs: np.ndarray) -> list[str]:
         return found
     cap = _CAP * max(float(np.median(np.abs(theirs[..., :3]).max(axis=-1))), 1e-3)
     cells = [np.clip(image, -cap, cap).reshape(3, 4, 4, 4, 4).mean(axis=(1, 3)) for image in (ours, theirs)]
-    floor = _DARK * max(float(np.abs(cells[0]).max()), float(np.abs(cells[1]).max()), 1e-2)
+    floor = _DARK * max(float(np.abs(cells[0]).max()), float(np.abs(cells[1]).max()), _SHOWN)
     means = [image.mean(axis=(0, 1)) for image in cells]
     for name, one, other in zip("RGBA", *means, strict=True):
         if not _is_within(one, other, _MEANS, floor):
