@@ -29,6 +29,7 @@ PROPERTIES = (
     "visible_camera", "name", "rotation_mode", "rotation_euler[1]", "matrix_world", "lock_location", "scale",
     "modifiers[0].factor", 'modifiers["Still"].factor', "of the mesh", "texspace_size", "use_auto_texspace",
     "data.vertices[3].co", "parent", "cycles.ao_distance", "active_material.pass_index",
+    "scale.y",
 )  # fmt: skip
 
 OF_THE_LAYER = (
@@ -81,6 +82,14 @@ def test_a_meshs_own_attributes_and_the_names_of_cycles(blender: Any, tmp_path: 
     found = check(empty_scene(), [("GEOMETRY", name) for name in STANDARD], tmp_path, add)
     own = [name for name, values in zip(STANDARD, found, strict=True) if np.allclose(values[:, :3], (0.1, 0.2, 0.3))]
     assert own == ([name for name in STANDARD if name != "generated"] if is_since(OWN_ATTRIBUTES_FIRST) else [])
+
+
+def test_a_group_comes_before_an_attribute_of_its_name(blender: Any, tmp_path: Path) -> None:
+    def add(tile: Any, _number: int) -> None:
+        tile.data.attributes.new("Group", "FLOAT", "POINT")
+
+    (found,) = check(empty_scene(), [("GEOMETRY", "Group")], tmp_path, add)
+    assert found[:, 0].all()
 
 
 def test_names_of_cycles_on_other_meshes(blender: Any, tmp_path: Path) -> None:
@@ -145,7 +154,8 @@ def test_properties_of_objects_and_layers(blender: Any, tmp_path: Path) -> None:
     found = dict(zip(cases, check(scene, cases, tmp_path, fill), strict=True))
     np.testing.assert_allclose(found["OBJECT", "switch"][0], [1.0] * 8)
     # Numbers of an array, and arrays of switches, are not properties.
-    assert not found["OBJECT", "color[0]"].any() and not found["OBJECT", "switches"].any()
+    assert not found["OBJECT", "color[0]"].any() and not found["OBJECT", "scale.y"].any()
+    assert not found["OBJECT", "switches"].any()
 
 
 def test_what_is_not_read_is_named(blender: Any) -> None:
