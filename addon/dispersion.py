@@ -53,7 +53,7 @@ def _refracts(tree: Any, seen: set[str]) -> bool:
 
 
 def dispersion_of(
-    material: bpy.types.Material, graph: NodeGraph | None, notice: Callable[[str, str], None] = lambda *_: None
+    material: bpy.types.Material, graph: NodeGraph | None, notice: Callable[[str, str], None]
 ) -> float:
     """What the engine is told.
 

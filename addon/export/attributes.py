@@ -10,6 +10,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array
 from engine.scene.description import Attribute
 
+from .colorspaces import from_srgb, to_srgb
 from .topology import Topology, gather
 
 #: Blender's types that Cycles reads: property to read, width, type of the numbers. Matrices, texts and integers of two
@@ -95,7 +96,9 @@ def _edges_to_points(mesh: bpy.types.Mesh, data_type: str, values: Float32Array)
     """Values of vertices from those of the edges around them, mixed as Blender mixes values of a type."""
     if data_type == "BYTE_COLOR":
         # Bytes are mixed as they are stored.
-        return _to_linear(np.floor(_mean_over_edges(mesh, np.rint(_from_linear(values) * 255.0))) / 255.0)
+        mixed = np.floor(_mean_over_edges(mesh, np.rint(to_srgb(values, is_associated=False) * 255.0))) / 255.0
+        mixed[:, :3] = from_srgb(mixed[:, :3])
+        return mixed.astype(np.float32)
     if data_type == "QUATERNION":
         return _from_rotation_vectors(_mean_over_edges(mesh, _to_rotation_vectors(values)))
     means = _mean_over_edges(mesh, values)
@@ -116,22 +119,6 @@ def _mean_over_edges(mesh: bpy.types.Mesh, values: np.ndarray) -> npt.NDArray[np
         np.bincount(ends, weights=np.repeat(values[:, i], 2), minlength=vertex_count) for i in range(values.shape[1])
     ]
     return np.stack(columns, axis=1) / np.maximum(count, 1)[:, None]
-
-
-def _from_linear(colors: np.ndarray) -> np.ndarray:
-    """Linear RGB and alpha to sRGB and alpha."""
-    result = colors.copy()
-    rgb = result[:, :3]
-    result[:, :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * np.maximum(rgb, 0.0) ** (1.0 / 2.4) - 0.055)
-    return result
-
-
-def _to_linear(colors: np.ndarray) -> Float32Array:
-    """sRGB and alpha to linear RGB and alpha."""
-    result = colors.copy()
-    rgb = result[:, :3]
-    result[:, :3] = np.where(rgb < 0.04045, rgb / 12.92, ((np.maximum(rgb, 0.0) + 0.055) / 1.055) ** 2.4)
-    return result.astype(np.float32)
 
 
 def _to_rotation_vectors(quaternions: np.ndarray) -> np.ndarray:

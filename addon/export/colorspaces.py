@@ -51,7 +51,7 @@ def _identity(values: Float32Array) -> Float32Array:
     return values
 
 
-def _from_srgb(values: Float32Array) -> Float32Array:
+def from_srgb(values: Float32Array) -> Float32Array:
     """IEC 61966-2-1, Eq. (5) to (6)."""
     return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
 
@@ -62,8 +62,8 @@ def _from_rec1886(values: Float32Array) -> Float32Array:
 
 
 _SPACES: dict[str, tuple[Callable[[Float32Array], Float32Array], str]] = {
-    "sRGB": (_from_srgb, "Rec.709"),
-    "Display P3": (_from_srgb, "P3"),
+    "sRGB": (from_srgb, "Rec.709"),
+    "Display P3": (from_srgb, "P3"),
     "Rec.1886": (_from_rec1886, "Rec.709"),
     "Rec.2020": (_from_rec1886, "Rec.2020"),
     "Linear Rec.709": (_identity, "Rec.709"),

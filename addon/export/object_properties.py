@@ -12,6 +12,8 @@ Value = tuple[float, float, float, float]
 
 #: Where no one has a property.
 NOTHING: Value = (0.0, 0.0, 0.0, 0.0)
+#: What stands for numbers that a property lacks.
+_BLACK: Value = (0.0, 0.0, 0.0, 1.0)
 #: A path that may end at one number of a vector or colour, and that to the whole.
 _ELEMENT = re.compile(r"(.+)(?:\[\d+\]|\.[rgbwxyz])")
 
@@ -76,7 +78,3 @@ def read_property(owner: Any, name: str) -> Value | None:
         return None
     red, green, blue, alpha = [*map(float, numbers), *_BLACK[len(numbers) :]]
     return (red, green, blue, alpha)
-
-
-#: What stands for numbers that a property lacks.
-_BLACK: Value = (0.0, 0.0, 0.0, 1.0)

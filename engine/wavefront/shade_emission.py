@@ -75,21 +75,19 @@ def shade_emission(scene, unit, work, queue):
         ask_for_closures(closures, ahead)
         flags = paths.flags[lane]
         instance = paths.hit_instance[lane]
-        holdout = closures.holdout[lane]
-        if (
-            geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT
-            and flags & RAY_TRANSPARENT_BACKGROUND
-        ):
-            holdout = _hold_out(closures, lane)
-        if holdout > 0.0 and flags & RAY_TRANSPARENT_BACKGROUND:
-            average = 0.0
-            for c in range(len(paths.channels)):
-                average += paths.throughput[lane, c]
-            paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
-            # Of a sum of holdouts that is more than a hole the rest is seen, as in Cycles.
-            if abs(holdout - 1.0) < 1e-4:
-                paths.alive[lane] = 0
-                continue
+        if flags & RAY_TRANSPARENT_BACKGROUND:
+            holdout = closures.holdout[lane]
+            if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT:
+                holdout = _hold_out(closures, lane)
+            if holdout > 0.0:
+                average = 0.0
+                for c in range(len(paths.channels)):
+                    average += paths.throughput[lane, c]
+                paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
+                # Of a sum of holdouts that is more than a hole the rest is seen, as in Cycles.
+                if abs(holdout - 1.0) < 1e-4:
+                    paths.alive[lane] = 0
+                    continue
         emitted = 0.0
         for c in range(len(paths.channels)):
             emitted = max(emitted, abs(closures.emission[lane, c]))
