@@ -187,8 +187,8 @@ def end_in_cache(scene, unit, radiance, work, queue):
                 # Not finite where no path has brought anything of this channel to the cell.
                 weight = cells.sums[slot, SUM_WEIGHT + c] * survival
                 value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
-            # Written so that NaN fails.
-            is_known = is_known and value >= 0.0 and value < FLOAT_MAX
+            # Written so that NaN fails. Lamps of negative strength take light.
+            is_known = is_known and abs(value) < FLOAT_MAX
             contribution[lane, c] = value
             cached.base[lane, c] = paths.radiance[lane, c]
         if not is_known:

@@ -172,14 +172,17 @@ def with_residual(
 ) -> np.ndarray:
     """The cached image with what is known of what it lacks: float32 (P, 3).
 
-    It is nowhere negative. The true image is not either, so this can only bring the error down.
+    It is nowhere negative: the true image is not either, so this can only bring the error down. Where the cached image
+    shows light below zero, of a lamp of negative strength or a reflection of one, the true image has such light too, and
+    nothing is cut: the mean would be too bright.
 
     Parameters
     ----------
     cached : float32 (P, 3)
     sums, variance, shape : see `known_residual`
     """
-    return np.maximum(cached + known_residual(sums, variance, shape), np.float32(0.0))
+    whole = cached + known_residual(sums, variance, shape)
+    return whole if (cached < 0.0).any() else np.maximum(whole, np.float32(0.0))
 
 
 class ResidualNoise(NamedTuple):

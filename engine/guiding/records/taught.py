@@ -23,6 +23,8 @@ TAUGHT_ROWS = 1 << 16
 #: Weight of what a path meets behind the first surface that it teaches. Few paths end there, and such surfaces lie
 #: elsewhere in the same cell: they count where nothing better is known.
 _FAR = np.float32(0.1)
+#: Share of the sum by which it may fall for rounding alone.
+_ROUNDING = np.float32(1e-5)
 
 
 class TaughtRecords(Bundle):
@@ -85,12 +87,15 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
             is_finite = True
             share = np.float32(1.0) if vertex == 0 else _FAR
             for c in range(RGB):
-                # Rounding of the long sum may leave a little less than before. A channel that the path had lost
-                # before tells nothing; it never sees the cell's either.
-                gain = max(paths.radiance[lane, c] - cached.taught[row, TAUGHT_RADIANCE + c], np.float32(0.0))
+                # Rounding of the long sum may leave a little less than before; a lamp of negative strength leaves much
+                # less. A channel that the path had lost before tells nothing; it never sees the cell's either.
+                gathered = cached.taught[row, TAUGHT_RADIANCE + c]
+                gain = paths.radiance[lane, c] - gathered
+                if gain < 0.0 and -gain <= _ROUNDING * abs(gathered):
+                    gain = np.float32(0.0)
                 before = cached.taught[row, TAUGHT_BEFORE + c]
                 value = gain / before if before > 0.0 else np.float32(0.0)
-                is_finite = is_finite and value < FLOAT_MAX
+                is_finite = is_finite and abs(value) < FLOAT_MAX
                 records.weight[record_count, c] = share * before
                 records.radiance[record_count, c] = value
                 records.position[record_count, c] = cached.taught[row, TAUGHT_P + c]

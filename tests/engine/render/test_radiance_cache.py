@@ -31,6 +31,12 @@ def plain():
     return means("OFF", 100)
 
 
+def pit_with(strength):
+    """The pit with lamps of so many times their strength."""
+    scene = pit_scene()
+    return replace(scene, lights=[replace(light, energy=strength * light.energy) for light in scene.lights])
+
+
 def with_measured(cached, sums, variance, shape):
     """The cached image with all that measuring paths have found, noise and all: it is unbiased."""
     return cached + sums[:, :3] + sums[:, 3:]
@@ -70,6 +76,19 @@ def test_the_mean_is_right(method, cache, plain):
     # A cached image has the noise of its cells all over: 0.7% of the mean from seed to seed.
     cached = means(method, count=3 * SEEDS, radiance_cache=cache, **settings)
     assert cached.mean() == pytest.approx(plain.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("cache", ["FAST", "CONVERGING"])
+def test_lamps_of_negative_strength_take_light(cache):
+    """As much as the same lamps bring otherwise, to the last number."""
+    brought, taken = (
+        render("OFF", 1, **ENDLESS | {"scene": lambda: pit_with(strength)}, radiance_cache=cache)
+        for strength in (1.0, -1.0)
+    )
+    assert sum(taken.report.cached_shares) == pytest.approx(sum(brought.report.cached_shares), rel=0.01)
+    light = brought.passes["Combined"][..., :3]
+    assert light.mean() > 0.01
+    np.testing.assert_allclose(taken.passes["Combined"][..., :3], -light, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,16 @@ def test_no_light_is_less_than_none():
     np.testing.assert_allclose(np.delete(whole.reshape(-1, 3), 4 * 16 + 7, axis=0), 0.5, atol=1e-4)
 
 
+def test_light_below_zero_stays_where_the_cached_image_has_some():
+    """A lamp of negative strength takes light in one pixel, and what cells lack there is negative as well."""
+    cached = np.zeros((9, 16, 3), np.float32)
+    cached[2, 3] = -1.0
+    lacks = np.zeros((9, 16, 3), np.float32)
+    lacks[4, 7] = -5.0
+    whole = with_residual(cached.reshape(-1, 3), *film_of(lacks, lacks), (9, 16)).reshape(9, 16, 3)
+    np.testing.assert_allclose(whole, cached + lacks, atol=1e-4)
+
+
 def rare_paths(rng, shape, samples, share, value):
     """Halves and variances of a film whose measuring paths find `value` in a `share` of the cases, and else nothing."""
     found = value * rng.binomial(samples // 2, share, size=(2, *shape, 1))
