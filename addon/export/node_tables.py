@@ -44,3 +44,14 @@ def bake_curves(mapping: bpy.types.CurveMapping, kind: str) -> dict[str, Any]:
         "max_x": float(max_x),
         "extrapolate": mapping.extend == "EXTRAPOLATED",
     }
+
+
+def bake_constant(mapping: bpy.types.CurveMapping, value: float) -> Float32Array:
+    """A float curve that is the same everywhere, float32 (257, 1): what Blender makes of a value that is not linked.
+
+    Blender inlines such nodes before Cycles sees them. It clips what comes out, which Cycles does not.
+    """
+    result = mapping.evaluate(mapping.curves[0], value)
+    if mapping.use_clip:
+        result = min(max(result, mapping.clip_min_y), mapping.clip_max_y)
+    return np.full((TABLE_SIZE, 1), result, np.float32)

@@ -18,7 +18,7 @@ from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, NORMALS_AS_ATTR
 from .context import ExportContext
 from .images import ImageExporter
 from .node_defaults import changed_parts
-from .node_tables import bake_curves, bake_ramp
+from .node_tables import bake_constant, bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
 from .standard_attributes import UNREAD, attribute_name
@@ -273,6 +273,9 @@ class GraphExporter:
             properties["interpolate"] = node.color_ramp.interpolation != "CONSTANT"
         elif idname in ("ShaderNodeRGBCurve", "ShaderNodeVectorCurve", "ShaderNodeFloatCurve"):
             properties.update(bake_curves(node.mapping, idname))
+            if idname == "ShaderNodeFloatCurve" and is_since(GROUPS_INLINED):
+                if not any(socket.is_linked for socket in node.inputs):
+                    properties["curves"] = bake_constant(node.mapping, node.inputs["Value"].default_value)
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True

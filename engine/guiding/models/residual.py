@@ -173,8 +173,8 @@ def with_residual(
     """The cached image with what is known of what it lacks: float32 (P, 3).
 
     It is nowhere negative: the true image is not either, so this can only bring the error down. Where the cached image
-    shows light below zero, of a lamp of negative strength or a reflection of one, the true image has such light too, and
-    nothing is cut: the mean would be too bright.
+    shows light below zero, as of a lamp of negative strength, the true image has such light too, and nothing is cut:
+    the mean would be too bright.
 
     Parameters
     ----------

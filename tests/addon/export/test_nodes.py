@@ -397,8 +397,32 @@ def test_float_and_vector_curves(tree: Any) -> None:
     emit(tree, vector.outputs[0])
     nodes, _ = surface_color(only_material())
     assert nodes[0].properties["curves"].shape == (257, 1) and nodes[1].properties["curves"].shape == (257, 3)
-    np.testing.assert_allclose(nodes[0].properties["curves"][:, 0], np.linspace(0.0, 1.0, 257), atol=1e-3)
-    assert (nodes[1].properties["min_x"], nodes[1].properties["max_x"]) == (-1.0, 1.0)
+    # Blender inlines a curve of a constant, here of 1.
+    np.testing.assert_allclose(nodes[0].properties["curves"][:, 0], 1.0, atol=1e-6)
+    tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs[0], curve.inputs["Value"])
+    nodes, _ = surface_color(only_material())
+    of_float = next(node.properties["curves"] for node in nodes if node.kind == "ShaderNodeFloatCurve")
+    np.testing.assert_allclose(of_float[:, 0], np.linspace(0.0, 1.0, 257), atol=1e-3)
+    of_vector = next(node.properties for node in nodes if node.kind == "ShaderNodeVectorCurve")
+    assert (of_vector["min_x"], of_vector["max_x"]) == (-1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "is_clipped", "expected"),
+    [(0.5, True, 0.45), (1.2, True, 0.8), (2.5, True, 1.0), (-0.5, True, 0.0), (2.5, False, 1.45)],
+)
+def test_float_curves_of_constants_are_clipped_as_by_blender(
+    value: float, is_clipped: bool, expected: float, tree: Any
+) -> None:
+    curve = tree.nodes.new("ShaderNodeFloatCurve")
+    curve.inputs["Value"].default_value = value
+    first, last = curve.mapping.curves[0].points
+    first.location, last.location = (0.0, 0.2), (1.0, 0.7)
+    curve.mapping.use_clip = is_clipped
+    curve.mapping.update()
+    emit(tree, curve.outputs[0])
+    curves = surface_color(only_material())[0][0].properties["curves"]
+    np.testing.assert_allclose(curves, expected, atol=1e-3)
 
 
 def test_object_coordinates_carry_the_inverse_matrix(tree: Any) -> None:

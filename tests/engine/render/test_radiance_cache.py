@@ -2,6 +2,7 @@
 """Paths that end in the radiance cache: right on average with what measuring paths find, whatever the cells say."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_the_mean_is_right(method, cache, plain):
 def test_lamps_of_negative_strength_take_light(cache):
     """As much as the same lamps bring otherwise, to the last number."""
     brought, taken = (
-        render("OFF", 1, **ENDLESS | {"scene": lambda: pit_with(strength)}, radiance_cache=cache)
+        render("OFF", 1, **ENDLESS | {"scene": partial(pit_with, strength)}, radiance_cache=cache)
         for strength in (1.0, -1.0)
     )
     assert sum(taken.report.cached_shares) == pytest.approx(sum(brought.report.cached_shares), rel=0.01)

@@ -24,6 +24,19 @@ _EXTREMES = (0.0, 0.0, 1.0, -1.0, 1e-6, 1e-3, 30.0, 1e4, 1e6, -1e3)
 #: A tangent of zero length makes a surface black in Cycles, which divides by it. The normal of a coat that is not there
 #: changes the sheen there. Of the others a notice would say that they are not supported.
 _UNTOUCHED = {"Tangent", "Coat Normal", "Thin Film Thickness", "Subsurface Weight"}
+#: Values of menus that are shown as something else (docs/differences.md), and axes about which the tangent of a flat
+#: floor has no length, by which Cycles divides.
+_OTHERS = {"BECKMANN", "ASHIKHMIN_SHIRLEY"}
+_AXES = {"ShaderNodeTangent": ("Z",)}
+#: Inputs with the least and the largest value that means the same to both. Of less detail than none Cycles makes no
+#: number. Curves of constants are Blender's own work, which clips them. Layers of a weight of thousands make fireflies.
+_LIMITS = {
+    "Detail": (0.0, 15.0), "Coat Weight": (0.0, 3.0), "Sheen Weight": (0.0, 3.0),
+    ("ShaderNodeFloatCurve", "Value"): (0.0, 1.0),
+}  # fmt: skip
+#: Before Blender 5.3 Cycles attenuates the emission below coat and sheen for rays that the camera sends, and not for
+#: light samples and paths that end there.
+_ATTENUATED = bpy.app.version < (5, 3, 0)
 #: How deep a value's tree is at most.
 _DEPTH = 2
 
@@ -105,7 +118,9 @@ class GraphMaker:
                 continue
             if item.identifier in bpy.types.Node.bl_rna.properties or self._numbers.random() < 0.5:
                 continue
-            values = [value.identifier for value in item.enum_items]
+            values = [value.identifier for value in item.enum_items if value.identifier not in _OTHERS]
+            if item.identifier == "axis":
+                values = list(_AXES.get(node.bl_idname, values))
             if values:
                 try:
                     setattr(node, item.identifier, self._numbers.choice(values))
@@ -118,10 +133,20 @@ class GraphMaker:
                 continue
             if not socket.enabled or socket.is_unavailable:
                 continue
+            if socket.name == "Emission Strength" and _ATTENUATED:
+                continue
+            limits = _LIMITS.get(socket.name) or _LIMITS.get((node.bl_idname, socket.name))
             if depth > 0 and self._numbers.random() < 0.25:
-                tree.links.new(self.value(tree, depth), socket)
+                source = self.value(tree, depth)
+                if socket.type == "RGBA" and node.outputs[0].type == "SHADER":
+                    source = _clamped(tree, source, "ShaderNodeMix")
+                elif limits:
+                    source = _clamped(tree, source, "ShaderNodeClamp", limits)
+                tree.links.new(source, socket)
             elif hasattr(socket, "default_value") and self._numbers.random() < 0.6:
                 self._set(socket)
+                if limits:
+                    socket.default_value = min(max(socket.default_value, limits[0]), limits[1])
 
     def _set(self, socket: Any) -> None:
         if socket.type == "VALUE":
@@ -140,3 +165,17 @@ class GraphMaker:
         if self._numbers.random() < self._extreme:
             return self._numbers.choice(_EXTREMES)
         return self._numbers.choice((self._numbers.random(), self._numbers.uniform(0.0, 3.0)))
+
+
+def _clamped(tree: Any, source: Any, kind: str, limits: tuple[float, float] = (0.0, 1.0)) -> Any:
+    """What a node makes of a value so that it stays within limits: a Mix node of colours, a Clamp node of numbers."""
+    node = tree.nodes.new(kind)
+    if kind == "ShaderNodeMix":
+        node.data_type, node.clamp_result = "RGBA", True
+        colors = [socket for socket in node.inputs if socket.type == "RGBA"]
+        node.inputs[0].default_value = 1.0
+        tree.links.new(source, colors[1])
+        return next(socket for socket in node.outputs if socket.type == "RGBA")
+    node.inputs["Min"].default_value, node.inputs["Max"].default_value = limits
+    tree.links.new(source, node.inputs["Value"])
+    return node.outputs[0]
