@@ -103,7 +103,7 @@ def _lamp(scene: Any, numbers: random.Random, index: int) -> None:
     lamp.energy = 10.0 ** numbers.uniform(-1.0, 0.7) if kind == "SUN" else 10.0 ** numbers.uniform(0.0, 3.0)
     lamp.color = [numbers.random() for _ in range(3)]
     if kind == "SUN":
-        lamp.angle = numbers.choice((0.0, 0.01, 0.5, 3.0))
+        lamp.angle = numbers.choice((0.0, 0.1, 0.5, 3.0))
     elif kind == "AREA":
         lamp.shape = numbers.choice(("SQUARE", "RECTANGLE", "DISK", "ELLIPSE"))
         lamp.size, lamp.size_y = numbers.choice((0.01, 1.0, 3.0)), numbers.choice((0.1, 2.0))
