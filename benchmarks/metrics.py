@@ -17,12 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.floating[Any]]
+from benchmarks.picture_means import FloatArray, PictureMeans, picture_means
 
 EPSILON = 0.01
 TRIMMED_FRACTION = 0.001
@@ -156,57 +155,40 @@ class CellComparison:
         return np.asarray(np.abs(self.difference) > np.maximum(allowance, sigmas * self.standard_error))
 
 
-def grid_edges(size: int, cell_count: int) -> npt.NDArray[np.intp]:
-    """Pixel bounds that cut `size` pixels into at most `cell_count` cells, none of them empty."""
-    return np.unique(np.linspace(0, size, cell_count + 1).round().astype(np.intp))
-
-
-def mean_and_error(images: Sequence[FloatArray]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Per-pixel mean over seeds, and the variance of that mean."""
-    stack = np.stack([np.asarray(image, np.float64) for image in images])
-    if len(stack) < 2:
-        raise ValueError("standard errors need at least 2 seeds")
-    return stack.mean(axis=0), stack.var(axis=0, ddof=1) / len(stack)
-
-
 def compare_cells(
     images_a: Sequence[FloatArray], images_b: Sequence[FloatArray], rows: int = 8, columns: int = 8
 ) -> CellComparison:
-    """Compare the cell means of two renderers.
+    """`compare_cell_means` of the pictures of two renderers' seeds."""
+    return compare_cell_means(picture_means(images_a, rows, columns), picture_means(images_b, rows, columns))
 
-    The variance of a cell's mean is the sum of its pixels' variances over seeds, as if pixels were independent:
-    hundreds of pixels give a far steadier estimate than a handful of seeds' cell means. In blue-noise order neighbours
-    err in opposite directions, so it is less than that.
+
+def compare_cell_means(a: PictureMeans, b: PictureMeans) -> CellComparison:
+    """Compare the cell means of two renderers, by the variances of pixels.
+
+    In blue-noise order neighbours err in opposite directions, so that cells vary less than that.
     Relative to the second renderer's cell, or to `CELL_FLOOR` of its image mean if that is more: a black cell with one
     grey pixel of an edge has no relative difference worth the name.
     """
-    mean_a, variance_a = mean_and_error([_colour(image).mean(axis=-1) for image in images_a])
-    mean_b, variance_b = mean_and_error([_colour(image).mean(axis=-1) for image in images_b])
-    floor = CELL_FLOOR * abs(float(mean_b.mean())) or 1.0
-    row_edges, column_edges = grid_edges(mean_a.shape[0], rows), grid_edges(mean_a.shape[1], columns)
-
-    def cell_means(pixels: FloatArray) -> npt.NDArray[np.float64]:
-        sums = np.add.reduceat(np.add.reduceat(pixels, row_edges[:-1], axis=0), column_edges[:-1], axis=1)
-        return np.asarray(sums / (np.diff(row_edges)[:, None] * np.diff(column_edges)[None, :]))
-
-    a, b = cell_means(mean_a), cell_means(mean_b)
-    counts = np.diff(row_edges)[:, None] * np.diff(column_edges)[None, :]
-    variance = (cell_means(variance_a) + cell_means(variance_b)) / counts
-    denominator = np.maximum(np.abs(b), floor)
-    return CellComparison((a - b) / denominator, np.sqrt(variance) / denominator)
+    floor = CELL_FLOOR * abs(float(b.channels[:3].mean())) or 1.0
+    denominator = np.maximum(np.abs(b.cells), floor)
+    variance = a.cell_variances + b.cell_variances
+    return CellComparison((a.cells - b.cells) / denominator, np.sqrt(variance) / denominator)
 
 
 def compare_means(
     images_a: Sequence[FloatArray], images_b: Sequence[FloatArray]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """`compare_channel_means` of the pictures of two renderers' seeds."""
+    return compare_channel_means(picture_means(images_a, 1, 1), picture_means(images_b, 1, 1))
+
+
+def compare_channel_means(
+    a: PictureMeans, b: PictureMeans
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Relative difference of every channel's image mean, and its standard error; float64 (channels,) each.
 
     Relative to the second renderer's channel, floored at 1% of its mean over all channels.
     """
-    mean_a, variance_a = mean_and_error(images_a)
-    mean_b, variance_b = mean_and_error(images_b)
-    pixel_count = mean_a.shape[0] * mean_a.shape[1]
-    a, b = mean_a.mean(axis=(0, 1)), mean_b.mean(axis=(0, 1))
-    variance = (variance_a + variance_b).sum(axis=(0, 1)) / pixel_count**2
-    denominator = np.maximum(np.abs(b), max(0.01 * float(np.abs(b).mean()), 1e-12))
-    return (a - b) / denominator, np.sqrt(variance) / denominator
+    denominator = np.maximum(np.abs(b.channels), max(0.01 * float(np.abs(b.channels).mean()), 1e-12))
+    error = np.sqrt(a.channel_variances + b.channel_variances)
+    return (a.channels - b.channels) / denominator, error / denominator

@@ -113,6 +113,9 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
         settings.media_type = "MULTI_LAYER_IMAGE" if has_counts else "IMAGE"
     settings.file_format = "OPEN_EXR_MULTILAYER" if has_counts else "OPEN_EXR"
     settings.color_mode, settings.color_depth, settings.exr_codec = "RGBA", "32", "ZIP"
+    if hasattr(settings, "use_exr_interleave"):
+        # Blender 5.0 cannot write a file of several parts whose pixels are not square.
+        settings.use_exr_interleave = True
     exr.parent.mkdir(parents=True, exist_ok=True)
 
     watch = _SampleWatch()

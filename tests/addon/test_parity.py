@@ -9,12 +9,12 @@ documented difference (`BuiltinScene.note`) get its measured size as their allow
 
 Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's
 users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by
-`AUTO`.
+`AUTO`. What Cycles gives for each is recorded (tests/helpers/parity); few scenes are rendered by it every time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,93 +22,55 @@ import pytest
 
 from benchmarks import metrics
 from benchmarks.denoised_cells import compare_denoised
-from benchmarks.images import Float32Array
-from benchmarks.rendering import image_stack, render_scene
-from benchmarks.rivals import Budget, find_rival
-from benchmarks.scene_files import SceneSource
+from benchmarks.picture_means import PictureMeans, picture_means
 from benchmarks.scenes import SCENES
+from tests.helpers.parity import recorded
+from tests.helpers.parity.scenes import (
+    AT_DEFAULTS,
+    CLAMPED,
+    CLAMPED_ROOMS,
+    COMPARABLE,
+    COMPARISONS,
+    FAST,
+    PLAIN,
+    STOPPED,
+    Comparison,
+)
 
+#: What Cycles renders every time.
+AFRESH = replace(PLAIN, samples=32)
+AFRESH_AT_DEFAULTS = replace(AT_DEFAULTS, samples=48)
 SIGMAS = 4.5
 CELL_ALLOWANCE = 0.01
 MEAN_ALLOWANCE = 0.005
-PIXELS = 48 * 36
-
-#: Few scenes that touch much: closures, textures, lights, world, camera, instances, alpha.
-FAST = [
-    "principled-everything",
-    "glass-rough",
-    "textured",
-    "light-spot-blend",
-    "light-area-disk",
-    "emissive-textured",
-    "world-image-sun",
-    "camera-depth-of-field-blades",
-    "camera-panorama-range",
-    "instanced",
-    "modifiers",
-    "film-transparent",
-]
-
-#: Where light is made to be found seldom, unguided samples say nothing in a test's time: the study's lamps are all
-#: hidden. Cycles disperses nothing. Furnished rooms take minutes, and so do most media made to fail. Of boundaries in
-#: one place Cycles loses some (docs/differences.md).
-QUICK = ("forward", "backward", "thin", "huge", "colors")
-COMPARABLE = sorted(
-    name
-    for name, scene in SCENES.items()
-    if scene.group not in ("failures", "spectral", "furnished", "clamped")
-    and name not in ("torus-in-glass", "weathered-rooms", "study", "evening-room-fog")
-    and (scene.group != "failing_media" or name.removeprefix("fail-fog-") in QUICK)
-    or name == "spectral-colors"
-)
 
 
-#: Rooms of whose light the clamp takes much: two thousand pixels are so noisy that denoising moves light between cells.
-CLAMPED = sorted(name for name, scene in SCENES.items() if scene.group == "clamped")
-NOISE_THRESHOLD = 0.01
+def means(comparison: Comparison, scene: str, renderer: str, seeds: int, out: Path) -> PictureMeans:
+    return picture_means(comparison.render(scene, renderer, seeds, out), recorded.ROWS, recorded.COLUMNS)
 
 
-def pictures(
-    name: str, out: Path, budget: Budget, seed_count: int, rivals: Sequence[str] = ("cycles", "OFF"), *,
-    at_defaults: bool = False, resume: bool = False,
-) -> list[list[Float32Array]]:
-    """By rival, one a seed."""
-    renders, failures = render_scene(
-        SceneSource(f"builtin:{name}"), [find_rival(rival) for rival in rivals], budget, seed_count, out=out,
-        pixels=PIXELS, at_defaults=at_defaults, resume=resume, say=lambda _: None,
-    )  # fmt: skip
-    assert not failures
-    stacks = [image_stack(renders[rival]) for rival in rivals]
-    for stack in stacks:
-        assert stack[0].shape == stacks[0][0].shape
-        assert all(np.isfinite(image).all() for image in stack)
-    return stacks
+def cycles_means(comparison: Comparison, scene: str, out: Path) -> PictureMeans:
+    """As recorded, or of Cycles' pictures where no record is of this Blender and this scene."""
+    known = recorded.recorded(comparison, scene)
+    return means(comparison, scene, "cycles", comparison.cycles_seeds, out) if known is None else known
 
 
-def says_enough(ours: list[Float32Array], theirs: list[Float32Array]) -> bool:
+def says_enough(ours: PictureMeans, theirs: PictureMeans) -> bool:
     """Whether a difference of 3% in any cell and of 1% in the mean would be found: by the noise, whatever was found."""
-    _, error = metrics.compare_means(ours, theirs)
-    cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
+    _, error = metrics.compare_channel_means(ours, theirs)
+    cells = metrics.compare_cell_means(ours, theirs)
     of_mean, of_cells = (SIGMAS * error).max(), (SIGMAS * cells.standard_error).max()
     return bool(of_mean <= MEAN_ALLOWANCE and of_cells <= 2.0 * CELL_ALLOWANCE)
 
 
-def check(name: str, out: Path, samples: int, seed_count: int, first_count: int = 0) -> None:
-    """Compare pictures of so many seeds; of `first_count` only where these say enough."""
-    theirs, ours = pictures(name, out, Budget(samples), first_count or seed_count)
-    if first_count and not says_enough(ours, theirs):
-        theirs, ours = pictures(name, out, Budget(samples), seed_count, resume=True)
-    assert_same(name, ours, theirs)
-
-
-def assert_same(name: str, ours: list[Float32Array], theirs: list[Float32Array]) -> None:
+def assert_same(name: str, ours: PictureMeans, theirs: PictureMeans) -> None:
     """Pictures that are not denoised are the same but for noise."""
     known = SCENES[name].allowance  # of a difference that is documented in the scene's note
-    difference, error = metrics.compare_means(ours, theirs)
+    difference, error = metrics.compare_channel_means(ours, theirs)
     assert (np.abs(difference) <= max(MEAN_ALLOWANCE, known) + SIGMAS * error).all(), (
         f"{name}: channel means differ by {100 * difference} % +- {100 * error} %"
     )
-    cells = metrics.compare_cells(ours, theirs, rows=4, columns=6)
+    cells = metrics.compare_cell_means(ours, theirs)
     beyond = np.abs(cells.difference) > max(CELL_ALLOWANCE, known) + SIGMAS * cells.standard_error
     assert not beyond.any(), (
         f"{name}: cells (row, column) {np.argwhere(beyond).tolist()} differ by {100 * cells.difference[beyond]} % "
@@ -116,20 +78,8 @@ def assert_same(name: str, ours: list[Float32Array], theirs: list[Float32Array])
     )
 
 
-@pytest.mark.parametrize("name", FAST)
-def test_same_picture_as_cycles(name: str, tmp_path: Path) -> None:
-    check(name, tmp_path, samples=32, seed_count=4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", COMPARABLE)
-def test_same_picture_as_cycles_on_every_builtin_scene(name: str, tmp_path: Path) -> None:
-    check(name, tmp_path, samples=4 * SCENES[name].samples, seed_count=4, first_count=2)
-
-
-def check_at_defaults(name: str, out: Path, samples: int) -> None:
-    budget = Budget(samples, noise_threshold=NOISE_THRESHOLD)
-    theirs, ours = pictures(name, out, budget, 3, ("cycles+oidn", "AUTO+oidn"), at_defaults=True)
+def assert_same_denoised(name: str, ours: PictureMeans, theirs: PictureMeans) -> None:
+    """Denoised pictures are the same but for noise."""
     known = SCENES[name].allowance
     compared = compare_denoised(ours, theirs)
     of_cells, of_mean = compared.limits(SIGMAS)
@@ -143,28 +93,72 @@ def check_at_defaults(name: str, out: Path, samples: int) -> None:
     )
 
 
+@pytest.mark.parametrize("name", FAST)
+def test_same_picture_as_cycles(name: str, tmp_path: Path) -> None:
+    ours, theirs = (means(AFRESH, name, renderer, 4, tmp_path) for renderer in ("OFF", "cycles"))
+    assert_same(name, ours, theirs)
+
+
 @pytest.mark.parametrize("name", ["glass-rough", "textured"])
 def test_same_picture_as_cycles_at_blender_defaults(name: str, tmp_path: Path) -> None:
-    check_at_defaults(name, tmp_path, samples=48)
+    ours, theirs = (means(AFRESH_AT_DEFAULTS, name, renderer, 3, tmp_path) for renderer in ("AUTO", "cycles"))
+    assert_same_denoised(name, ours, theirs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMPARABLE)
+def test_same_picture_as_cycles_on_every_builtin_scene(name: str, tmp_path: Path) -> None:
+    """By two seeds of ours, and by four where these do not say enough."""
+    theirs = cycles_means(PLAIN, name, tmp_path)
+    images = PLAIN.render(name, "OFF", 2, tmp_path)
+    ours = picture_means(images, recorded.ROWS, recorded.COLUMNS)
+    if not says_enough(ours, theirs):
+        images += PLAIN.render(name, "OFF", 2, tmp_path, first_seed=3)
+        ours = picture_means(images, recorded.ROWS, recorded.COLUMNS)
+    assert_same(name, ours, theirs)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMPARABLE)
 def test_same_picture_as_cycles_at_blender_defaults_in_every_scene(name: str, tmp_path: Path) -> None:
-    check_at_defaults(name, tmp_path, samples=64)
+    ours = means(AT_DEFAULTS, name, "AUTO", 2, tmp_path)
+    assert_same_denoised(name, ours, cycles_means(AT_DEFAULTS, name, tmp_path))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CLAMPED)
 def test_the_clamp_takes_what_it_takes_in_cycles(name: str, tmp_path: Path) -> None:
-    rivals = ("cycles", "OFF", "AUTO")
-    theirs, *all_ours = pictures(name, tmp_path, Budget(SCENES[name].samples), 3, rivals, at_defaults=True)
-    for ours in all_ours:
-        assert_same(name, ours, theirs)
+    theirs = cycles_means(CLAMPED_ROOMS, name, tmp_path)
+    for renderer in ("OFF", "AUTO"):
+        assert_same(name, means(CLAMPED_ROOMS, name, renderer, 3, tmp_path), theirs)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_same_picture_as_cycles_where_the_noise_threshold_stops_pixels(name: str, tmp_path: Path) -> None:
-    """From 160 samples on, by Cycles' rule."""
-    check_at_defaults(name, tmp_path, samples=320)
+    ours = means(STOPPED, name, "AUTO", 2, tmp_path)
+    assert_same_denoised(name, ours, cycles_means(STOPPED, name, tmp_path))
+
+
+@pytest.mark.parametrize("comparison", COMPARISONS, ids=lambda comparison: comparison.name)
+def test_what_is_recorded_of_cycles_is_of_today(comparison: Comparison) -> None:
+    """Else the tests above render Cycles too, and take twice as long: `python -m tests.helpers.parity`."""
+    records = recorded.read(comparison)
+    lock = (Path(__file__).parents[2] / "requirements-3.11.lock").read_text("utf-8")
+    assert f"bpy=={records['blender']}" in lock.split()
+    scenes = records["scenes"]
+    assert set(scenes) == set(comparison.scenes)
+    assert [name for name in scenes if not recorded.is_current(comparison, name, scenes[name])] == []
+
+
+def test_a_record_counts_for_its_scene_its_samples_and_its_blender(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorded, "blender_version", lambda: recorded.read(PLAIN)["blender"])
+    known = recorded.recorded(PLAIN, "textured")
+    assert known is not None and known.seeds >= 2
+    assert known.cells.shape == known.cell_variances.shape == (recorded.ROWS, recorded.COLUMNS)
+    assert recorded.recorded(replace(PLAIN, sample_factor=3), "textured") is None
+    monkeypatch.setattr(recorded, "scene_hash", lambda name: "another")
+    assert recorded.recorded(PLAIN, "textured") is None
+    monkeypatch.undo()
+    monkeypatch.setattr(recorded, "blender_version", lambda: "4.2.0")
+    assert recorded.recorded(PLAIN, "textured") is None

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import images, metrics
+from benchmarks.picture_means import grid_edges
 
 
 def gaussian_renders(mean: np.ndarray, deviation: float, seeds: range) -> list[np.ndarray]:
@@ -90,7 +91,7 @@ def test_mean_comparison_sees_half_a_percent_in_one_channel() -> None:
 
 def test_grid_covers_small_images_without_empty_cells() -> None:
     for size in (1, 5, 8, 63):
-        edges = metrics.grid_edges(size, 8)
+        edges = grid_edges(size, 8)
         assert edges[0] == 0
         assert edges[-1] == size
         assert np.all(np.diff(edges) > 0)
