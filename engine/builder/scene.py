@@ -28,6 +28,7 @@ from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
+from engine.builder.same_place import SamePlace, find_same_place
 from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept, Versions
@@ -46,7 +47,7 @@ from engine.state.geometry import (
     INSTANCE_VISIBILITY,
     GeometryArrays,
 )
-from engine.state.lights import HEADER_SOURCES, LightArrays
+from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_TOUCHED, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
 #: Of an instance, what hierarchies depend on.
@@ -90,6 +91,8 @@ class SceneCache:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
         self.placed_meshes = Versions()
+        self.same_place: Kept[SamePlace] = Kept()
+        self.marked_geometry: Kept[GeometryArrays] = Kept()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.glass: Kept[dict[int, np.ndarray]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
@@ -129,12 +132,34 @@ def _shadow_masks(
     return masks
 
 
-def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
-    """The hierarchies at hand where they are of the same shapes in the same places."""
+def _hierarchies(cache: GeometryCache, threads: int) -> MeshHierarchies:
     if cache.hierarchies is None or cache.hierarchies.threads != threads:
         cache.hierarchies = MeshHierarchies(threads)
         cache.accelerator.drop()
-    hierarchies, keys = cache.hierarchies, cache.mesh_keys
+    return cache.hierarchies
+
+
+def _find_same_place(
+    cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, threads: int
+) -> SamePlace:
+    """What lies in one place: what is at hand where shapes and lamps are, and all stands where it was."""
+    only_standing = cache.geometry.has_moved
+    columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
+    lamps = [(light.name, light.shape, light.size_x, light.size_y, light.transform)
+             for light in description.lights if light.kind == "AREA"]  # fmt: skip
+    names = tuple(description.instances.name)
+    return cache.same_place.get(
+        (only_standing, cache.geometry.shapes.version, columns.tobytes(), geometry.transforms.tobytes(), names,
+         content_digest(lamps)),
+        lambda: find_same_place(
+            geometry, description.lights, names, _hierarchies(cache.geometry, threads), only_standing=only_standing
+        ),
+    )  # fmt: skip
+
+
+def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
+    """The hierarchies at hand where they are of the same shapes in the same places."""
+    hierarchies, keys = _hierarchies(cache, threads), cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
     if not cache.has_moved:
@@ -166,18 +191,21 @@ def _build_environment(
 
 def _build_lights(
     cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, info: ProgramInfo,
-    environment: EnvironmentMap | None,
+    environment: EnvironmentMap | None, touched: np.ndarray,
 ) -> tuple[LightArrays, list[Notice]]:
     """Lights and what was found on the way: those at hand where nothing that emits, or has shape, is another."""
 
     def build() -> tuple[LightArrays, list[Notice]]:
         found: list[Notice] = []
-        return build_lights(description, geometry, info, environment, found), found
+        lights = build_lights(description, geometry, info, environment, found)
+        lights.lamp_table[np.isin(lights.lamp_table[:, LAMP_LIGHT], touched), LAMP_FLAGS] |= LAMP_FLAG_TOUCHED
+        return lights, found
 
     world = description.world
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
     emitting = content_digest((description.lights, of_world, info))
-    return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
+    key = cache.geometry.geometry.version, cache.environment.version, emitting, touched.tobytes()
+    return cache.lights.get(key, build)
 
 
 def _draw_apart(cache: SceneCache, description: SceneDescription) -> SceneDescription:
@@ -275,6 +303,12 @@ def build_scene(
     geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
+    same_place = _find_same_place(cache, description, geometry, threads)
+    notices += same_place.notices
+    unmarked = geometry
+    geometry = cache.marked_geometry.get(
+        (cache.geometry.geometry.version, cache.same_place.version), lambda: same_place.mark(unmarked)
+    )
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
@@ -292,7 +326,9 @@ def build_scene(
         accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
         environment = begun.result()
     check_cancel()
-    lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)
+    lights, light_notices = _build_lights(
+        cache, description, geometry, programs.program_info(), environment, same_place.lights
+    )
     notices += light_notices
     if media.emits:
         # Paths find light where nothing else is.

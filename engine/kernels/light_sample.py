@@ -5,7 +5,7 @@ import numpy as np
 
 from engine.kernels.constants import FAR
 from engine.kernels.path_depths import store_depths
-from engine.kernels.surface import program_of
+from engine.kernels.surface import is_touched, program_of
 from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_LIGHT_GROUP
@@ -13,6 +13,7 @@ from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
     LIGHT_IS_LAMP,
+    LIGHT_IS_TOUCHED,
     LIGHT_USES_MIS,
     POINT_FLAG_BACKFACING,
     POINT_FLAGS,
@@ -37,6 +38,8 @@ from engine.state.lanes import (
 from engine.state.lights import (
     EMITTER_LAMP,
     HEADER_BACKGROUND_PROGRAM,
+    LAMP_FLAG_TOUCHED,
+    LAMP_FLAGS,
     LAMP_LIGHT_GROUP,
     LAMP_TEMPERATURE,
     LIGHT_BACKGROUND,
@@ -97,6 +100,14 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
     if instance < 0:
         flags |= LIGHT_IS_LAMP
+        if kind != LIGHT_BACKGROUND and lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_FLAGS] & (
+            LAMP_FLAG_TOUCHED
+        ):
+            flags |= LIGHT_IS_TOUCHED
+    elif is_touched(geometry, instance, triangle):
+        flags |= LIGHT_IS_TOUCHED
+    if flags & LIGHT_IS_TOUCHED:
+        samples.emitter[lane] = emitter
     samples.distance[lane] = distance
     # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
     if distance < FAR:

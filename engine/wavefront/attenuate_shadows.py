@@ -14,8 +14,8 @@ from engine.accel import (
     read_boundary,
     read_hit,
     trace_boundaries,
-    trace_closest,
-    trace_occluded,
+    trace_closest_from,
+    trace_occluded_from,
 )
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
@@ -56,6 +56,7 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
+from engine.wavefront.ray_ends import name_ends
 
 _ROWS_AHEAD = 4
 #: Searches for the boundaries on one shadow ray; one is enough unless there are more than MOST_BOUNDARIES.
@@ -85,10 +86,11 @@ def _stops_light(scene, instance, triangle):
 
 
 @kernel
-def _next_boundary(scene, work, origin, direction, rest, time):
+def _next_boundary(scene, work, lane, origin, direction, rest, time):
     """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
-    hit = trace_closest(
+    name_ends(scene, work, lane)
+    hit = trace_closest_from(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
         MASK_MEDIUM,
     )
@@ -162,6 +164,7 @@ def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
     ray, bits, depths = work.ray, work.ray_bits, work.media.coefficients
     origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
     is_dense, sees_opaque = scene.header[SCENE_HAS_DENSE_MEDIA] != 0, mask != MASK_MEDIUM
+    name_ends(scene, work, lane)
     for c in range(len(paths.channels)):
         depths[CHANNEL_WEIGHT, c] = 0.0
     near, far, passed = 0.0, rest, 0.0
@@ -251,7 +254,8 @@ def _look_for_leg(scene, work, row, own):
     hit, instance, triangle, distance, u, v = False, -1, -1, rest, 0.0, 0.0
     if tracking.chosen[own] > 0 and rest > 0.0:
         hit, instance, triangle, distance, u, v = _next_boundary(
-            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]]
+            scene, work, shadows.lane[row], load(tracking.origin, own), load(shadows.direction, row), rest,
+            paths.time[shadows.lane[row]],
         )
         tracking.chosen[own] -= 1
     _set_leg(tracking, own, instance, triangle, distance, u, v)
@@ -274,6 +278,7 @@ def _look_along(scene, work, row, own, mask):
     if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
         return True
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+    name_ends(scene, work, shadows.lane[row])
     count = trace_boundaries(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
         mask,
@@ -292,7 +297,7 @@ def _look_along(scene, work, row, own, mask):
         _set_leg(tracking, own, instance, triangle, distance, u, v)
     if count > kept:
         # Those that were kept may be any.
-        if mask != MASK_MEDIUM and trace_occluded(
+        if mask != MASK_MEDIUM and trace_occluded_from(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
             time, mask & ~MASK_MEDIUM,
         ):
@@ -352,7 +357,8 @@ def begin_shadows(scene, unit, work, queue):
         store(tracking.origin, own, load(shadows.origin, row))
         tracking.rest[own] = rest
         # Following a ray costs far more than finding out that something hides the light.
-        is_hidden = not looks_once and rest > 0.0 and trace_occluded(
+        name_ends(scene, work, lane)
+        is_hidden = not looks_once and rest > 0.0 and trace_occluded_from(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, rest, paths.time[lane], opaque,
         )
