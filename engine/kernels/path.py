@@ -10,6 +10,8 @@ from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    LIGHT_IS_LAMP,
+    LIGHT_IS_TOUCHED,
     POINT_FLAG_TOUCHED,
     POINT_FLAG_WHOLE,
     POINT_FLAGS,
@@ -156,6 +158,12 @@ def mark_shadow(paths, lane, in_place):
         paths.flags[lane] |= RAY_SHADOW_IN_PLACE
     else:
         paths.flags[lane] &= ~RAY_SHADOW_IN_PLACE
+
+
+@kernel
+def ends_on_light(paths, lane, light_flags):
+    """Whether the lane's shadow ray ends at its light itself, flags LIGHT_*, and not a rounding error before it."""
+    return paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0 and light_flags & (LIGHT_IS_TOUCHED | LIGHT_IS_LAMP) != 0
 
 
 @kernel

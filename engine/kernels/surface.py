@@ -181,6 +181,14 @@ def skipped_distance(ng, direction, offset):
     return offset / max(abs(dot(ng, direction)), _LEAST_COSINE)
 
 
+@kernel
+def gap_before(geometry, instance, triangle, ng, direction, offset):
+    """How far before a triangle dense media end [m]: as far as rays skip that leave it, none where they do so in place."""
+    if is_touched(geometry, instance, triangle):
+        return 0.0 * offset
+    return skipped_distance(ng, direction, offset)
+
+
 @kernel(fastmath=False)
 def _side_of_edge(a, b, direction):
     """On which side of the edge from b to a a line passes, and by how much; a and b are seen from a point on it."""

@@ -20,10 +20,10 @@ from engine.accel import (
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
 from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
-from engine.kernels.path import real_3
+from engine.kernels.path import ends_on_light, real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
-from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
+from engine.kernels.surface import gap_before, offset_origin, program_of, surface_point
 from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
 from engine.kernels.vector import add, dot, load, scale, store
 from engine.runtime.jit import kernel
@@ -106,7 +106,7 @@ def _meet(scene, direction, instance, triangle, u, v, time):
     p, ng, _ns, error = surface_point(scene.geometry, instance, triangle, u, v, time)
     gap = 0.0
     if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-        gap = skipped_distance(ng, direction, error)
+        gap = gap_before(scene.geometry, instance, triangle, ng, direction, error)
     return p, ng, error, gap
 
 
@@ -115,10 +115,10 @@ def _length_beyond(scene, work, lane):
     """How far media go on behind the end of a shadow ray [m], which ends before its light by a rounding error.
 
     Before a surface that glows they end where they end for rays that are scattered there (`find_gaps`). Lamps are no
-    surfaces, and in dense media their light is dimmed on that last bit too.
+    surfaces, and in dense media their light is dimmed on that last bit too. What ends in place leaves none.
     """
-    lamp = LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
-    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or work.samples.flags[lane] & lamp != lamp:
+    flags, lamp = work.samples.flags[lane], LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
+    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or flags & lamp != lamp or ends_on_light(work.paths, lane, flags):
         return 0.0 * work.samples.offset[lane]
     return work.samples.offset[lane]
 

@@ -26,7 +26,7 @@ from engine.kernels.lights import (
     sample_triangles,
     triangle_of,
 )
-from engine.kernels.path import mark_shadow, real_3
+from engine.kernels.path import ends_on_light, mark_shadow, real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT
@@ -53,7 +53,6 @@ from engine.state.lanes import (
     DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
     LIGHT_HAS_PROGRAM,
-    LIGHT_IS_LAMP,
     LIGHT_IS_OF_SEGMENT,
     LIGHT_IS_TOUCHED,
     LIGHT_USES_MIS,
@@ -345,8 +344,7 @@ def connect_lights(scene, unit, work, queue):
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)
         mark_shadow(paths, lane, in_place)
-        if in_place and flags & (LIGHT_IS_TOUCHED | LIGHT_IS_LAMP):
-            samples.offset[lane] = 0.0
-        distance -= samples.offset[lane]
+        if not ends_on_light(paths, lane, flags):
+            distance -= samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
     work.counts[SHADOW_ROWS] = shadow_count
