@@ -50,16 +50,13 @@ from engine.state.geometry import (
 
 # Embree 4 API constants (rtcore headers).
 _GEOMETRY_TRIANGLE = 0
-_GEOMETRY_USER = 120
 _GEOMETRY_INSTANCE = 121
 _BUFFER_INDEX = 0
 _BUFFER_VERTEX = 1
 _FORMAT_UINT3 = 0x5003
 _FORMAT_FLOAT3 = 0x9003
 _FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
-_SCENE_COMPACT = 1 << 1
 _SCENE_ROBUST = 1 << 2
-_BUILD_QUALITY_LOW = 0
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
 _DEVICE_PROPERTY_FILTER_FUNCTION = 66
@@ -126,10 +123,6 @@ for _name, _result, _arguments in (
     ("rtcSetGeometryTransform", None, [_POINTER, _UINT, _UINT, _POINTER]),
     ("rtcCommitGeometry", None, [_POINTER]),
     ("rtcAttachGeometryByID", None, [_POINTER, _POINTER, _UINT]),
-    ("rtcSetGeometryUserPrimitiveCount", None, [_POINTER, _UINT]),
-    ("rtcSetGeometryUserData", None, [_POINTER, _POINTER]),
-    ("rtcSetGeometryBoundsFunction", None, [_POINTER, _POINTER, _POINTER]),
-    ("rtcCollide", None, [_POINTER, _POINTER, _POINTER, _POINTER]),
 ):
     _function = getattr(_lib, _name)
     _function.restype, _function.argtypes = _result, _arguments
@@ -816,47 +809,6 @@ def build_accelerator(
         _lib.rtcCommitScene(transparent.address)
     device.check()
     return Accelerator(top, meshes, transparent, masks)
-
-
-def visit_pairs(
-    hierarchies: MeshHierarchies, count: int, task: int, enclose: Kernel, visit: Kernel
-) -> None:
-    """Call a kernel for all pairs of numbered boxes that meet.
-
-    Parameters
-    ----------
-    count : int
-        Boxes.
-    task : int
-        Address that both kernels get.
-    enclose : kernel called by C
-        Gets the address of an RTCBoundsFunctionArguments.
-    visit : kernel called by C
-        Gets the task, the address of RTCCollision in a row, and how many there are, in whatever order and by several
-        threads at once. A pair may come twice, in either order, and so may a box and itself.
-
-    Raises
-    ------
-    MemoryError, RuntimeError
-        When Embree reports an error.
-    """
-    device = hierarchies.device
-    scene, boxes = _lib.rtcNewScene(device.address), _lib.rtcNewGeometry(device.address, _GEOMETRY_USER)
-    try:
-        _lib.rtcSetSceneFlags(scene, _SCENE_COMPACT)
-        _lib.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_LOW)
-        _lib.rtcSetGeometryUserPrimitiveCount(boxes, count)
-        _lib.rtcSetGeometryUserData(boxes, task)
-        _lib.rtcSetGeometryBoundsFunction(boxes, _address_of(enclose, 0), None)
-        _lib.rtcCommitGeometry(boxes)
-        _lib.rtcAttachGeometryByID(scene, boxes, 0)
-        _lib.rtcCommitScene(scene)
-        device.check()
-        _lib.rtcCollide(scene, scene, _address_of(visit, 0, 0, 0), task)
-        device.check()
-    finally:
-        _lib.rtcReleaseGeometry(boxes)
-        _lib.rtcReleaseScene(scene)
 
 
 def library_path() -> str:

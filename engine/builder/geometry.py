@@ -328,7 +328,6 @@ def _assemble(
         triangles=shapes.triangles,
         corner_normals=shapes.corner_normals,
         material_slots=shapes.material_slots,
-        touched=np.zeros(0, np.uint8),
         mesh_table=mesh_table,
         instance_table=table,
         transforms=placed.transforms,

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What lies in one place with area lamps, and what is so far from the origin that a rounding error shows.
+"""Where rays start and end in place: at lamps that lie in a surface, and on what is far from the origin.
 
 Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
-start and end on, and no other. So here rays do the same where something is *touched*: triangles and lamps that share a
-plane and overlap, and as a whole instances that are too far from the origin for their size.
-
-Surfaces in one place that no lamp is near are not searched for: they shadow each other in Cycles, and not here
-(docs/differences.md).
+start and end on, and no other. Here they do so where it shows: area lamps in the plane of a surface, and instances so
+far from the origin that the error is a part of their size. Surfaces elsewhere that lie in one place with others do not
+shadow each other (docs/differences.md).
 """
 
 from __future__ import annotations
@@ -18,78 +16,57 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from engine.accel import MeshHierarchies, visit_pairs
-from engine.array_types import Uint8Array, Uint32Array
-from engine.builder.boundaries import APART
-from engine.kernels.coplanar import compare, enclose
 from engine.kernels.surface import RELATIVE_ERROR
-from engine.runtime.jit import Kernel
-from engine.scene.description import Light, Notice
+from engine.scene.description import VISIBLE_SHADOW, Light, Notice
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
 
-#: Triangles that are searched.
-_MOST_TRIANGLES = 4_000_000
 #: How large the rounding error of a point may be, relative to the size of its mesh.
 _LARGEST_ERROR = 1e-3
-#: Lamps whose boxes triangles are compared with; where there are more, all triangles are searched.
-_MOST_BOXES = 64
+#: How far from a surface a lamp lies in it, in rounding errors: rays end before a light by two, those of both points.
+_REACH = 4.0
+#: Vertices and triangles that are looked at for lamps; beyond, further lamps count as free. About 0.1 s.
+_MOST_LOOKS = 20_000_000
+#: What looking at the boxes of so many instances, and at one instance, costs in the same measure.
+_BOXES_A_LOOK, _LOOKS_AN_INSTANCE = 4, 10_000
 #: Names in a notice.
 _MOST_NAMES = 4
-_NONE = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
 class SamePlace:
-    """What is touched.
+    """Where rays start and end in place.
 
     Attributes
     ----------
-    triangles : uint8 (T,)
-        Whether a row of `GeometryArrays.triangles` is; (0,) where none is.
     instances : bool (I,)
-        Which are touched as a whole.
+        Which are far from the origin for their size.
     lights : int64 (L,)
-        Indices into `SceneDescription.lights`.
+        Area lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
+        Which lamps lie in what.
     """
 
-    triangles: Uint8Array
     instances: npt.NDArray[np.bool_]
     lights: npt.NDArray[np.int64]
     notices: list[Notice]
 
     def mark(self, geometry: GeometryArrays) -> GeometryArrays:
-        """The geometry with what is touched; the same one where nothing is."""
-        if not len(self.triangles) and not self.instances.any():
+        """The geometry with what is far from the origin marked; the same one where nothing is."""
+        if not self.instances.any():
             return geometry
         table = geometry.instance_table.copy()
-        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_TOUCHED
-        return geometry._replace(touched=self.triangles, instance_table=table)
+        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_FAR
+        return geometry._replace(instance_table=table)
 
 
 @dataclass(frozen=True)
-class _Searched:
-    """Triangles one after the other.
+class _Boxes:
+    """World-space boxes of all instances, float64 (I, 3), and the largest coordinate on the way there, float64 (I,)."""
 
-    corners : uint32 (P, 3), rows of the geometry's vertices, or behind them of `further`, float32 (W, 3), world
-    rows : int64 (P,), of `GeometryArrays.triangles`, -1 = of a lamp
-    first : int64 (G,), of the triangles of one owner; owner : int64 (G,), instance, or index of the light
-    """
-
-    corners: Uint32Array
-    further: np.ndarray
-    first: np.ndarray
-    rows: np.ndarray
-    owner: np.ndarray
-
-    def end(self, group: int) -> int:
-        """Behind the last triangle of a group."""
-        return int(self.first[group + 1]) if group + 1 < len(self.first) else len(self.corners)
-
-    def group(self, numbers: np.ndarray) -> np.ndarray:
-        """Groups that triangles are in."""
-        return np.searchsorted(self.first, numbers, side="right") - 1
+    low: np.ndarray
+    high: np.ndarray
+    extent: np.ndarray
 
 
 def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
@@ -108,20 +85,18 @@ def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
     return middle, half
 
 
-@dataclass(frozen=True)
-class _Boxes:
-    """World-space boxes of all instances, float64 (I, 3), and the largest coordinate on the way there, float64 (I,)."""
-
-    low: np.ndarray
-    high: np.ndarray
-    extent: np.ndarray
+def _is_baked(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    return (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
 
 
-def _boxes(geometry: GeometryArrays) -> _Boxes:
-    middle, half = (found[geometry.instance_table[:, layout.INSTANCE_MESH]] for found in _mesh_boxes(geometry))
+def _matrices(geometry: GeometryArrays) -> np.ndarray:
+    """From stored vertices to the world, float64 (I, 3, 4), at the middle of the shutter."""
     matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
-    is_baked = (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
-    matrices = np.where(is_baked[:, None, None], np.eye(3, 4), matrices)
+    return np.where(_is_baked(geometry)[:, None, None], np.eye(3, 4), matrices)
+
+
+def _boxes(geometry: GeometryArrays, matrices: np.ndarray) -> _Boxes:
+    middle, half = (found[geometry.instance_table[:, layout.INSTANCE_MESH]] for found in _mesh_boxes(geometry))
     linear = np.abs(matrices[:, :, :3])
     half_size = (linear @ half[:, :, None])[:, :, 0]
     at = (matrices[:, :, :3] @ middle[:, :, None])[:, :, 0] + matrices[:, :, 3]
@@ -129,88 +104,91 @@ def _boxes(geometry: GeometryArrays) -> _Boxes:
     return _Boxes(at - half_size, at + half_size, np.maximum(np.abs(at) + half_size, within).max(axis=1))
 
 
+def _are_far(extent: np.ndarray, size: np.ndarray) -> npt.NDArray[np.bool_]:
+    """Whether rounding errors of coordinates show on what is so large, and has any size."""
+    far: npt.NDArray[np.bool_] = (extent * RELATIVE_ERROR > _LARGEST_ERROR * size) & (size > 0.0)
+    return far
+
+
 def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of area lamps, float32 (K, 4, 3), and their indices; of round ones those of the squares around them."""
-    index = [k for k, light in enumerate(lights) if light.kind == "AREA" and np.isfinite(light.transform).all()]
+    """Corners of area lamps, in turn, float64 (K, 4, 3), and their indices; of round ones, of squares around them."""
+    index = [k for k, light in enumerate(lights) if light.kind == "AREA"]
     corners = np.zeros((len(index), 4, 3))
     for row, k in enumerate(index):
         light, matrix = lights[k], np.asarray(lights[k].transform, np.float64)
         size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
         along = 0.5 * matrix[:3, 0] * light.size_x, 0.5 * matrix[:3, 1] * size_y
         corners[row] = [matrix[:3, 3] + a * along[0] + b * along[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return corners.astype(np.float32), np.array(index, np.int64)
+    return corners, np.array(index, np.int64)
 
 
-def _near_others(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> npt.NDArray[np.bool_]:
-    """Which triangles, float32 (T, 3, 3), meet some of the boxes (K, 3)."""
-    if len(low) > _MOST_BOXES:
-        return np.ones(len(corners), bool)
-    least, most = corners.min(axis=1), corners.max(axis=1)
-    found = np.zeros(len(corners), bool)
-    for of_low, of_high in zip(low, high, strict=True):
-        found |= ((least <= of_high) & (most >= of_low)).all(axis=1)
-    return found
+def _overlap(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
+    """Whether one of the triangles (T, 3, 2) overlaps a parallelogram (4, 2) by more than so much in one plane."""
+    apart = np.zeros(len(triangles), bool)
+    quads = np.broadcast_to(quad, (len(triangles), 4, 2))
+    for ours, others in ((triangles, quads), (quads, triangles)):
+        for k in range(ours.shape[1]):
+            start = ours[:, k]
+            along = ours[:, (k + 1) % ours.shape[1]] - start
+            normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+            inside = ((ours[:, (k + 2) % ours.shape[1]] - start) * normal).sum(axis=1)
+            depths = ((others - start[:, None]) * normal[:, None]).sum(axis=2) * np.sign(inside)[:, None]
+            apart |= depths.max(axis=1) <= least * np.linalg.norm(normal, axis=1)
+    return not apart.all()
 
 
-def _gather(
-    geometry: GeometryArrays, lights: Sequence[Light], standing: np.ndarray, placed: np.ndarray
-) -> _Searched:
-    """Area lamps, and what meets their boxes of instances; `standing` are those that are stored in world space."""
-    table, meshes = geometry.instance_table, geometry.mesh_table
-    quads, of_lights = _lamp_corners(lights)
-    reach = APART * np.abs(quads).max(axis=(1, 2), initial=0.0)[:, None]
-    low, high = quads.min(axis=1) - reach, quads.max(axis=1) + reach
-    corners, further, rows, owner, behind = [], [], [], [], len(geometry.vertices)
+def _lies_in(
+    quad: np.ndarray, geometry: GeometryArrays, instance: int, matrix: np.ndarray, error: float
+) -> bool:
+    """Whether triangles of an instance lie in one place with a lamp, up to the error of points on either [m]."""
+    along_u, along_v = quad[1] - quad[0], quad[3] - quad[0]
+    normal = np.cross(along_u, along_v)
+    normal /= np.linalg.norm(normal)
+    mesh = geometry.mesh_table[geometry.instance_table[instance, layout.INSTANCE_MESH]]
+    first, size = int(mesh[layout.MESH_FIRST_VERTEX]), int(mesh[layout.MESH_VERTEX_COUNT])
+    start, count = int(mesh[layout.MESH_FIRST_TRIANGLE]), int(mesh[layout.MESH_TRIANGLE_COUNT])
+    vertices = geometry.vertices[first : first + size, :3]
+    # float32 is enough, and several times as fast: it is far better than the error.
+    height = vertices @ (normal @ matrix[:, :3]).astype(np.float32) - np.float32(normal @ (quad[0] - matrix[:, 3]))
+    is_near = np.abs(height) <= _REACH * error
+    if np.count_nonzero(is_near) < 3:
+        return False
+    triangles = geometry.triangles[start : start + count]
+    kept = np.flatnonzero(is_near[triangles[:, 0] - np.uint32(first)])
+    for corner in (1, 2):
+        kept = kept[is_near[triangles[kept, corner] - np.uint32(first)]]
+    if not len(kept):
+        return False
+    at = vertices[triangles[kept].astype(np.int64) - first].astype(np.float64) @ matrix[:, :3].T + matrix[:, 3]
+    across = np.cross(normal, along_u / np.linalg.norm(along_u))
+    axes = np.stack([along_u / np.linalg.norm(along_u), across], axis=1)
+    return _overlap((quad - quad[0]) @ axes, (at - quad[0]) @ axes, 2.0 * _REACH * error)
 
-    def add(triangles: np.ndarray, numbers: np.ndarray, of: int) -> None:
-        corners.append(triangles)
-        rows.append(numbers)
-        owner.append(of)
 
-    for k in np.concatenate([standing, placed]).tolist():
-        mesh = int(table[k, layout.INSTANCE_MESH])
-        row, count = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_TRIANGLE, layout.MESH_TRIANGLE_COUNT))
-        first, size = (int(meshes[mesh, c]) for c in (layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT))
-        local = geometry.triangles[row : row + count].astype(np.int64) - first
-        at = geometry.vertices[first : first + size]
-        is_baked = bool(table[k, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED)
-        if not is_baked:
-            matrix = geometry.transforms[k].reshape(3, 4)
-            at = at @ matrix[:, :3].T + matrix[:, 3]
-        kept = np.flatnonzero(_near_others(at[local], low, high))
-        if not len(kept):
-            continue
-        add(local[kept] + (first if is_baked else behind), kept + row, k)
-        if not is_baked:
-            further.append(at)
-            behind += size
-    further.append(quads.reshape(-1, 3))
-    for quad, light in enumerate(of_lights.tolist()):
-        add(np.array([(0, 1, 2), (0, 2, 3)]) + behind + 4 * quad, np.full(2, -1), light)
-    sizes = np.array([len(part) for part in corners], np.int64)
-    nothing = np.zeros((0, 3), np.uint32)
-    return _Searched(
-        corners=np.ascontiguousarray(np.concatenate([nothing, *corners]), np.uint32),
-        further=np.ascontiguousarray(np.concatenate(further), np.float32),
-        rows=np.concatenate([np.zeros(0, np.int64), *rows]),
-        first=np.cumsum(sizes) - sizes,
-        owner=np.array(owner, np.int64),
+def _surfaces_of(
+    quads: np.ndarray, geometry: GeometryArrays, matrices: np.ndarray, boxes: _Boxes
+) -> list[list[int]]:
+    """The instances, of those that shadow, in which each lamp lies."""
+    table = geometry.instance_table
+    counts = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
+    looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
+    shadows = ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0) & (
+        counts[:, layout.MESH_TRIANGLE_COUNT] > 0
     )
-
-
-def _search(
-    geometry: GeometryArrays, searched: _Searched, hierarchies: MeshHierarchies
-) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the triangles that lie in one place with others, and of each one of these."""
-    found = np.full(len(searched.corners), _NONE, np.uint32)
-    task = np.array(
-        [geometry.vertices.ctypes.data, searched.further.ctypes.data, len(geometry.vertices),
-         searched.corners.ctypes.data, found.ctypes.data], np.int64,
-    )  # fmt: skip
-    if len(found) > 1 and isinstance(compare, Kernel):
-        visit_pairs(hierarchies, len(found), int(task.ctypes.data), enclose, compare)
-    numbers = np.flatnonzero(found != _NONE)
-    return numbers, found[numbers].astype(np.int64)
+    found: list[list[int]] = [[] for _ in quads]
+    looked = 0
+    for of_lamp, quad in zip(found, quads, strict=True):
+        looked += len(table) // _BOXES_A_LOOK
+        area = np.linalg.norm(np.cross(quad[1] - quad[0], quad[3] - quad[0]))
+        if not 0.0 < area < np.inf or looked > _MOST_LOOKS:
+            continue
+        errors = RELATIVE_ERROR * np.maximum(boxes.extent, np.abs(quad).max())
+        low, high = quad.min(axis=0) - _REACH * errors[:, None], quad.max(axis=0) + _REACH * errors[:, None]
+        for instance in np.flatnonzero(shadows & ((boxes.low <= high) & (boxes.high >= low)).all(axis=1)).tolist():
+            looked += int(looks[instance]) + _LOOKS_AN_INSTANCE
+            if looked <= _MOST_LOOKS and _lies_in(quad, geometry, instance, matrices[instance], errors[instance]):
+                of_lamp.append(instance)
+    return found
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -220,65 +198,29 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(known[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def _notices(
-    searched: _Searched, numbers: np.ndarray, others: np.ndarray, names: Sequence[str], lights: Sequence[Light]
-) -> list[Notice]:
-    """What to say of lamps that surfaces hide."""
-    is_told = (searched.rows[numbers] < 0) & (searched.rows[others] >= 0)
-    owner, of_other = searched.owner[searched.group(numbers)], searched.owner[searched.group(others)]
-    found = []
-    for light in np.unique(owner[is_told]).tolist():
-        where = _listed(names[k] for k in of_other[is_told & (owner == light)].tolist())
-        problem, fallback = f"it lies in {where}", "that shadows it, as in Cycles: move it off by a millimetre"
-        found.append(Notice(f"light {lights[light].name}", problem, fallback))
-    return found
-
-
-def find_same_place(
-    geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str], hierarchies: MeshHierarchies,
-    *, only_standing: bool = False,
-) -> SamePlace:
-    """Find what lies in one place.
+def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str]) -> SamePlace:
+    """Find lamps that lie in surfaces, and what is far from the origin.
 
     Parameters
     ----------
     names : sequence of str (I,)
         Of the instances' objects.
-    hierarchies : MeshHierarchies
-        Whose device searches.
-    only_standing : bool
-        Whether to search only what is stored in world space, which what is moved about leaves as it is.
-
-    Raises
-    ------
-    MemoryError, RuntimeError
-        When Embree reports an error.
     """
-    table = geometry.instance_table
-    meshes = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
-    flags, count = table[:, layout.INSTANCE_FLAGS], meshes[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
-    is_there = (count > 0) & (table[:, layout.INSTANCE_VISIBILITY] != 0)
-    is_still = ((flags & layout.INSTANCE_FLAG_MOVING) == 0) & (meshes[:, layout.MESH_MOTION] < 0)
-    boxes = _boxes(geometry)
-    is_far = boxes.extent * RELATIVE_ERROR > _LARGEST_ERROR * (boxes.high - boxes.low).max(axis=1, initial=0.0)
-    has_lamps = any(light.kind == "AREA" for light in lights)
-    searchable = is_there & is_still & ~is_far & has_lamps
-    is_baked = (flags & layout.INSTANCE_FLAG_BAKED) != 0
-    standing, placed = np.flatnonzero(searchable & is_baked), np.flatnonzero(searchable & ~is_baked)
-    if only_standing or count[standing].sum() + count[placed].sum() > _MOST_TRIANGLES:
-        placed = placed[:0]
-    if count[standing].sum() > _MOST_TRIANGLES:
-        standing = standing[:0]
-    searched = _gather(geometry, lights, standing, placed)
-    numbers, others = _search(geometry, searched, hierarchies)
-    is_lamp = searched.rows[numbers] < 0
-    touched = np.zeros(0, np.uint8)
-    if not is_lamp.all():
-        touched = np.zeros(len(geometry.triangles), np.uint8)
-        touched[searched.rows[numbers[~is_lamp]]] = 1
-    return SamePlace(
-        triangles=touched,
-        instances=is_there & is_far,
-        lights=np.unique(searched.owner[searched.group(numbers[is_lamp])]),
-        notices=_notices(searched, numbers, others, names, lights),
-    )
+    # Vertices may be infinite, or not a number: these are in no place.
+    with np.errstate(all="ignore"):
+        matrices = _matrices(geometry)
+        boxes = _boxes(geometry, matrices)
+        quads, of_lights = _lamp_corners(lights)
+        is_far = _are_far(boxes.extent, (boxes.high - boxes.low).max(axis=1, initial=0.0))
+        sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)
+        is_far_lamp = _are_far(np.abs(quads).max(axis=(1, 2), initial=0.0), sizes)
+        surfaces = _surfaces_of(quads, geometry, matrices, boxes)
+    notices = [
+        Notice(
+            f"light {lights[light].name}", f"it lies in {_listed(names[k] for k in inside)}",
+            "that shadows it, as in Cycles: move it off by a millimetre",
+        )
+        for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
+    ]  # fmt: skip
+    in_place = is_far_lamp | np.array([bool(inside) for inside in surfaces], bool)
+    return SamePlace(instances=is_far, lights=of_lights[in_place], notices=notices)

@@ -47,7 +47,7 @@ from engine.state.geometry import (
     INSTANCE_VISIBILITY,
     GeometryArrays,
 )
-from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_TOUCHED, LAMP_FLAGS, LAMP_LIGHT, LightArrays
+from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
 #: Of an instance, what hierarchies depend on.
@@ -132,34 +132,23 @@ def _shadow_masks(
     return masks
 
 
-def _hierarchies(cache: GeometryCache, threads: int) -> MeshHierarchies:
-    if cache.hierarchies is None or cache.hierarchies.threads != threads:
-        cache.hierarchies = MeshHierarchies(threads)
-        cache.accelerator.drop()
-    return cache.hierarchies
-
-
-def _find_same_place(
-    cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, threads: int
-) -> SamePlace:
-    """What lies in one place: what is at hand where shapes and lamps are, and all stands where it was."""
-    only_standing = cache.geometry.has_moved
-    columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
+def _find_same_place(cache: SceneCache, description: SceneDescription, geometry: GeometryArrays) -> SamePlace:
+    """Where rays start and end in place: what is at hand where neither geometry nor lamps are others."""
     lamps = [(light.name, light.shape, light.size_x, light.size_y, light.transform)
              for light in description.lights if light.kind == "AREA"]  # fmt: skip
     names = tuple(description.instances.name)
     return cache.same_place.get(
-        (only_standing, cache.geometry.shapes.version, columns.tobytes(), geometry.transforms.tobytes(), names,
-         content_digest(lamps)),
-        lambda: find_same_place(
-            geometry, description.lights, names, _hierarchies(cache.geometry, threads), only_standing=only_standing
-        ),
-    )  # fmt: skip
+        (cache.geometry.geometry.version, names, content_digest(lamps)),
+        lambda: find_same_place(geometry, description.lights, names),
+    )
 
 
 def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
     """The hierarchies at hand where they are of the same shapes in the same places."""
-    hierarchies, keys = _hierarchies(cache, threads), cache.mesh_keys
+    if cache.hierarchies is None or cache.hierarchies.threads != threads:
+        cache.hierarchies = MeshHierarchies(threads)
+        cache.accelerator.drop()
+    hierarchies, keys = cache.hierarchies, cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
     if not cache.has_moved:
@@ -191,20 +180,20 @@ def _build_environment(
 
 def _build_lights(
     cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, info: ProgramInfo,
-    environment: EnvironmentMap | None, touched: np.ndarray,
+    environment: EnvironmentMap | None, in_place: np.ndarray,
 ) -> tuple[LightArrays, list[Notice]]:
     """Lights and what was found on the way: those at hand where nothing that emits, or has shape, is another."""
 
     def build() -> tuple[LightArrays, list[Notice]]:
         found: list[Notice] = []
         lights = build_lights(description, geometry, info, environment, found)
-        lights.lamp_table[np.isin(lights.lamp_table[:, LAMP_LIGHT], touched), LAMP_FLAGS] |= LAMP_FLAG_TOUCHED
+        lights.lamp_table[np.isin(lights.lamp_table[:, LAMP_LIGHT], in_place), LAMP_FLAGS] |= LAMP_FLAG_IN_SURFACE
         return lights, found
 
     world = description.world
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
     emitting = content_digest((description.lights, of_world, info))
-    key = cache.geometry.geometry.version, cache.environment.version, emitting, touched.tobytes()
+    key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
     return cache.lights.get(key, build)
 
 
@@ -303,7 +292,7 @@ def build_scene(
     geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
-    same_place = _find_same_place(cache, description, geometry, threads)
+    same_place = _find_same_place(cache, description, geometry)
     notices += same_place.notices
     unmarked = geometry
     geometry = cache.marked_geometry.get(

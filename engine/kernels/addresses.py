@@ -9,7 +9,6 @@ from numba.extending import intrinsic
 
 _WORD = ir.IntType(64)
 _HALF = ir.IntType(32)
-_FLOAT = ir.FloatType()
 
 
 def _place(builder: Any, arguments: Any, kind: Any) -> Any:
@@ -42,42 +41,6 @@ def write_half(typing_context: Any, address: Any, offset: Any, value: Any) -> An
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.store(builder.trunc(arguments[2], _HALF), _place(builder, arguments, _HALF))
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64), generate
-
-
-@intrinsic
-def read_float(typing_context: Any, address: Any, offset: Any) -> Any:
-    """A float32 at so many bytes behind an address."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(_place(builder, arguments, _FLOAT))
-
-    return types.float32(types.int64, types.int64), generate
-
-
-@intrinsic
-def write_float(typing_context: Any, address: Any, offset: Any, value: Any) -> Any:
-    """Write a float32 at so many bytes behind an address."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[2], _place(builder, arguments, _FLOAT))
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.float32), generate
-
-
-@intrinsic
-def lower_half(typing_context: Any, address: Any, offset: Any, value: Any) -> Any:
-    """Make 32 bits at so many bytes behind an address, which are not negative, no larger than a value.
-
-    Several threads may do so at once.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        value = builder.trunc(arguments[2], _HALF)
-        builder.atomic_rmw("umin", _place(builder, arguments, _HALF), value, "monotonic")
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64, types.int64), generate

@@ -22,8 +22,6 @@ def ask_for_triangle(geometry, paths, lane):
         triangle = np.int64(paths.hit_triangle[lane])
         prefetch(geometry.triangles, triangle)
         prefetch(geometry.material_slots, triangle)
-        if geometry.touched.shape[0] > 0:
-            prefetch(geometry.touched, triangle)
         mesh = geometry.instance_table[instance, INSTANCE_MESH]
         first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
         if first_normal >= 0:

@@ -10,10 +10,9 @@ from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    LIGHT_ENDS_IN_PLACE,
     LIGHT_IS_LAMP,
-    LIGHT_IS_TOUCHED,
-    POINT_FLAG_TOUCHED,
-    POINT_FLAG_WHOLE,
+    POINT_FLAG_FAR,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -74,10 +73,10 @@ def go_on(paths, lane, origin):
 
 
 @kernel
-def _leave(paths, points, lane, direction, where):
-    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place: at points with flag `where`."""
+def _leave(paths, points, lane, direction):
+    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place."""
     p = real_3(points, lane, POINT_P)
-    if points.integer[lane, POINT_FLAGS] & where:
+    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR:
         return p, RAY_STARTS_ON
     return offset_origin(p, real_3(points, lane, POINT_NG), direction, paths.offset[lane]), 0
 
@@ -89,8 +88,7 @@ def pass_through(options, paths, points, lane):
     if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
-    # What is exactly as far is passed as well, as in Cycles: two surfaces would take turns for ever.
-    origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane), POINT_FLAG_WHOLE)
+    origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane))
     go_on(paths, lane, origin)
     paths.flags[lane] |= starts_on
 
@@ -127,7 +125,7 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows, and clamping goes
     """
-    origin, starts_on = _leave(paths, points, lane, wi, POINT_FLAG_TOUCHED)
+    origin, starts_on = _leave(paths, points, lane, wi)
     _set_ray(paths, points, lane, origin, wi, pdf, bsdf_pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:
@@ -163,7 +161,7 @@ def mark_shadow(paths, lane, in_place):
 @kernel
 def ends_on_light(paths, lane, light_flags):
     """Whether the lane's shadow ray ends at its light itself, flags LIGHT_*, and not a rounding error before it."""
-    return paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0 and light_flags & (LIGHT_IS_TOUCHED | LIGHT_IS_LAMP) != 0
+    return paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0 and light_flags & (LIGHT_ENDS_IN_PLACE | LIGHT_IS_LAMP) != 0
 
 
 @kernel

@@ -29,9 +29,9 @@ from engine.kernels.vector import (
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_FAR,
     INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAG_MOVING,
-    INSTANCE_FLAG_TOUCHED,
     INSTANCE_FLAGS,
     INSTANCE_MATERIAL_OFFSET,
     INSTANCE_MESH,
@@ -39,8 +39,7 @@ from engine.state.geometry import (
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
-    POINT_FLAG_TOUCHED,
-    POINT_FLAG_WHOLE,
+    POINT_FLAG_FAR,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_LIGHT,
@@ -125,11 +124,9 @@ def surface_point(geometry, instance, triangle, u, v, time):
 
 
 @kernel
-def is_touched(geometry, instance, triangle):
-    """Whether something else lies in one place with a triangle of an instance."""
-    if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_TOUCHED:
-        return True
-    return geometry.touched.shape[0] > 0 and geometry.touched[triangle] != 0
+def is_far(geometry, instance):
+    """Whether an instance is so far from the origin that rays leave and meet it in place."""
+    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR != 0
 
 
 @kernel
@@ -141,10 +138,8 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
         ng = negate(ng)
         ns = negate(ns)
         flags = POINT_FLAG_BACKFACING
-    if is_touched(geometry, instance, triangle):
-        flags |= POINT_FLAG_TOUCHED
-        if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_TOUCHED:
-            flags |= POINT_FLAG_WHOLE
+    if is_far(geometry, instance):
+        flags |= POINT_FLAG_FAR
     real = points.real
     for k in range(3):
         real[lane, POINT_P + k] = p[k]
@@ -182,9 +177,9 @@ def skipped_distance(ng, direction, offset):
 
 
 @kernel
-def gap_before(geometry, instance, triangle, ng, direction, offset):
-    """How far before a triangle dense media end [m]: as far as rays skip that leave it, none where they do so in place."""
-    if is_touched(geometry, instance, triangle):
+def gap_before(geometry, instance, ng, direction, offset):
+    """How far before a surface dense media end [m]: as far as rays skip that leave it, which is nothing in place."""
+    if is_far(geometry, instance):
         return 0.0 * offset
     return skipped_distance(ng, direction, offset)
 

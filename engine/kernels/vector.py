@@ -43,12 +43,6 @@ def negate(a):
 
 
 @kernel
-def absolute(a):
-    """Absolute values."""
-    return abs(a[0]), abs(a[1]), abs(a[2])
-
-
-@kernel
 def length(a):
     """Euclidean length of a 3-tuple."""
     return math.sqrt(dot(a, a))

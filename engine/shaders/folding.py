@@ -70,7 +70,6 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
         triangles=triangles,
         corner_normals=np.zeros((1, 9), np.float32),
         material_slots=np.zeros(2, np.int32),
-        touched=np.zeros(0, np.uint8),
         mesh_table=mesh,
         instance_table=np.zeros((1, layout.INSTANCE_WIDTH), np.int32),
         transforms=identity,

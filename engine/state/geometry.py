@@ -7,7 +7,7 @@ array and index.
 
 from __future__ import annotations
 
-from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array, Uint32Array
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.state.grids import GridArrays
 
@@ -44,8 +44,8 @@ INSTANCE_FLAG_HOLDOUT = 4
 INSTANCE_FLAG_MOVING = 8
 #: A shadow catcher, and no holdout.
 INSTANCE_FLAG_CATCHER = 16
-#: All of its triangles count as touched.
-INSTANCE_FLAG_TOUCHED = 32
+#: So far from the origin for its size that rays start on it in place: see `engine.builder.same_place`.
+INSTANCE_FLAG_FAR = 32
 
 # Columns of GeometryArrays.mesh_table
 MESH_FIRST_TRIANGLE = 0
@@ -95,8 +95,6 @@ class GeometryArrays(Bundle):
     triangles : uint32 (T, 3), rows of `vertices` (already offset by mesh)
     corner_normals : float32 (N, 9), three unit normals a triangle, same space and steps as `vertices`
     material_slots : int32 (T,), slot in the instance's material list
-    touched : uint8 (T,), whether something else lies in one place with a triangle (`engine.builder.same_place`); (0,)
-        where nothing does
     mesh_table : int32 (M, MESH_WIDTH)
     instance_table : int32 (I, INSTANCE_WIDTH)
     transforms, inverses : float32 (I, 12), object to world and back (of the original object, also where baked), at the
@@ -116,7 +114,6 @@ class GeometryArrays(Bundle):
     triangles: Uint32Array
     corner_normals: Float32Array
     material_slots: Int32Array
-    touched: Uint8Array
     mesh_table: Int32Array
     instance_table: Int32Array
     transforms: Float32Array

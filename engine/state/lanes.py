@@ -126,10 +126,8 @@ POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
 POINT_INTEGER_WIDTH = 11
 
 POINT_FLAG_BACKFACING = 1
-#: Something else lies in one place with the triangle: see `engine.builder.same_place`.
-POINT_FLAG_TOUCHED = 2
-#: So do all of its instance's triangles, which may be only near.
-POINT_FLAG_WHOLE = 4
+#: Of an instance that is far from the origin: see INSTANCE_FLAG_FAR.
+POINT_FLAG_FAR = 2
 
 
 class ShadePoints(Bundle):
@@ -575,7 +573,7 @@ class LightSamples(Bundle):
     radiance : float32 (L, C), or the factor on the light program's emission where there is a program
     terminate : float32 in [0, 1), for the roulette on dim light samples
     offset : float32 [m], rounding error of the point on the light along the ray
-    emitter : int32, row of `LightArrays.emitters`, where LIGHT_IS_TOUCHED
+    emitter : int32, row of `LightArrays.emitters`, where LIGHT_ENDS_IN_PLACE
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
@@ -675,8 +673,8 @@ LIGHT_HAS_PROGRAM = 4
 LIGHT_IS_LAMP = 8
 #: Drawn for a whole segment within media: scattering finds the light as from another point.
 LIGHT_IS_OF_SEGMENT = 16
-#: Something else lies in one place with the light.
-LIGHT_IS_TOUCHED = 32
+#: Shadow rays end at it in place: a surface may lie there, or it is far from the origin.
+LIGHT_ENDS_IN_PLACE = 32
 
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:

@@ -106,7 +106,7 @@ def _meet(scene, direction, instance, triangle, u, v, time):
     p, ng, _ns, error = surface_point(scene.geometry, instance, triangle, u, v, time)
     gap = 0.0
     if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-        gap = gap_before(scene.geometry, instance, triangle, ng, direction, error)
+        gap = gap_before(scene.geometry, instance, ng, direction, error)
     return p, ng, error, gap
 
 

@@ -24,12 +24,11 @@ from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_sampled
 from engine.kernels.spectrum import filter_by
-from engine.kernels.surface import offset_origin, prepare_point, program_of, skipped_distance
-from engine.kernels.vector import length, load, scale, store, subtract
+from engine.kernels.surface import offset_origin, prepare_point, program_of
+from engine.kernels.vector import length, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
-    POINT_FLAG_TOUCHED,
-    POINT_FLAG_WHOLE,
+    POINT_FLAG_FAR,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_NG,
@@ -182,15 +181,9 @@ def pass_transparent(scene, unit, work, queue):
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
             ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
             skips = name_passed(scene, work, lane, instance, triangle)
-            touches = points.integer[row, POINT_FLAGS] & (POINT_FLAG_TOUCHED | POINT_FLAG_WHOLE)
-            if touches:
-                # What else lies in one place with it has been counted as well, and comes next.
-                back = skipped_distance(ng, direction, error) if touches == POINT_FLAG_TOUCHED else 0.0 * error
-                store(shadows.origin, row, subtract(p, scale(direction, back)))
-                shadows.distance[row] += back - distance
-            else:
-                store(shadows.origin, row, offset_origin(p, ng, direction, error))
-                shadows.distance[row] -= distance
+            origin = p if points.integer[row, POINT_FLAGS] & POINT_FLAG_FAR else offset_origin(p, ng, direction, error)
+            store(shadows.origin, row, origin)
+            shadows.distance[row] -= distance
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:
                 largest = filter_by(

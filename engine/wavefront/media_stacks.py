@@ -122,7 +122,7 @@ def find_gaps(scene, unit, work, queue):
             _p, ng, _ns, error = surface_point(
                 geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], paths.time[lane]
             )
-            gap = gap_before(geometry, instance, paths.hit_triangle[lane], ng, load(paths.direction, lane), error)
+            gap = gap_before(geometry, instance, ng, load(paths.direction, lane), error)
         media.gap[lane] = gap
 
 

@@ -2,9 +2,9 @@
 """What shadow rays skip that start or end in place."""
 
 from engine.accel import end_on, start_on
-from engine.kernels.surface import is_touched
+from engine.kernels.surface import is_far
 from engine.runtime.jit import kernel
-from engine.state.lanes import LIGHT_IS_TOUCHED, RAY_SHADOW_IN_PLACE
+from engine.state.lanes import LIGHT_ENDS_IN_PLACE, RAY_SHADOW_IN_PLACE
 from engine.state.lights import EMITTER_INSTANCE, EMITTER_TRIANGLE
 
 
@@ -22,7 +22,7 @@ def _name(scene, work, lane, instance, triangle):
     start_on(bits, scene.geometry, instance, triangle)
     if not work.paths.flags[lane] & RAY_SHADOW_IN_PLACE:
         return instance >= 0
-    if samples.flags[lane] & LIGHT_IS_TOUCHED:
+    if samples.flags[lane] & LIGHT_ENDS_IN_PLACE:
         emitter = samples.emitter[lane]
         end_on(bits, scene.geometry, emitters[emitter, EMITTER_INSTANCE], emitters[emitter, EMITTER_TRIANGLE])
     return True
@@ -38,12 +38,11 @@ def name_ends(scene, work, lane):
 
 @kernel
 def name_passed(scene, work, lane, instance, triangle):
-    """Say that the shadow ray of a lane goes on in place behind a triangle, if others lie there.
+    """Say that the shadow ray of a lane goes on in place behind a triangle, if that is far from the origin.
 
     Returns
     -------
     bool
         Whether it skips any.
     """
-    others = is_touched(scene.geometry, instance, triangle)
-    return _name(scene, work, lane, instance if others else -1, triangle)
+    return _name(scene, work, lane, instance if is_far(scene.geometry, instance) else -1, triangle)

@@ -52,11 +52,11 @@ from engine.state.lanes import (
     DRAW_U_PICK,
     DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
+    LIGHT_ENDS_IN_PLACE,
     LIGHT_HAS_PROGRAM,
     LIGHT_IS_OF_SEGMENT,
-    LIGHT_IS_TOUCHED,
     LIGHT_USES_MIS,
-    POINT_FLAG_TOUCHED,
+    POINT_FLAG_FAR,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -335,8 +335,8 @@ def connect_lights(scene, unit, work, queue):
         ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
         instance = paths.hit_instance[lane]
-        in_place = flags & LIGHT_IS_TOUCHED != 0
-        in_place |= instance >= 0 and points.integer[lane, POINT_FLAGS] & POINT_FLAG_TOUCHED != 0
+        in_place = flags & LIGHT_ENDS_IN_PLACE != 0
+        in_place |= instance >= 0 and points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR != 0
         origin, wi, distance, in_place = shadow_ray(
             geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng, ns, wi,
             samples.distance[lane], paths.offset[lane], in_place, paths.time[lane],
