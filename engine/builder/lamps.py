@@ -176,11 +176,13 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def _unit_as_cycles(vectors: np.ndarray) -> np.ndarray:
     """Unit vectors, rounded as Cycles rounds them: what lies in a lamp's plane hides it or not by the last bit."""
-    single = vectors.astype(np.float32)
-    squares = single * single
-    norm = np.sqrt(squares[..., 0] + squares[..., 1] + squares[..., 2])[..., None]
-    inverse = np.float32(1.0) / np.where(norm > 0.0, norm, np.float32(1.0))
-    return (single * inverse).astype(np.float64)
+    with np.errstate(over="ignore"):
+        single = vectors.astype(np.float32)
+        squares = single * single
+        norm = np.sqrt(squares[..., 0] + squares[..., 1] + squares[..., 2])[..., None]
+    is_usable = np.isfinite(norm) & (norm > 0.0)
+    inverse = np.float32(1.0) / np.where(is_usable, norm, np.float32(1.0))
+    return np.where(is_usable, single * inverse, _unit(vectors)).astype(np.float64)
 
 
 def _is_grey(colors: np.ndarray) -> np.ndarray:
