@@ -5,9 +5,9 @@ Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `em
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
 Embree calls kernels back (`_skip`, `_count_passed`, `_keep_boundary`), whose addresses it gets with the ray.
 
-Rays start a rounding error off the surface that they leave, and end as far before the light they look for. Where
-surfaces lie in one place (`engine.builder.same_place`) they start and end in place instead, and skip the very triangles
-that they start and end on, and no other (`start_on`, `end_on`): this is Cycles' rule for all rays.
+Rays start a rounding error off the surface that they leave, and end as far before the light they look for. Where that
+shows (`engine.builder.same_place`) they start and end in place instead, and skip the very triangles that they start and
+end on, and no other (`start_on`, `end_on`): this is Cycles' rule for all rays.
 """
 
 from __future__ import annotations

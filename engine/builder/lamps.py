@@ -270,10 +270,10 @@ def _convert_areas(lamps: _Columns, draft: _Draft) -> None:
     values[:, la.LAMP_SPREAD_SCALE] = np.where(is_narrow, spread_scale, 0.0)
     peak = np.where(is_parallel, 1e4, np.where(is_narrow, tangent * spread_scale, 1.0))
     # A sheared lamp is made rectangular again: its normal is its plane's, on the side of its own -z.
-    axis_u = _unit_as_cycles(axes[:, :, 0])
+    axis_u = _unit_as_cycles(along_u)
     sheared = (_unit(along_v) * axis_u).sum(axis=1)
     straight = _unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
-    axis_v = np.where((abs(sheared) > 1e-6)[:, None], straight, _unit_as_cycles(axes[:, :, 1]))
+    axis_v = np.where((abs(sheared) > 1e-6)[:, None], straight, _unit_as_cycles(along_v))
     normal = np.cross(axis_u, axis_v)
     is_away = (normal * lamps.direction).sum(axis=1) < 0.0
     direction = np.where(is_away[:, None], -normal, normal)

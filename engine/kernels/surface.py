@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points on surfaces: position, normals, rounding error, and the ray's start that clears it.
 
-Where surfaces lie in one place rays start in place (`ray_start`) and skip the triangle that they start on.
+On what is far from the origin rays start in place (`ray_start`), and skip the triangle that they start on.
 """
 
 import numpy as np
@@ -77,7 +77,6 @@ def surface_point(geometry, instance, triangle, u, v, time):
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
-    edge1, edge2 = subtract(v1, v0), subtract(v2, v0)
     p = (
         w * v0[0] + u * v1[0] + v * v2[0],
         w * v0[1] + u * v1[1] + v * v2[1],
@@ -88,7 +87,7 @@ def surface_point(geometry, instance, triangle, u, v, time):
         max(abs(v0[1]), abs(v1[1]), abs(v2[1])),
         max(abs(v0[2]), abs(v1[2]), abs(v2[2])),
     )
-    ng = cross(edge1, edge2)
+    ng = cross(subtract(v1, v0), subtract(v2, v0))
     flags = geometry.instance_table[instance, INSTANCE_FLAGS]
     first_normal = geometry.mesh_table[mesh, MESH_FIRST_NORMAL]
     ns = ng

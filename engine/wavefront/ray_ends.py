@@ -10,8 +10,7 @@ from engine.state.lights import EMITTER_INSTANCE, EMITTER_TRIANGLE
 
 @kernel
 def _name(scene, work, lane, instance, triangle):
-    """Say what the shadow ray of a lane skips: a triangle, instance -1: none, and that of its light if others lie
-    there.
+    """Say what the shadow ray of a lane skips: a triangle, instance -1: none, and that of its light if it ends there.
 
     Returns
     -------

@@ -224,15 +224,17 @@ def hit_area(lamps, lamp_table, row, origin, direction, t_min, t_max):
 
 
 @kernel(fastmath=False)
-def _rounded(p, to_point):
-    """Where a lamp's point is from p when it has been rounded to float32, by which direction and how far.
+def _rounded(p, first, second, third):
+    """Where a lamp's point is from p that is the sum of these, and by which direction and how far.
 
     As in Cycles, to the last bit: by that what lies in the lamp's plane hides it or does not.
     """
-    x, y, z = (p[0] + to_point[0]) - p[0], (p[1] + to_point[1]) - p[1], (p[2] + to_point[2]) - p[2]
-    distance = math.sqrt(x * x + y * y + z * z)
-    inverse = 1.0 / max(distance, 1e-30)
-    return (x, y, z), (x * inverse, y * inverse, z * inverse), distance
+    x = ((p[0] + first[0]) + second[0]) + third[0] - p[0]
+    y = ((p[1] + first[1]) + second[1]) + third[1] - p[1]
+    z = ((p[2] + first[2]) + second[2]) + third[2] - p[2]
+    distance = math.sqrt((x * x + y * y) + z * z)
+    length = max(distance, 1e-30)
+    return (x, y, z), (x / length, y / length, z / length), distance
 
 
 @kernel
@@ -277,11 +279,13 @@ def sample_area(lamps, lamp_table, row, p, u0, u1):
         if solid_angle > _SMALLEST_SOLID_ANGLE:
             x, y = _sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1)
         n = cross(axis_u, axis_v)
-        to_point = add(add(scale(axis_u, x), scale(axis_v, y)), scale(n, z if dot(n, center) < 0.0 else -z))
+        third = scale(n, z if dot(n, center) < 0.0 else -z)
     else:
         x, y = concentric_disk(u0, u1)
-        to_point = add(center, add(scale(axis_u, 0.5 * length_u * x), scale(axis_v, 0.5 * length_v * y)))
-    to_point, wi, distance = _rounded(p, to_point)
+        x *= 0.5 * length_u
+        y *= 0.5 * length_v
+        third = center
+    to_point, wi, distance = _rounded(p, scale(axis_u, x), scale(axis_v, y), third)
     cosine = -dot(normal, wi)
     if not cosine > 0.0:
         return none, wi, none, none, none, none
