@@ -3,7 +3,11 @@
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).
-Embree calls kernels back (`_count_passed`, `_keep_boundary`), whose addresses it gets with the ray.
+Embree calls kernels back (`_skip`, `_count_passed`, `_keep_boundary`), whose addresses it gets with the ray.
+
+Rays start a rounding error off the surface that they leave, and end as far before the light they look for. Where that
+shows (`engine.builder.same_place`) they start and end in place instead, and skip the very triangles that they start and
+end on, and no other (`start_on`, `end_on`): this is Cycles' rule for all rays.
 """
 
 from __future__ import annotations
@@ -57,6 +61,7 @@ _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
 _DEVICE_PROPERTY_FILTER_FUNCTION = 66
 _ERROR_OUT_OF_MEMORY = 4
+_RAY_CALLS_FILTER = 1 << 1
 _TRANSFORM_BYTES = 48
 
 #: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
@@ -153,15 +158,19 @@ _HIT_TRIANGLE = 17  # within its mesh
 _HIT_GEOMETRY = 18
 _HIT_INSTANCE = 19
 
-# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that count what they pass, and of
-# those for boundaries of media; their context, of which Embree knows the first two words; boundaries that were found;
-# and numbers of these in the order of the distance.
-_PASSING_ARGUMENTS = 32
-_BOUNDARY_ARGUMENTS = 48
-_CONTEXT = 64
+# Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that skip the triangles at their ends,
+# of those that count what they pass, and of those for boundaries of media; their context, of which Embree knows the
+# first two words; boundaries that were found; and numbers of these in the order of the distance.
+_SKIPPING_ARGUMENTS = 32
+_PASSING_ARGUMENTS = 48
+_BOUNDARY_ARGUMENTS = 64
+_CONTEXT = 80
 _CONTEXT_COUNT = _CONTEXT + 2
 _CONTEXT_INSTANCE_COUNT = _CONTEXT + 3
 _CONTEXT_MASKS = _CONTEXT + 4  # address
+# The triangles that the ray starts and ends on, by instance and number within their mesh.
+_CONTEXT_OWN = _CONTEXT + 6
+_CONTEXT_LIGHT = _CONTEXT + 8
 _FIRST_BOUNDARY = _CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128
@@ -179,17 +188,50 @@ _FOUND_NORMAL, _FOUND_U, _FOUND_V, _FOUND_TRIANGLE, _FOUND_GEOMETRY, _FOUND_INST
 _FOUND_COUNT = (_CONTEXT_COUNT - _CONTEXT) * _WORD_BYTES
 _INSTANCE_COUNT = (_CONTEXT_INSTANCE_COUNT - _CONTEXT) * _WORD_BYTES
 _MASKS = (_CONTEXT_MASKS - _CONTEXT) * _WORD_BYTES
+_OWN = (_CONTEXT_OWN - _CONTEXT) * _WORD_BYTES
+_LIGHT = (_CONTEXT_LIGHT - _CONTEXT) * _WORD_BYTES
 _ROWS = (_FIRST_BOUNDARY - _CONTEXT) * _WORD_BYTES
 
 
 @kernel
 def _filtered_instance(context, hit):
-    """Which instance Embree's filter function was called for, and its mask."""
+    """Which instance Embree's filter function was called for."""
     instance = read_half(hit, _FOUND_INSTANCE)
     # As in `read_hit`.
     if instance >= read_half(context, _INSTANCE_COUNT):
         instance = read_half(hit, _FOUND_GEOMETRY)
-    return instance, read_half(read_word(context, _MASKS), instance * _WORD_BYTES)
+    return instance
+
+
+@kernel
+def _filtered_mask(context, instance):
+    """By which rays an instance is found."""
+    return read_half(read_word(context, _MASKS), instance * _WORD_BYTES)
+
+
+@kernel
+def _is_skipped(context, hit):
+    """Whether a hit is on the very triangle that the ray starts on, or on that which it ends on."""
+    triangle = read_half(hit, _FOUND_TRIANGLE)
+    is_own = triangle == read_half(context, _OWN + 4)
+    is_light = triangle == read_half(context, _LIGHT + 4)
+    if not (is_own or is_light):
+        return False
+    instance = _filtered_instance(context, hit)
+    return (is_own and instance == read_half(context, _OWN)) or (is_light and instance == read_half(context, _LIGHT))
+
+
+@kernel(called_by_c=True)
+def _skip(arguments):
+    """Embree's filter function: pass the triangles that the ray starts and ends on.
+
+    Parameters
+    ----------
+    arguments : intp
+        Address of an RTCFilterFunctionNArguments of one ray.
+    """
+    if _is_skipped(read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)):
+        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
 @kernel(called_by_c=True)
@@ -202,8 +244,9 @@ def _count_passed(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    _, mask = _filtered_instance(context, hit)
-    if mask & MASK_SHADOW_TRANSPARENT:
+    if _is_skipped(context, hit):
+        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
+    elif _filtered_mask(context, _filtered_instance(context, hit)) & MASK_SHADOW_TRANSPARENT:
         write_half(context, _FOUND_COUNT, read_half(context, _FOUND_COUNT) + 1)
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
@@ -218,8 +261,11 @@ def _keep_boundary(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
-    instance, mask = _filtered_instance(context, hit)
-    if mask & MASK_MEDIUM == 0:
+    if _is_skipped(context, hit):
+        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
+        return
+    instance = _filtered_instance(context, hit)
+    if _filtered_mask(context, instance) & MASK_MEDIUM == 0:
         return
     count = read_half(context, _FOUND_COUNT)
     if count < MOST_BOUNDARIES:
@@ -251,6 +297,58 @@ def _set_ray(ray, bits, origin, direction, near, far, time, mask):
 
 
 @kernel
+def _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask):
+    """Whether Embree finds a closest hit; arguments as `trace_closest`, and the address of Embree's own or 0."""
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
+    bits[_HIT_TRIANGLE] = _NONE
+    bits[_HIT_GEOMETRY] = _NONE
+    bits[_HIT_INSTANCE] = _NONE
+    _rtc_intersect(scene, address, arguments)
+    return bits[_HIT_GEOMETRY] != _NONE
+
+
+@kernel
+def _name_triangle(bits, place, geometry, instance, triangle):
+    """Write a triangle, instance -1: none, the way in which Embree's filter functions know it."""
+    bits[_CONTEXT_INSTANCE_COUNT] = geometry.instance_table.shape[0]
+    if instance < 0:
+        bits[place] = _NONE
+        bits[place + 1] = _NONE
+        return
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    bits[place] = instance
+    bits[place + 1] = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+
+
+@kernel
+def _call_filters(bits, flags):
+    # Embree would call them for some of the instances only.
+    bits[_SKIPPING_ARGUMENTS] = flags
+    bits[_PASSING_ARGUMENTS] = flags
+    bits[_BOUNDARY_ARGUMENTS] = flags
+
+
+@kernel
+def start_on(bits, geometry, instance, triangle):
+    """Say which triangle the next rays start on, which they skip; instance -1: none. They end on none.
+
+    What `trace_closest_from`, `trace_passing` and the like are told stays until they are told something else.
+    """
+    _name_triangle(bits, _CONTEXT_OWN, geometry, instance, triangle)
+    bits[_CONTEXT_LIGHT] = _NONE
+    bits[_CONTEXT_LIGHT + 1] = _NONE
+    _call_filters(bits, _RAY_CALLS_FILTER if instance >= 0 else 0)
+
+
+@kernel
+def end_on(bits, geometry, instance, triangle):
+    """Say which triangle the next rays end on, which they skip as well, instance -1: none; after `start_on`."""
+    _name_triangle(bits, _CONTEXT_LIGHT, geometry, instance, triangle)
+    if instance >= 0:
+        _call_filters(bits, _RAY_CALLS_FILTER)
+
+
+@kernel
 def trace_closest(scene, ray, bits, address, origin, direction, near, far, time, mask):
     """Closest hit along one ray; `read_hit` reads the answer.
 
@@ -266,12 +364,14 @@ def trace_closest(scene, ray, bits, address, origin, direction, near, far, time,
     bool
         True on a hit.
     """
-    _set_ray(ray, bits, origin, direction, near, far, time, mask)
-    bits[_HIT_TRIANGLE] = _NONE
-    bits[_HIT_GEOMETRY] = _NONE
-    bits[_HIT_INSTANCE] = _NONE
-    _rtc_intersect(scene, address, 0)
-    return bits[_HIT_GEOMETRY] != _NONE
+    return _search_closest(scene, ray, bits, address, 0, origin, direction, near, far, time, mask)
+
+
+@kernel
+def trace_closest_from(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """As `trace_closest`, but for what `start_on` and `end_on` have named."""
+    arguments = address + _SKIPPING_ARGUMENTS * _WORD_BYTES
+    return _search_closest(scene, ray, bits, address, arguments, origin, direction, near, far, time, mask)
 
 
 @kernel
@@ -306,6 +406,14 @@ def trace_occluded(scene, ray, bits, address, origin, direction, near, far, time
 
 
 @kernel
+def trace_occluded_from(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """As `trace_occluded`, but for what `start_on` and `end_on` have named."""
+    _set_ray(ray, bits, origin, direction, near, far, time, mask)
+    _rtc_occluded(scene, address, address + _SKIPPING_ARGUMENTS * _WORD_BYTES)
+    return ray[_HIT_DISTANCE] < 0.0
+
+
+@kernel
 def prepare_filters(bits, masks, instance_count):
     """Say which instances are of what kind, for `trace_passing` and `trace_boundaries`.
 
@@ -329,7 +437,7 @@ def _search_through(scene, ray, bits, address, arguments, origin, direction, nea
 def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
     """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
 
-    Arguments as `trace_closest`; see `prepare_filters`.
+    Arguments as `trace_closest`; see `prepare_filters`. What `start_on` and `end_on` have named does not count.
     """
     return _search_through(scene, ray, bits, address, _PASSING_ARGUMENTS, origin, direction, near, far, time, mask)
 
@@ -342,7 +450,7 @@ def trace_boundaries(scene, ray, bits, address, origin, direction, near, far, ti
     ----------
     mask : int
         MASK_MEDIUM, and others that end the search where they meet anything else. The others: as `trace_closest`; see
-        `prepare_filters`.
+        `prepare_filters`. What `start_on` and `end_on` have named does not count.
 
     Returns
     -------
@@ -402,16 +510,13 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
 
 
 @cache
-def _filter_addresses() -> tuple[int, int]:
-    """Where Embree calls `_count_passed` and `_keep_boundary`; 0 where nothing is compiled."""
-    found = []
-    for one in (_count_passed, _keep_boundary):
-        if not isinstance(one, Kernel):
-            return 0, 0
-        bound = BoundKernel(one)
-        bound.bind(0)
-        found.append(bound.c_address)
-    return found[0], found[1]
+def _address_of(called: Kernel, *arguments: int) -> int:
+    """Where Embree calls a kernel that takes such arguments; 0 where nothing is compiled."""
+    if not isinstance(called, Kernel):
+        return 0
+    bound = BoundKernel(called)
+    bound.bind(*arguments)
+    return bound.c_address
 
 
 class RayScratch:
@@ -423,11 +528,16 @@ class RayScratch:
         self.ray = raw[start : start + _SCRATCH_WORDS]
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
-        for first, function in zip((_PASSING_ARGUMENTS, _BOUNDARY_ARGUMENTS), _filter_addresses(), strict=True):
-            # RTCOccludedArguments: flags, features, context, filter function, and nothing of what is no triangle.
+        for first, function in (
+            (_SKIPPING_ARGUMENTS, _skip), (_PASSING_ARGUMENTS, _count_passed), (_BOUNDARY_ARGUMENTS, _keep_boundary)
+        ):
+            # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
+            # what is no triangle.
+            called = self.address + _CONTEXT * _WORD_BYTES, _address_of(function, 0)
             self.bits[first + 1] = _EVERY_FEATURE
-            self.bits[first + 2 : first + 6].view(np.int64)[:] = self.address + _CONTEXT * _WORD_BYTES, function
+            self.bits[first + 2 : first + 6].view(np.int64)[:] = called
         self.bits[_CONTEXT : _CONTEXT + 2] = _NONE
+        self.bits[_CONTEXT_OWN : _CONTEXT_OWN + 4] = _NONE
 
 
 def _release_with(owner: object, release: Callable[[int], None], address: int, needed: object = None) -> None:

@@ -174,6 +174,17 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.where(norm > 0.0, vectors / np.where(norm > 0.0, norm, 1.0), vectors)
 
 
+def _unit_as_cycles(vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors, rounded as Cycles rounds them: what lies in a lamp's plane hides it or not by the last bit."""
+    with np.errstate(over="ignore"):
+        single = vectors.astype(np.float32)
+        squares = single * single
+        norm = np.sqrt(squares[..., 0] + squares[..., 1] + squares[..., 2])[..., None]
+    is_usable = np.isfinite(norm) & (norm > 0.0)
+    inverse = np.float32(1.0) / np.where(is_usable, norm, np.float32(1.0))
+    return np.where(is_usable, single * inverse, _unit(vectors)).astype(np.float64)
+
+
 def _is_grey(colors: np.ndarray) -> np.ndarray:
     return np.asarray((colors[..., 0] == colors[..., 1]) & (colors[..., 1] == colors[..., 2]))
 
@@ -259,8 +270,10 @@ def _convert_areas(lamps: _Columns, draft: _Draft) -> None:
     values[:, la.LAMP_SPREAD_SCALE] = np.where(is_narrow, spread_scale, 0.0)
     peak = np.where(is_parallel, 1e4, np.where(is_narrow, tangent * spread_scale, 1.0))
     # A sheared lamp is made rectangular again: its normal is its plane's, on the side of its own -z.
-    axis_u = _unit(along_u)
-    axis_v = _unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
+    axis_u = _unit_as_cycles(along_u)
+    sheared = (_unit(along_v) * axis_u).sum(axis=1)
+    straight = _unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
+    axis_v = np.where((abs(sheared) > 1e-6)[:, None], straight, _unit_as_cycles(along_v))
     normal = np.cross(axis_u, axis_v)
     is_away = (normal * lamps.direction).sum(axis=1) < 0.0
     direction = np.where(is_away[:, None], -normal, normal)

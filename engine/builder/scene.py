@@ -28,6 +28,7 @@ from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
+from engine.builder.same_place import SamePlace, find_same_place
 from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept, Versions
@@ -46,7 +47,7 @@ from engine.state.geometry import (
     INSTANCE_VISIBILITY,
     GeometryArrays,
 )
-from engine.state.lights import HEADER_SOURCES, LightArrays
+from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
 #: Of an instance, what hierarchies depend on.
@@ -90,6 +91,8 @@ class SceneCache:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
         self.placed_meshes = Versions()
+        self.same_place: Kept[SamePlace] = Kept()
+        self.marked_geometry: Kept[GeometryArrays] = Kept()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.glass: Kept[dict[int, np.ndarray]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
@@ -129,6 +132,17 @@ def _shadow_masks(
     return masks
 
 
+def _find_same_place(cache: SceneCache, description: SceneDescription, geometry: GeometryArrays) -> SamePlace:
+    """Where rays start and end in place: what is at hand where neither geometry nor lamps are others."""
+    lamps = [(light.name, light.shape, light.size_x, light.size_y, light.transform)
+             for light in description.lights if light.kind == "AREA"]  # fmt: skip
+    names = tuple(description.instances.name)
+    return cache.same_place.get(
+        (cache.geometry.geometry.version, names, content_digest(lamps)),
+        lambda: find_same_place(geometry, description.lights, names),
+    )
+
+
 def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
     """The hierarchies at hand where they are of the same shapes in the same places."""
     if cache.hierarchies is None or cache.hierarchies.threads != threads:
@@ -166,18 +180,21 @@ def _build_environment(
 
 def _build_lights(
     cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, info: ProgramInfo,
-    environment: EnvironmentMap | None,
+    environment: EnvironmentMap | None, in_place: np.ndarray,
 ) -> tuple[LightArrays, list[Notice]]:
     """Lights and what was found on the way: those at hand where nothing that emits, or has shape, is another."""
 
     def build() -> tuple[LightArrays, list[Notice]]:
         found: list[Notice] = []
-        return build_lights(description, geometry, info, environment, found), found
+        lights = build_lights(description, geometry, info, environment, found)
+        lights.lamp_table[np.isin(lights.lamp_table[:, LAMP_LIGHT], in_place), LAMP_FLAGS] |= LAMP_FLAG_IN_SURFACE
+        return lights, found
 
     world = description.world
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
     emitting = content_digest((description.lights, of_world, info))
-    return cache.lights.get((cache.geometry.geometry.version, cache.environment.version, emitting), build)
+    key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
+    return cache.lights.get(key, build)
 
 
 def _draw_apart(cache: SceneCache, description: SceneDescription) -> SceneDescription:
@@ -275,6 +292,12 @@ def build_scene(
     geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
+    same_place = _find_same_place(cache, description, geometry)
+    notices += same_place.notices
+    unmarked = geometry
+    geometry = cache.marked_geometry.get(
+        (cache.geometry.geometry.version, cache.same_place.version), lambda: same_place.mark(unmarked)
+    )
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
@@ -292,7 +315,9 @@ def build_scene(
         accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
         environment = begun.result()
     check_cancel()
-    lights, light_notices = _build_lights(cache, description, geometry, programs.program_info(), environment)
+    lights, light_notices = _build_lights(
+        cache, description, geometry, programs.program_info(), environment, same_place.lights
+    )
     notices += light_notices
     if media.emits:
         # Paths find light where nothing else is.

@@ -5,12 +5,13 @@ import numpy as np
 
 from engine.kernels.constants import FAR
 from engine.kernels.path_depths import store_depths
-from engine.kernels.surface import program_of
+from engine.kernels.surface import is_far, program_of
 from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_LIGHT_GROUP
 from engine.state.lanes import (
     LIGHT_CASTS_SHADOW,
+    LIGHT_ENDS_IN_PLACE,
     LIGHT_HAS_PROGRAM,
     LIGHT_IS_LAMP,
     LIGHT_USES_MIS,
@@ -37,6 +38,8 @@ from engine.state.lanes import (
 from engine.state.lights import (
     EMITTER_LAMP,
     HEADER_BACKGROUND_PROGRAM,
+    LAMP_FLAG_IN_SURFACE,
+    LAMP_FLAGS,
     LAMP_LIGHT_GROUP,
     LAMP_TEMPERATURE,
     LIGHT_BACKGROUND,
@@ -97,6 +100,14 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
     if instance < 0:
         flags |= LIGHT_IS_LAMP
+        if kind != LIGHT_BACKGROUND and lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_FLAGS] & (
+            LAMP_FLAG_IN_SURFACE
+        ):
+            flags |= LIGHT_ENDS_IN_PLACE
+    elif is_far(geometry, instance):
+        flags |= LIGHT_ENDS_IN_PLACE
+    if flags & LIGHT_ENDS_IN_PLACE:
+        samples.emitter[lane] = emitter
     samples.distance[lane] = distance
     # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
     if distance < FAR:

@@ -10,6 +10,10 @@ from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    LIGHT_ENDS_IN_PLACE,
+    LIGHT_IS_LAMP,
+    POINT_FLAG_FAR,
+    POINT_FLAGS,
     POINT_NG,
     POINT_NS,
     POINT_P,
@@ -22,7 +26,9 @@ from engine.state.lanes import (
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_REFLECT,
+    RAY_SHADOW_IN_PLACE,
     RAY_SINGULAR,
+    RAY_STARTS_ON,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSMIT,
@@ -42,6 +48,7 @@ _RESET = ~(
     | RAY_MIS_HAD_TRANSMISSION
     | RAY_MIS_FINDS_ALL
     | RAY_TRANSPARENT_BACKGROUND
+    | RAY_STARTS_ON
 )
 
 
@@ -61,7 +68,17 @@ def go_on(paths, lane, origin):
     is_cameras = paths.flags[lane] & RAY_CAMERA
     left = paths.mis_pdf[lane] - paths.mis_distance[lane]
     paths.hit_distance[lane] = max(left, 0.0) if is_cameras else INFINITY
+    paths.flags[lane] &= ~RAY_STARTS_ON
     store(paths.origin, lane, origin)
+
+
+@kernel
+def _leave(paths, points, lane, direction):
+    """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place."""
+    p = real_3(points, lane, POINT_P)
+    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR:
+        return p, RAY_STARTS_ON
+    return offset_origin(p, real_3(points, lane, POINT_NG), direction, paths.offset[lane]), 0
 
 
 @kernel
@@ -71,10 +88,9 @@ def pass_through(options, paths, points, lane):
     if count_transparent(options, paths, lane):
         flags |= RAY_TERMINATE_ON_NEXT_SURFACE
     paths.flags[lane] = flags
-    origin = offset_origin(
-        real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), load(paths.direction, lane), paths.offset[lane]
-    )
+    origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane))
     go_on(paths, lane, origin)
+    paths.flags[lane] |= starts_on
 
 
 @kernel
@@ -109,14 +125,14 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     pdf : float32 [sr^-1], source density for MIS at the next emitter (a delta lobe's probability)
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling, by which Filter Glossy blurs what follows, and clamping goes
     """
-    p, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
-    _set_ray(paths, points, lane, offset_origin(p, ng, wi, paths.offset[lane]), wi, pdf, bsdf_pdf)
+    origin, starts_on = _leave(paths, points, lane, wi)
+    _set_ray(paths, points, lane, origin, wi, pdf, bsdf_pdf)
     # A delta lobe's density is infinite: it blurs nothing behind it.
     if not label & RAY_SINGULAR:
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
 
     ends = count_scattering(options, paths, lane, label)
-    flags = paths.flags[lane] & _RESET
+    flags = paths.flags[lane] & _RESET | starts_on
     flags |= RAY_REFLECT if label & RAY_REFLECT else RAY_TRANSMIT
     if label & RAY_DIFFUSE:
         flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
@@ -131,6 +147,21 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
     if ends:
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
     paths.flags[lane] = flags
+
+
+@kernel
+def mark_shadow(paths, lane, in_place):
+    """Say whether the lane's shadow ray starts and ends in place."""
+    if in_place:
+        paths.flags[lane] |= RAY_SHADOW_IN_PLACE
+    else:
+        paths.flags[lane] &= ~RAY_SHADOW_IN_PLACE
+
+
+@kernel
+def ends_on_light(paths, lane, light_flags):
+    """Whether the lane's shadow ray ends at its light itself, flags LIGHT_*, and not a rounding error before it."""
+    return paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0 and light_flags & (LIGHT_ENDS_IN_PLACE | LIGHT_IS_LAMP) != 0
 
 
 @kernel

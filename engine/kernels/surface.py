@@ -1,9 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points on surfaces: position, normals, rounding error, and the ray's start that clears it."""
+"""Points on surfaces: position, normals, rounding error, and the ray's start that clears it.
+
+On what is far from the origin rays start in place (`ray_start`), and skip the triangle that they start on.
+"""
 
 import numpy as np
 
-from engine.kernels.motion import move_surface, normals_at, triangle_at
+from engine.kernels.motion import (
+    direction_to_object,
+    move_surface,
+    normal_to_world,
+    normals_at,
+    point_to_object,
+    triangle_at,
+)
 from engine.kernels.vector import (
     add,
     cross,
@@ -19,6 +29,7 @@ from engine.kernels.vector import (
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_FAR,
     INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAG_MOVING,
     INSTANCE_FLAGS,
@@ -28,6 +39,7 @@ from engine.state.geometry import (
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
+    POINT_FLAG_FAR,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_LIGHT,
@@ -46,6 +58,11 @@ from engine.state.lanes import (
 RELATIVE_ERROR = np.float32(4.0 * 7.0 * 2.0**-24)
 #: Least cosine by which `skipped_distance` divides: rays that only graze a surface skip no more than this says.
 _LEAST_COSINE = np.float32(1e-4)
+#: How far a ray starts off a surface where it must: in steps of float32, but near zero, where these are tiny [m].
+_STEPS = np.float32(256.0)
+_NEAR_ZERO, _STEP_NEAR_ZERO = np.float32(1.0 / 32.0), np.float32(1.0 / 65536.0)
+#: Of float32: by how much of their sum the edges' numbers may be on the wrong side for Embree.
+_ROUNDING = np.float32(2.0**-23)
 
 
 @kernel
@@ -106,6 +123,12 @@ def surface_point(geometry, instance, triangle, u, v, time):
 
 
 @kernel
+def is_far(geometry, instance):
+    """Whether an instance is so far from the origin that rays leave and meet it in place."""
+    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR != 0
+
+
+@kernel
 def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, time):
     """Fill the geometric part of a point to shade; returns its error bound [m]."""
     p, ng, ns, error = surface_point(geometry, instance, triangle, u, v, time)
@@ -114,6 +137,8 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
         ng = negate(ng)
         ns = negate(ns)
         flags = POINT_FLAG_BACKFACING
+    if is_far(geometry, instance):
+        flags |= POINT_FLAG_FAR
     real = points.real
     for k in range(3):
         real[lane, POINT_P + k] = p[k]
@@ -148,3 +173,72 @@ def offset_origin(p, ng, direction, offset):
 def skipped_distance(ng, direction, offset):
     """How far from a surface a ray is at its start, if it has left it by `offset_origin`, along itself [m]."""
     return offset / max(abs(dot(ng, direction)), _LEAST_COSINE)
+
+
+@kernel
+def gap_before(geometry, instance, ng, direction, offset):
+    """How far before a surface dense media end [m]: as far as rays skip that leave it, which is nothing in place."""
+    if is_far(geometry, instance):
+        return 0.0 * offset
+    return skipped_distance(ng, direction, offset)
+
+
+@kernel(fastmath=False)
+def _side_of_edge(a, b, direction):
+    """On which side of the edge from b to a a line passes, and by how much; a and b are seen from a point on it."""
+    sx, sy, sz = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+    ex, ey, ez = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    x, y, z = sy * ez - sz * ey, sz * ex - sx * ez, sx * ey - sy * ex
+    return x * direction[0] + y * direction[1] + z * direction[2]
+
+
+@kernel(fastmath=False)
+def _is_within(p, direction, v0, v1, v2):
+    """Whether a line meets a triangle so far within its edges that it meets none beside it.
+
+    Found as Embree finds it, by Plücker coordinates, in this order: all depends on the last bits.
+    """
+    a = (v0[0] - p[0], v0[1] - p[1], v0[2] - p[2])
+    b = (v1[0] - p[0], v1[1] - p[1], v1[2] - p[2])
+    c = (v2[0] - p[0], v2[1] - p[1], v2[2] - p[2])
+    u, v, w = _side_of_edge(c, a, direction), _side_of_edge(a, b, direction), _side_of_edge(b, c, direction)
+    slack = _ROUNDING * abs(u + v + w)
+    return min(u, v, w) >= slack or max(u, v, w) <= -slack
+
+
+@kernel
+def _step_off(x, n):
+    """A coordinate moved along the normal's, `n`, by more than it may be wrong; as Cycles does it."""
+    if abs(x) < _NEAR_ZERO:
+        return x + n * _STEP_NEAR_ZERO
+    steps = np.int32(n * _STEPS)
+    return np.int32(np.float32(x).view(np.int32) + (-steps if x < 0.0 else steps)).view(np.float32)
+
+
+@kernel
+def ray_start(geometry, instance, triangle, p, direction, time):
+    """Where a ray starts in place that leaves a triangle at `p`, which it skips: there, with rare exceptions.
+
+    Where rounding has put `p` beside the triangle, or onto its edge, the ray would meet its neighbour. There it starts
+    a little off the surface.
+
+    References
+    ----------
+    Waechter and Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems, chapter 6).
+    """
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
+    is_baked = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED != 0
+    at, along = p, direction
+    if not is_baked:
+        at = point_to_object(geometry, instance, time, p)
+        along = direction_to_object(geometry, instance, time, direction)
+    if _is_within(at, along, v0, v1, v2):
+        return p
+    ng = cross(subtract(v1, v0), subtract(v2, v0))
+    if not is_baked:
+        ng = normal_to_world(geometry, instance, time, ng)
+    ng = normalize(ng)
+    if dot(ng, direction) < 0.0:
+        ng = negate(ng)
+    return _step_off(p[0], ng[0]), _step_off(p[1], ng[1]), _step_off(p[2], ng[2])

@@ -11,7 +11,7 @@ References: Hanika 2021, "Hacking the Shadow Terminator" (Ray Tracing Gems II, c
 
 from engine.kernels.constants import FAR
 from engine.kernels.motion import direction_to_world, normals_at, triangle_at
-from engine.kernels.surface import offset_origin
+from engine.kernels.surface import offset_origin, ray_start
 from engine.kernels.vector import add, dot, length, negate, normalize, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
@@ -67,7 +67,7 @@ def smooth_offset(geometry, instance, triangle, u, v, ng, time):
 
 
 @kernel
-def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offset, time):
+def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offset, in_place, time):
     """Ray from a point on a surface, or within a medium (`instance` -1), to a light.
 
     Parameters
@@ -78,15 +78,19 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offs
         Direction and distance of the light from p; from `FAR` on it is infinitely far away.
     offset : float32 [m]
         Step off the surface that clears the rounding error of p.
+    in_place : bool
+        Whether it is to start in place, and to skip the triangle.
     time : float32 in [0, 1], of the shutter
 
     Returns
     -------
     origin, direction : tuple of 3 float32
     distance : float32
+    in_place : bool
+        False where it starts above the triangle, and is to come down on it.
     """
     if instance < 0:
-        return p, wi, distance
+        return p, wi, distance, in_place
     cutoff = 0.0 * offset
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     if geometry.mesh_table[mesh, MESH_FIRST_NORMAL] >= 0:
@@ -102,10 +106,15 @@ def shadow_ray(geometry, instance, triangle, u, v, p, ng, ns, wi, distance, offs
         if amount > 0.0:
             lift = scale(smooth_offset(geometry, instance, triangle, u, v, facing, time), min(amount, 1.0))
             # Above the triangle, so that it shadows what reaches the smooth surface from below.
-            origin = add(add(p, lift), scale(facing, offset))
+            in_place = in_place and cos_g > 0.0
+            origin = add(p, lift)
+            if not in_place:
+                origin = add(origin, scale(facing, offset))
             if distance < FAR:
                 to_light = subtract(add(p, scale(wi, distance)), origin)
                 distance = length(to_light)
                 wi = normalize(to_light)
-            return origin, wi, distance
-    return offset_origin(p, ng, wi, offset), wi, distance
+            return origin, wi, distance, in_place
+    if in_place:
+        return ray_start(geometry, instance, triangle, p, wi, time), wi, distance, True
+    return offset_origin(p, ng, wi, offset), wi, distance, False

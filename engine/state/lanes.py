@@ -89,6 +89,10 @@ RAY_EMISSION = 32768
 RAY_PASSES_DONE = 65536
 #: The camera's ray has met a shadow catcher.
 RAY_CATCHER_HIT = 131072
+#: The ray starts on the triangle that its path has hit, in place, and skips it.
+RAY_STARTS_ON = 524288
+#: The lane's shadow ray starts and ends in place, and skips the triangles there.
+RAY_SHADOW_IN_PLACE = 1048576
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
@@ -122,6 +126,8 @@ POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
 POINT_INTEGER_WIDTH = 11
 
 POINT_FLAG_BACKFACING = 1
+#: Of an instance that is far from the origin: see INSTANCE_FLAG_FAR.
+POINT_FLAG_FAR = 2
 
 
 class ShadePoints(Bundle):
@@ -567,6 +573,7 @@ class LightSamples(Bundle):
     radiance : float32 (L, C), or the factor on the light program's emission where there is a program
     terminate : float32 in [0, 1), for the roulette on dim light samples
     offset : float32 [m], rounding error of the point on the light along the ray
+    emitter : int32, row of `LightArrays.emitters`, where LIGHT_ENDS_IN_PLACE
     flags : int32, LIGHT_*
     visibility : int32, RAY_* kinds that see this light
     bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
@@ -585,6 +592,7 @@ class LightSamples(Bundle):
     radiance: Float32Array
     terminate: Float32Array
     offset: Float32Array
+    emitter: Int32Array
     flags: Int32Array
     visibility: Int32Array
     bsdf_pdf: Float32Array
@@ -665,6 +673,8 @@ LIGHT_HAS_PROGRAM = 4
 LIGHT_IS_LAMP = 8
 #: Drawn for a whole segment within media: scattering finds the light as from another point.
 LIGHT_IS_OF_SEGMENT = 16
+#: Shadow rays end at it in place: a surface may lie there, or it is far from the origin.
+LIGHT_ENDS_IN_PLACE = 32
 
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
@@ -687,7 +697,7 @@ def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamp
                 ("bsdf_share", real),
                 ("weight", real),
             ],
-            [("cluster", integer), ("cluster_pmf", real), ("tree_pmf", real)],
+            [("cluster", integer), ("cluster_pmf", real), ("tree_pmf", real), ("emitter", integer)],
         ],
     )
     fields["bsdf_share"][:] = fields["weight"][:] = 1.0

@@ -128,6 +128,8 @@ LAMP_FLAG_SPHERE = 4
 LAMP_FLAG_ELLIPSE = 8
 #: Can only be sampled, never hit.
 LAMP_FLAG_DELTA = 16
+#: A surface lies in one place with it, or it is far from the origin: see `engine.builder.same_place`.
+LAMP_FLAG_IN_SURFACE = 32
 
 # LightArrays.header (int32)
 HEADER_EMITTERS = 0

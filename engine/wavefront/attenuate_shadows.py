@@ -14,16 +14,16 @@ from engine.accel import (
     read_boundary,
     read_hit,
     trace_boundaries,
-    trace_closest,
-    trace_occluded,
+    trace_closest_from,
+    trace_occluded_from,
 )
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
 from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
-from engine.kernels.path import real_3
+from engine.kernels.path import ends_on_light, real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
 from engine.kernels.rng import SET_SHADOW_MEDIUM, track_4
-from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
+from engine.kernels.surface import gap_before, offset_origin, program_of, surface_point
 from engine.kernels.tracking import MOST_STEPS, next_collision, place_in_medium, read_medium, survives
 from engine.kernels.vector import add, dot, load, scale, store
 from engine.runtime.jit import kernel
@@ -56,6 +56,7 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
+from engine.wavefront.ray_ends import name_ends
 
 _ROWS_AHEAD = 4
 #: Searches for the boundaries on one shadow ray; one is enough unless there are more than MOST_BOUNDARIES.
@@ -85,10 +86,11 @@ def _stops_light(scene, instance, triangle):
 
 
 @kernel
-def _next_boundary(scene, work, origin, direction, rest, time):
+def _next_boundary(scene, work, lane, origin, direction, rest, time):
     """Find the next boundary of media on a shadow ray: whether there is one, and what `read_hit` says of it."""
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
-    hit = trace_closest(
+    name_ends(scene, work, lane)
+    hit = trace_closest_from(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
         MASK_MEDIUM,
     )
@@ -104,7 +106,7 @@ def _meet(scene, direction, instance, triangle, u, v, time):
     p, ng, _ns, error = surface_point(scene.geometry, instance, triangle, u, v, time)
     gap = 0.0
     if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-        gap = skipped_distance(ng, direction, error)
+        gap = gap_before(scene.geometry, instance, ng, direction, error)
     return p, ng, error, gap
 
 
@@ -113,10 +115,10 @@ def _length_beyond(scene, work, lane):
     """How far media go on behind the end of a shadow ray [m], which ends before its light by a rounding error.
 
     Before a surface that glows they end where they end for rays that are scattered there (`find_gaps`). Lamps are no
-    surfaces, and in dense media their light is dimmed on that last bit too.
+    surfaces, and in dense media their light is dimmed on that last bit too. What ends in place leaves none.
     """
-    lamp = LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
-    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or work.samples.flags[lane] & lamp != lamp:
+    flags, lamp = work.samples.flags[lane], LIGHT_IS_LAMP | LIGHT_CASTS_SHADOW
+    if scene.header[SCENE_HAS_DENSE_MEDIA] == 0 or flags & lamp != lamp or ends_on_light(work.paths, lane, flags):
         return 0.0 * work.samples.offset[lane]
     return work.samples.offset[lane]
 
@@ -162,6 +164,7 @@ def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
     ray, bits, depths = work.ray, work.ray_bits, work.media.coefficients
     origin, direction, time = load(shadows.origin, row), load(shadows.direction, row), paths.time[lane]
     is_dense, sees_opaque = scene.header[SCENE_HAS_DENSE_MEDIA] != 0, mask != MASK_MEDIUM
+    name_ends(scene, work, lane)
     for c in range(len(paths.channels)):
         depths[CHANNEL_WEIGHT, c] = 0.0
     near, far, passed = 0.0, rest, 0.0
@@ -251,7 +254,8 @@ def _look_for_leg(scene, work, row, own):
     hit, instance, triangle, distance, u, v = False, -1, -1, rest, 0.0, 0.0
     if tracking.chosen[own] > 0 and rest > 0.0:
         hit, instance, triangle, distance, u, v = _next_boundary(
-            scene, work, load(tracking.origin, own), load(shadows.direction, row), rest, paths.time[shadows.lane[row]]
+            scene, work, shadows.lane[row], load(tracking.origin, own), load(shadows.direction, row), rest,
+            paths.time[shadows.lane[row]],
         )
         tracking.chosen[own] -= 1
     _set_leg(tracking, own, instance, triangle, distance, u, v)
@@ -274,6 +278,7 @@ def _look_along(scene, work, row, own, mask):
     if scene.header[SCENE_HAS_BOUNDARIES] == 0 or not rest > 0.0:
         return True
     work.counts[TRANSPARENT_SHADOW_RAYS] += 1
+    name_ends(scene, work, shadows.lane[row])
     count = trace_boundaries(
         scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest, time,
         mask,
@@ -292,7 +297,7 @@ def _look_along(scene, work, row, own, mask):
         _set_leg(tracking, own, instance, triangle, distance, u, v)
     if count > kept:
         # Those that were kept may be any.
-        if mask != MASK_MEDIUM and trace_occluded(
+        if mask != MASK_MEDIUM and trace_occluded_from(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], origin, direction, 0.0, rest,
             time, mask & ~MASK_MEDIUM,
         ):
@@ -352,7 +357,8 @@ def begin_shadows(scene, unit, work, queue):
         store(tracking.origin, own, load(shadows.origin, row))
         tracking.rest[own] = rest
         # Following a ray costs far more than finding out that something hides the light.
-        is_hidden = not looks_once and rest > 0.0 and trace_occluded(
+        name_ends(scene, work, lane)
+        is_hidden = not looks_once and rest > 0.0 and trace_occluded_from(
             scene.header[SCENE_HANDLE], work.ray, work.ray_bits, work.ray_address[0], load(shadows.origin, row),
             direction, 0.0, rest, paths.time[lane], opaque,
         )

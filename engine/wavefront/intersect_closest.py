@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: find what each path's ray hits first."""
 
-from engine.accel import CATCHER_MASK_SHIFT, read_hit, trace_closest
+from engine.accel import CATCHER_MASK_SHIFT, read_hit, start_on, trace_closest, trace_closest_from
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
-from engine.kernels.vector import load
+from engine.kernels.surface import ray_start
+from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT, RAY_VOLUME
+from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_STARTS_ON, RAY_TRANSMIT, RAY_VOLUME
 from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
 
 
@@ -29,10 +30,17 @@ def intersect_closest(scene, unit, work, queue):
             visibility |= RAY_DIFFUSE
         if follows and paths.flags[lane] & RAY_CATCHER_HIT:
             visibility <<= CATCHER_MASK_SHIFT
-        hit = trace_closest(
-            handle, ray, bits, address, load(paths.origin, lane), load(paths.direction, lane), 0.0,
-            paths.hit_distance[lane], paths.time[lane], visibility,
-        )
+        origin, direction = load(paths.origin, lane), load(paths.direction, lane)
+        far, time = paths.hit_distance[lane], paths.time[lane]
+        hit = False
+        if paths.flags[lane] & RAY_STARTS_ON:
+            instance, triangle = paths.hit_instance[lane], paths.hit_triangle[lane]
+            origin = ray_start(geometry, instance, triangle, origin, direction, time)
+            store(paths.origin, lane, origin)
+            start_on(bits, geometry, instance, triangle)
+            hit = trace_closest_from(handle, ray, bits, address, origin, direction, 0.0, far, time, visibility)
+        else:
+            hit = trace_closest(handle, ray, bits, address, origin, direction, 0.0, far, time, visibility)
         if hit:
             instance, triangle, distance, u, v = read_hit(ray, bits, geometry)
             paths.hit_distance[lane] = distance

@@ -14,7 +14,9 @@ from engine.accel import (
     prepare_filters,
     read_hit,
     trace_closest,
+    trace_closest_from,
     trace_occluded,
+    trace_occluded_from,
     trace_passing,
 )
 from engine.kernels.path import real_3
@@ -26,6 +28,9 @@ from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import length, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    POINT_FLAG_FAR,
+    POINT_FLAGS,
+    POINT_INSTANCE,
     POINT_NG,
     POINT_P,
     POINT_PROGRAM,
@@ -33,7 +38,9 @@ from engine.state.lanes import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
+    POINT_TRIANGLE,
     RAY_SHADOW,
+    RAY_SHADOW_IN_PLACE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_TRANSPARENCY_CONSTANT, VALUE_TRANSPARENCY
 from engine.wavefront.columns import (
@@ -46,6 +53,7 @@ from engine.wavefront.columns import (
     TRANSPARENT_SHADOW_RAYS,
     UNIT_FOLLOWS,
 )
+from engine.wavefront.ray_ends import name_ends, name_passed
 
 _ROWS_AHEAD = 2
 
@@ -85,8 +93,14 @@ def intersect_shadow(scene, unit, work, queue):
         far = shadows.distance[row]
         time = paths.time[lane]
         passed = 0
+        is_in_place = paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0
+        if has_transparent or is_in_place:
+            name_ends(scene, work, lane)
         if has_transparent:
             passed = trace_passing(handle, ray, bits, address, origin, direction, 0.0, far, time, mask)
+        elif is_in_place:
+            if trace_occluded_from(handle, ray, bits, address, origin, direction, 0.0, far, time, mask):
+                continue
         elif trace_occluded(handle, ray, bits, address, origin, direction, 0.0, far, time, mask):
             continue
         if passed > 0:
@@ -97,6 +111,14 @@ def intersect_shadow(scene, unit, work, queue):
         elif passed == 0:
             add_sampled(options, paths, passes, lane, shadows, row)
     queue.count[0] = pending_count
+
+
+@kernel
+def _meets(scene, ray, bits, address, origin, direction, far, time, mask, skips):
+    """Whether a shadow ray meets anything, but for what `skips` says that it skips."""
+    if skips:
+        return trace_closest_from(scene, ray, bits, address, origin, direction, 0.0, far, time, mask)
+    return trace_closest(scene, ray, bits, address, origin, direction, 0.0, far, time, mask)
 
 
 @kernel
@@ -125,7 +147,12 @@ def pass_transparent(scene, unit, work, queue):
         lane = shadows.lane[row]
         direction = load(shadows.direction, row)
         # A ray that has passed something since `intersect_shadow` waited for its program.
-        if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
+        has_passed = shadows.transparent_depth[row] > paths.transparent_depth[lane]
+        skips = False
+        if has_passed:
+            skips = name_passed(
+                scene, work, lane, points.integer[row, POINT_INSTANCE], points.integer[row, POINT_TRIANGLE]
+            )
             # A holdout lets no light through: it is a hole in the picture alone.
             largest = filter_by(
                 spectrum, paths, lane, shadows.radiance, row, closures.transparency[row, 0],
@@ -133,12 +160,14 @@ def pass_transparent(scene, unit, work, queue):
             )
             if not largest > 0.0:
                 continue
+        else:
+            skips = name_ends(scene, work, lane)
         while True:
             # Behind the last of those that were counted there is nothing. Two triangles that share an edge may have
             # been counted both where the ray meets one.
-            if shadows.transparent_left[row] <= 0 or not trace_closest(
-                handle, ray, bits, address, load(shadows.origin, row), direction, 0.0, shadows.distance[row],
-                paths.time[lane], mask,
+            if shadows.transparent_left[row] <= 0 or not _meets(
+                handle, ray, bits, address, load(shadows.origin, row), direction, shadows.distance[row],
+                paths.time[lane], mask, skips,
             ):
                 add_sampled(options, paths, passes, lane, shadows, row)
                 break
@@ -151,7 +180,9 @@ def pass_transparent(scene, unit, work, queue):
             real = points.real
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
             ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
-            store(shadows.origin, row, offset_origin(p, ng, direction, error))
+            skips = name_passed(scene, work, lane, instance, triangle)
+            origin = p if points.integer[row, POINT_FLAGS] & POINT_FLAG_FAR else offset_origin(p, ng, direction, error)
+            store(shadows.origin, row, origin)
             shadows.distance[row] -= distance
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:

@@ -8,7 +8,7 @@ from engine.kernels.constants import INFINITY
 from engine.kernels.media import copy_media, cross_boundary, enter_medium
 from engine.kernels.path import real_3
 from engine.kernels.rng import SETS_BEFORE_VERTICES
-from engine.kernels.surface import offset_origin, program_of, skipped_distance, surface_point
+from engine.kernels.surface import gap_before, offset_origin, program_of, surface_point
 from engine.kernels.vector import dot, load, subtract
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA
@@ -122,7 +122,7 @@ def find_gaps(scene, unit, work, queue):
             _p, ng, _ns, error = surface_point(
                 geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], paths.time[lane]
             )
-            gap = skipped_distance(ng, load(paths.direction, lane), error)
+            gap = gap_before(geometry, instance, ng, load(paths.direction, lane), error)
         media.gap[lane] = gap
 
 

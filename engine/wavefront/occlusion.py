@@ -12,7 +12,7 @@ import numpy as np
 from engine.kernels.bsdf.closures import average, read3
 from engine.kernels.bsdf.kinds import LAST_DIFFUSE
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
-from engine.kernels.path import real_3
+from engine.kernels.path import mark_shadow, real_3
 from engine.kernels.spectrum import to_rgb
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, normalize, store
@@ -21,6 +21,9 @@ from engine.state.film import LIGHT_OCCLUSION
 from engine.state.lanes import (
     CLOSURE_N,
     CLOSURE_WEIGHT,
+    LIGHT_ENDS_IN_PLACE,
+    POINT_FLAG_FAR,
+    POINT_FLAGS,
     POINT_NG,
     POINT_NS,
     POINT_P,
@@ -68,11 +71,14 @@ def aim_occlusion(scene, unit, work, queue):
             continue
         n = _diffuse_normal(closures, points, lane)
         wi, _ = sample_cosine_hemisphere(n, paths.random[lane, 1], paths.random[lane, 2])
-        origin, wi, distance = shadow_ray(
+        in_place = points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR != 0
+        origin, wi, distance, in_place = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane],
             real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), real_3(points, lane, POINT_NS), wi,
-            options.occlusion_distance, paths.offset[lane], paths.time[lane],
+            options.occlusion_distance, paths.offset[lane], in_place, paths.time[lane],
         )
+        mark_shadow(paths, lane, in_place)
+        work.samples.flags[lane] &= ~LIGHT_ENDS_IN_PLACE
         mean = 0.0
         for c in range(RGB):
             mean += min(max(1.0 - closures.transparency[lane, c], 0.0), 1.0) * (1.0 / RGB)

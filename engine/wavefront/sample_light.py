@@ -26,7 +26,7 @@ from engine.kernels.lights import (
     sample_triangles,
     triangle_of,
 )
-from engine.kernels.path import real_3
+from engine.kernels.path import ends_on_light, mark_shadow, real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
 from engine.kernels.rng import SET_LIGHT
@@ -52,9 +52,12 @@ from engine.state.lanes import (
     DRAW_U_PICK,
     DRAW_WIDTH,
     LIGHT_CASTS_SHADOW,
+    LIGHT_ENDS_IN_PLACE,
     LIGHT_HAS_PROGRAM,
     LIGHT_IS_OF_SEGMENT,
     LIGHT_USES_MIS,
+    POINT_FLAG_FAR,
+    POINT_FLAGS,
     POINT_NG,
     POINT_NS,
     POINT_P,
@@ -331,12 +334,17 @@ def connect_lights(scene, unit, work, queue):
         ng = (real[lane, POINT_NG], real[lane, POINT_NG + 1], real[lane, POINT_NG + 2])
         ns = (real[lane, POINT_NS], real[lane, POINT_NS + 1], real[lane, POINT_NS + 2])
         wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
-        origin, wi, distance = shadow_ray(
-            geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng,
-            ns, wi, samples.distance[lane], paths.offset[lane], paths.time[lane],
+        instance = paths.hit_instance[lane]
+        in_place = flags & LIGHT_ENDS_IN_PLACE != 0
+        in_place |= instance >= 0 and points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR != 0
+        origin, wi, distance, in_place = shadow_ray(
+            geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng, ns, wi,
+            samples.distance[lane], paths.offset[lane], in_place, paths.time[lane],
         )
         store(shadows.origin, row, origin)
         store(shadows.direction, row, wi)
-        distance -= samples.offset[lane]
+        mark_shadow(paths, lane, in_place)
+        if not ends_on_light(paths, lane, flags):
+            distance -= samples.offset[lane]
         shadows.distance[row] = distance if flags & LIGHT_CASTS_SHADOW else -1.0
     work.counts[SHADOW_ROWS] = shadow_count

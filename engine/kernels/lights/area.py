@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.kernels.constants import PI
 from engine.kernels.lights.mapping import concentric_disk
-from engine.kernels.vector import add, cross, dot, length, scale, subtract
+from engine.kernels.vector import add, cross, dot, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.lights import (
     LAMP_AXIS_U,
@@ -223,6 +223,20 @@ def hit_area(lamps, lamp_table, row, origin, direction, t_min, t_max):
     return 0.0 * facing - 1.0
 
 
+@kernel(fastmath=False)
+def _rounded(p, first, second, third):
+    """Where a lamp's point is from p that is the sum of these, and by which direction and how far.
+
+    As in Cycles, to the last bit: by that what lies in the lamp's plane hides it or does not.
+    """
+    x = ((p[0] + first[0]) + second[0]) + third[0] - p[0]
+    y = ((p[1] + first[1]) + second[1]) + third[1] - p[1]
+    z = ((p[2] + first[2]) + second[2]) + third[2] - p[2]
+    distance = math.sqrt((x * x + y * y) + z * z)
+    length = max(distance, 1e-30)
+    return (x, y, z), (x / length, y / length, z / length), distance
+
+
 @kernel
 def sample_area(lamps, lamp_table, row, p, u0, u1):
     """Point of an area lamp for a receiver at p.
@@ -260,17 +274,18 @@ def sample_area(lamps, lamp_table, row, p, u0, u1):
     if kind == _REGION_RECTANGLE:
         x0, x1, y0, y1, z = _rectangle_frame(center, axis_u, length_u, axis_v, length_v)
         n0, n2, g2, g3, solid_angle = _rectangle_angles(x0, x1, y0, y1, z)
+        x += 0.5 * (x0 + x1)
+        y += 0.5 * (y0 + y1)
         if solid_angle > _SMALLEST_SOLID_ANGLE:
             x, y = _sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1)
-            x -= 0.5 * (x0 + x1)
-            y -= 0.5 * (y0 + y1)
+        n = cross(axis_u, axis_v)
+        third = scale(n, z if dot(n, center) < 0.0 else -z)
     else:
         x, y = concentric_disk(u0, u1)
         x *= 0.5 * length_u
         y *= 0.5 * length_v
-    to_point = add(center, add(scale(axis_u, x), scale(axis_v, y)))
-    distance = length(to_point)
-    wi = scale(to_point, 1.0 / max(distance, 1e-30))
+        third = center
+    to_point, wi, distance = _rounded(p, scale(axis_u, x), scale(axis_v, y), third)
     cosine = -dot(normal, wi)
     if not cosine > 0.0:
         return none, wi, none, none, none, none

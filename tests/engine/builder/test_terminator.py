@@ -29,7 +29,7 @@ def triple(values):
     return tuple(np.float32(value) for value in values)
 
 
-def ray(geometry, wi, distance=_FAR, u=1 / 3, v=1 / 3):
+def ray(geometry, wi, distance=_FAR, u=1 / 3, v=1 / 3, in_place=False):
     """From the triangle's point (u, v) towards `wi`, seen from outside."""
     p = np.array([1.0 - u - v, u, v])
     ns = p / np.linalg.norm(p)
@@ -37,9 +37,12 @@ def ray(geometry, wi, distance=_FAR, u=1 / 3, v=1 / 3):
     wi = np.asarray(wi) / np.linalg.norm(wi)
     result = shadow_ray(
         geometry, 0, 0, np.float32(u), np.float32(v), triple(p), triple(ng), triple(ns), triple(wi),
-        np.float32(distance), _OFFSET, np.float32(0.5),
+        np.float32(distance), _OFFSET, in_place, np.float32(0.5),
     )  # fmt: skip
-    return SimpleNamespace(p=p, ng=ng, wi=wi, origin=np.array(result[0]), direction=np.array(result[1]), t=result[2])
+    origin, direction, far, stays_in_place = result
+    return SimpleNamespace(
+        p=p, ng=ng, wi=wi, origin=np.array(origin), direction=np.array(direction), t=far, in_place=stays_in_place
+    )
 
 
 @pytest.mark.parametrize("transform", [np.eye(4), at(1.0, 2.0, 3.0, (2.0, 2.0, 2.0))])

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where rays start and end in place: at lamps that lie in a surface, and on what is far from the origin.
+
+Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
+such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
+start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at area lamps in the
+plane of a surface, and on instances so far from the origin that the error is a part of their size, or of that of what
+stands on them. Surfaces elsewhere that lie in one place with others do not shadow each other (docs/differences.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.kernels.surface import RELATIVE_ERROR
+from engine.scene.description import VISIBLE_SHADOW, Light, Notice
+from engine.state import geometry as layout
+from engine.state.geometry import GeometryArrays
+
+#: How large the rounding error of a point may be, relative to the size of its instance; and that of all its points,
+#: relative to the size of the scene's smaller instances, which may stand on it.
+_LARGEST_ERROR, _LARGEST_ERROR_BESIDE_OTHERS = 1e-3, 3e-2
+#: How far from a surface a lamp lies in it, in rounding errors: rays end before a light by two, those of both points.
+_REACH = 4.0
+#: Vertices and triangles that are looked at for lamps; beyond, further lamps count as free. About 0.1 s.
+_MOST_LOOKS = 20_000_000
+#: What looking at the boxes of so many instances, and at one instance, costs in the same measure.
+_BOXES_A_LOOK, _LOOKS_AN_INSTANCE = 4, 10_000
+#: Names in a notice.
+_MOST_NAMES = 4
+
+
+@dataclass(frozen=True)
+class SamePlace:
+    """Where rays start and end in place.
+
+    Attributes
+    ----------
+    instances : bool (I,)
+        Which are far from the origin for their size.
+    lights : int64 (L,)
+        Area lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
+    notices : list of Notice
+        Which lamps lie in what.
+    """
+
+    instances: npt.NDArray[np.bool_]
+    lights: npt.NDArray[np.int64]
+    notices: list[Notice]
+
+    def mark(self, geometry: GeometryArrays) -> GeometryArrays:
+        """The geometry with what is far from the origin marked; the same one where nothing is."""
+        if not self.instances.any():
+            return geometry
+        table = geometry.instance_table.copy()
+        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_FAR
+        return geometry._replace(instance_table=table)
+
+
+@dataclass(frozen=True)
+class _Boxes:
+    """World-space boxes of all instances, float64 (I, 3), and the largest coordinate on the way there, float64 (I,)."""
+
+    low: np.ndarray
+    high: np.ndarray
+    extent: np.ndarray
+
+
+def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
+    """Middles and half sizes of meshes, float64 (M, 3), of their first shapes."""
+    middle = np.zeros((len(geometry.mesh_table), 3))
+    half = np.zeros_like(middle)
+    rows = np.flatnonzero(geometry.mesh_table[:, layout.MESH_VERTEX_COUNT] > 0)
+    if len(rows):
+        first, count = geometry.mesh_table[rows][:, [layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT]].T
+        # Behind each mesh's vertices may be others, of its further steps or of no mesh.
+        ends = np.stack([first, first + count], axis=1).ravel().astype(np.int64)
+        ends = ends[:-1] if ends[-1] == len(geometry.vertices) else ends
+        low = np.minimum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
+        high = np.maximum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
+        middle[rows], half[rows] = 0.5 * (low + high), 0.5 * (high - low)
+    return middle, half
+
+
+def _is_baked(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    return (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
+
+
+def _has_triangles(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    meshes = geometry.instance_table[:, layout.INSTANCE_MESH]
+    has: npt.NDArray[np.bool_] = geometry.mesh_table[meshes, layout.MESH_TRIANGLE_COUNT] > 0
+    return has
+
+
+def _matrices(geometry: GeometryArrays) -> np.ndarray:
+    """From stored vertices to the world, float64 (I, 3, 4), at the middle of the shutter."""
+    matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
+    return np.where(_is_baked(geometry)[:, None, None], np.eye(3, 4), matrices)
+
+
+def _boxes(geometry: GeometryArrays, matrices: np.ndarray) -> _Boxes:
+    middle, half = (found[geometry.instance_table[:, layout.INSTANCE_MESH]] for found in _mesh_boxes(geometry))
+    linear = np.abs(matrices[:, :, :3])
+    half_size = (linear @ half[:, :, None])[:, :, 0]
+    at = (matrices[:, :, :3] @ middle[:, :, None])[:, :, 0] + matrices[:, :, 3]
+    within = (linear @ (np.abs(middle) + half)[:, :, None])[:, :, 0]
+    return _Boxes(at - half_size, at + half_size, np.maximum(np.abs(at) + half_size, within).max(axis=1))
+
+
+def _are_far(extent: np.ndarray, size: np.ndarray) -> npt.NDArray[np.bool_]:
+    """Whether rounding errors of coordinates show on what is so large, and has any size."""
+    far: npt.NDArray[np.bool_] = (extent * RELATIVE_ERROR > _LARGEST_ERROR * size) & (size > 0.0)
+    return far
+
+
+def _far_instances(boxes: _Boxes, is_there: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Instances on which rounding errors show, or beside which."""
+    sizes = (boxes.high - boxes.low).max(axis=1, initial=0.0)
+    usual = sizes[is_there & (sizes > 0.0) & (sizes < np.inf)]
+    if not len(usual):
+        return np.zeros(len(sizes), bool)
+    from_origin = np.maximum(boxes.low, -boxes.high).max(axis=1)
+    is_beyond = from_origin * RELATIVE_ERROR > _LARGEST_ERROR_BESIDE_OTHERS * np.quantile(usual, 0.25, method="lower")
+    far: npt.NDArray[np.bool_] = is_there & (_are_far(boxes.extent, sizes) | is_beyond)
+    return far
+
+
+def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of area lamps, in turn, float64 (K, 4, 3), and their indices; of round ones, of squares around them."""
+    index = [k for k, light in enumerate(lights) if light.kind == "AREA"]
+    corners = np.zeros((len(index), 4, 3))
+    for row, k in enumerate(index):
+        light, matrix = lights[k], np.asarray(lights[k].transform, np.float64)
+        size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
+        along = 0.5 * matrix[:3, 0] * light.size_x, 0.5 * matrix[:3, 1] * size_y
+        corners[row] = [matrix[:3, 3] + a * along[0] + b * along[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return corners, np.array(index, np.int64)
+
+
+def _overlap(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
+    """Whether one of the triangles (T, 3, 2) overlaps a parallelogram (4, 2) by more than so much in one plane."""
+    apart = np.zeros(len(triangles), bool)
+    quads = np.broadcast_to(quad, (len(triangles), 4, 2))
+    for ours, others in ((triangles, quads), (quads, triangles)):
+        for k in range(ours.shape[1]):
+            start = ours[:, k]
+            along = ours[:, (k + 1) % ours.shape[1]] - start
+            normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+            inside = ((ours[:, (k + 2) % ours.shape[1]] - start) * normal).sum(axis=1)
+            depths = ((others - start[:, None]) * normal[:, None]).sum(axis=2) * np.sign(inside)[:, None]
+            apart |= depths.max(axis=1) <= least * np.linalg.norm(normal, axis=1)
+    return not apart.all()
+
+
+def _lies_in(
+    quad: np.ndarray, geometry: GeometryArrays, instance: int, matrix: np.ndarray, error: float
+) -> bool:
+    """Whether triangles of an instance lie in one place with a lamp, up to the error of points on either [m]."""
+    along_u, along_v = quad[1] - quad[0], quad[3] - quad[0]
+    normal = np.cross(along_u, along_v)
+    normal /= np.linalg.norm(normal)
+    mesh = geometry.mesh_table[geometry.instance_table[instance, layout.INSTANCE_MESH]]
+    first, size = int(mesh[layout.MESH_FIRST_VERTEX]), int(mesh[layout.MESH_VERTEX_COUNT])
+    start, count = int(mesh[layout.MESH_FIRST_TRIANGLE]), int(mesh[layout.MESH_TRIANGLE_COUNT])
+    vertices = geometry.vertices[first : first + size, :3]
+    # float32 is enough, and several times as fast: it is far better than the error.
+    height = vertices @ (normal @ matrix[:, :3]).astype(np.float32) - np.float32(normal @ (quad[0] - matrix[:, 3]))
+    is_near = np.abs(height) <= _REACH * error
+    if np.count_nonzero(is_near) < 3:
+        return False
+    triangles = geometry.triangles[start : start + count]
+    kept = np.flatnonzero(is_near[triangles[:, 0] - np.uint32(first)])
+    for corner in (1, 2):
+        kept = kept[is_near[triangles[kept, corner] - np.uint32(first)]]
+    if not len(kept):
+        return False
+    at = vertices[triangles[kept].astype(np.int64) - first].astype(np.float64) @ matrix[:, :3].T + matrix[:, 3]
+    across = np.cross(normal, along_u / np.linalg.norm(along_u))
+    axes = np.stack([along_u / np.linalg.norm(along_u), across], axis=1)
+    return _overlap((quad - quad[0]) @ axes, (at - quad[0]) @ axes, 2.0 * _REACH * error)
+
+
+def _surfaces_of(
+    quads: np.ndarray, geometry: GeometryArrays, matrices: np.ndarray, boxes: _Boxes
+) -> list[list[int]]:
+    """The instances, of those that shadow, in which each lamp lies."""
+    table = geometry.instance_table
+    counts = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
+    looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
+    shadows = _has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
+    found: list[list[int]] = [[] for _ in quads]
+    looked = 0
+    for of_lamp, quad in zip(found, quads, strict=True):
+        looked += len(table) // _BOXES_A_LOOK
+        area = np.linalg.norm(np.cross(quad[1] - quad[0], quad[3] - quad[0]))
+        if not 0.0 < area < np.inf or looked > _MOST_LOOKS:
+            continue
+        errors = RELATIVE_ERROR * np.maximum(boxes.extent, np.abs(quad).max())
+        low, high = quad.min(axis=0) - _REACH * errors[:, None], quad.max(axis=0) + _REACH * errors[:, None]
+        for instance in np.flatnonzero(shadows & ((boxes.low <= high) & (boxes.high >= low)).all(axis=1)).tolist():
+            looked += int(looks[instance]) + _LOOKS_AN_INSTANCE
+            if looked <= _MOST_LOOKS and _lies_in(quad, geometry, instance, matrices[instance], errors[instance]):
+                of_lamp.append(instance)
+    return found
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names in words, the first few of them."""
+    known = sorted(set(names))
+    rest = len(known) - _MOST_NAMES
+    return ", ".join(known[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str]) -> SamePlace:
+    """Find lamps that lie in surfaces, and what is far from the origin.
+
+    Parameters
+    ----------
+    names : sequence of str (I,)
+        Of the instances' objects.
+    """
+    # Vertices may be infinite, or not a number: these are in no place.
+    with np.errstate(all="ignore"):
+        matrices = _matrices(geometry)
+        boxes = _boxes(geometry, matrices)
+        quads, of_lights = _lamp_corners(lights)
+        is_far = _far_instances(boxes, _has_triangles(geometry))
+        sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)
+        is_far_lamp = _are_far(np.abs(quads).max(axis=(1, 2), initial=0.0), sizes)
+        surfaces = _surfaces_of(quads, geometry, matrices, boxes)
+    notices = [
+        Notice(
+            f"light {lights[light].name}", f"it lies in {_listed(names[k] for k in inside)}",
+            "that shadows it, as in Cycles: move it off by a millimetre",
+        )
+        for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
+    ]  # fmt: skip
+    in_place = is_far_lamp | np.array([bool(inside) for inside in surfaces], bool)
+    return SamePlace(instances=is_far, lights=of_lights[in_place], notices=notices)

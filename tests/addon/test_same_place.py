@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lamps in the plane of a surface, and scenes far from the origin, beside Cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from mathutils import Euler, Matrix, Vector  # noqa: E402
+
+from tests.helpers.blender_scenes import empty_scene, export  # noqa: E402
+from tests.helpers.pass_scenes import render_both  # noqa: E402
+
+#: How far off a last bit is no matter any more, in the scenes below [m].
+APART = 1e-3
+
+
+def mesh(name: str, vertices: list[Any], faces: list[Any], material: Any = None) -> Any:
+    made = bpy.data.meshes.new(name)
+    made.from_pydata(vertices, [], faces)
+    if material is not None:
+        made.materials.append(material)
+    placed = bpy.data.objects.new(name, made)
+    bpy.context.scene.collection.objects.link(placed)
+    return placed
+
+
+def plane(name: str, size: float, location: Any, *, looks_down: bool = False, material: Any = None) -> Any:
+    half = 0.5 * size
+    corners = [(-half, -half, 0.0), (half, -half, 0.0), (half, half, 0.0), (-half, half, 0.0)]
+    placed = mesh(name, corners, [(3, 2, 1, 0) if looks_down else (0, 1, 2, 3)], material)
+    placed.location = location
+    return placed
+
+
+def cube(name: str, size: float, location: Any) -> Any:
+    half = 0.5 * size
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    placed = mesh(name, corners, faces)
+    placed.location = location
+    return placed
+
+
+def lamp(kind: str, energy: float, location: Any, rotation: Any = (0.0, 0.0, 0.0), **settings: float) -> Any:
+    data = bpy.data.lights.new("Lamp", kind)
+    data.energy = energy
+    for name, value in settings.items():
+        setattr(data, name, value)
+    placed = bpy.data.objects.new("Lamp", data)
+    placed.location, placed.rotation_euler = location, rotation
+    bpy.context.scene.collection.objects.link(placed)
+    return placed
+
+
+def turn_all(rotation: Any) -> None:
+    """Turn the whole scene about the origin."""
+    turn = Euler(rotation).to_matrix().to_4x4()
+    for placed in bpy.context.scene.objects:
+        placed.matrix_world = turn @ Matrix.LocRotScale(placed.location, placed.rotation_euler, placed.scale)
+
+
+def scene_of(width: int = 32, height: int = 24, world: float = 0.0) -> Any:
+    scene = empty_scene()
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
+    scene.cycles.sample_clamp_indirect = 0.0
+    scene.cycles.max_bounces = 4
+    if world:
+        scene.world = bpy.data.worlds.new("World")
+        scene.world.color = (world, world, world)
+        if scene.world.node_tree is not None:
+            scene.world.node_tree.nodes["Background"].inputs[0].default_value = (world, world, world, 1.0)
+    return scene
+
+
+def means(scene: Any, folder: Path, samples: int, cells: tuple[int, int] = (1, 1)) -> tuple[np.ndarray, np.ndarray]:
+    """Of red, by cells, of ours and of Cycles."""
+    found = []
+    for image, _ in render_both(scene, folder, samples):
+        red = image[next(channel for channel in image if channel.endswith("Combined.R"))]
+        rows, columns = red.shape[0] // cells[0], red.shape[1] // cells[1]
+        found.append(red.reshape(cells[0], rows, cells[1], columns).mean(axis=(1, 3)))
+    return found[0], found[1]
+
+
+def room_with_lamp(gap: float) -> Any:
+    scene = scene_of()
+    plane("Floor", 6.0, (0.0, 0.0, 0.0))
+    plane("Ceiling", 6.0, (0.0, 0.0, 2.4), looks_down=True)
+    lamp("AREA", 100.0, (0.3, 0.2, 2.4 - gap), size=0.5)
+    scene.camera.location, scene.camera.rotation_euler = (0.0, -2.9, 1.2), (1.2, 0.0, 0.0)
+    return scene
+
+
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0), (0.3, 0.2, 0.1)], ids=["level", "tilted"])
+def test_a_ceiling_hides_the_lamp_that_lies_in_it(blender: Any, tmp_path: Path, rotation: Any):
+    """As in Cycles, up to what depends on the last bit of each ray: a few hundredths of the light come through."""
+    scene = room_with_lamp(0.0)
+    turn_all(rotation)
+    ours, theirs = means(scene, tmp_path, 16)
+    scene = room_with_lamp(APART)
+    turn_all(rotation)
+    free, _ = means(scene, tmp_path, 16)
+    assert free > 0.5
+    assert ours < 0.1 * free
+    assert theirs < 0.1 * free
+
+
+def survey(distance: float, size: float = 60.0) -> Any:
+    """A cube that floats above a floor of some size, in the sun, so far from the origin."""
+    place = Vector((distance, 0.3 * distance, 0.0))
+    scene = scene_of(48, 36, world=0.2)
+    plane("Floor", size, place)
+    cube("Cube", 4.0, place + Vector((0.0, 0.0, 4.0)))
+    lamp("SUN", 3.0, place, (0.6, 0.3, 0.0))
+    scene.camera.location = place + Vector((0.0, -30.0, 12.0))
+    scene.camera.rotation_euler = (np.radians(72.0), 0.0, 0.0)
+    return scene
+
+
+@pytest.mark.parametrize("distance, size", [(1e5, 60.0), (5e5, 60.0), (5e5, 5e3), (5e6, 60.0)])
+def test_far_from_the_origin_shadows_are_where_they_are_for_cycles(
+    blender: Any, tmp_path: Path, distance: float, size: float
+):
+    """5000 km is what northings of UTM are. A ground is large where what stands on it is small."""
+    ours, theirs = means(survey(distance, size), tmp_path, 64, (9, 12))
+    assert theirs.max() > 2.0 * theirs.min()
+    np.testing.assert_allclose(ours, theirs, atol=0.05 * theirs.mean())
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.005)
+
+
+@pytest.mark.parametrize(
+    "build, told",
+    [
+        (lambda: room_with_lamp(0.0), ["light Lamp: it lies in Ceiling"]),
+        (lambda: room_with_lamp(APART), []),
+    ],
+    ids=["lamp", "lamp before the ceiling"],
+)
+def test_what_lies_in_something_else_is_named(blender: Any, build: Callable[[], Any], told: list[str]):
+    from engine.builder.scene import SceneCache, build_scene
+    from engine.settings import RenderSettings
+
+    build()
+    bpy.context.view_layer.update()
+    scene = build_scene(export(), RenderSettings(), SceneCache())
+    said = [f"{notice.subject}: {notice.problem}" for notice in scene.notices]
+    assert [sentence for sentence in said if "lie" in sentence] == told
