@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records what Cycles gives: `python -m tests.helpers.parity`, for all that is not current (all: a quarter hour)."""
+"""Records what Cycles gives: `python -m tests.helpers.parity`, for all that is not current (all: an hour)."""
 
 from __future__ import annotations
 
