@@ -33,14 +33,11 @@ slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh in
 	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m slow
 
 # Training is not tested there: see requirements-3.13.lock; nor are networks that have not been saved. Nor is Debian's
-# Blender, which is a program of its own, nor are the benchmarks, which measure on 3.11. Of kernels and shaders, which the
-# same numba compiles, whole renders are tested and not each part.
+# Blender, which is a program of its own, nor are the benchmarks, which measure on 3.11.
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
 	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
 		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks \
-		--ignore tests/engine/guiding/networks --ignore tests/engine/guiding/test_guided_sources.py \
-		--ignore tests/engine/kernels --ignore tests/engine/shaders --ignore tests/engine/spectral \
-		--ignore tests/engine/wavefront
+		--ignore tests/engine/guiding/networks --ignore tests/engine/guiding/test_guided_sources.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .
