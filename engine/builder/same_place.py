@@ -26,10 +26,12 @@ from engine.state.geometry import GeometryArrays
 _LARGEST_ERROR, _LARGEST_ERROR_BESIDE_OTHERS = 1e-3, 3e-2
 #: How far from a surface a lamp lies in it, in rounding errors: rays end before a light by two, those of both points.
 _REACH = 4.0
-#: Vertices and triangles that are looked at for lamps; beyond, further lamps count as free. About 0.1 s.
+#: Vertices and triangles that are looked at for lamps; of further lamps nothing is known. About 0.1 s.
 _MOST_LOOKS = 20_000_000
-#: What looking at the boxes of so many instances, and at one instance, costs in the same measure.
-_BOXES_A_LOOK, _LOOKS_AN_INSTANCE = 4, 10_000
+#: What else takes time, in the same measure: an instance's box, what a lamp is near, a triangle in the lamp's plane.
+_LOOKS_A_BOX, _LOOKS_AN_INSTANCE, _LOOKS_A_TRIANGLE_IN_PLANE = 10, 10_000, 10
+#: Of instances that have more triangles in a lamp's plane nothing is known either.
+_MOST_IN_PLANE = 100_000
 #: Names in a notice.
 _MOST_NAMES = 4
 
@@ -141,8 +143,13 @@ def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
     return corners, np.array(index, np.int64)
 
 
-def _overlap(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
+def _overlaps(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
     """Whether one of the triangles (T, 3, 2) overlaps a parallelogram (4, 2) by more than so much in one plane."""
+    # Corner by corner, several times as fast as all three at once.
+    is_above, is_below = (
+        (of[:, 0] | of[:, 1] | of[:, 2]) for of in (triangles >= quad.min(axis=0), triangles <= quad.max(axis=0))
+    )
+    triangles = triangles[(is_above & is_below).all(axis=1)]
     apart = np.zeros(len(triangles), bool)
     quads = np.broadcast_to(quad, (len(triangles), 4, 2))
     for ours, others in ((triangles, quads), (quads, triangles)):
@@ -156,32 +163,40 @@ def _overlap(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
     return not apart.all()
 
 
-def _lies_in(
-    quad: np.ndarray, geometry: GeometryArrays, instance: int, matrix: np.ndarray, error: float
-) -> bool:
-    """Whether triangles of an instance lie in one place with a lamp, up to the error of points on either [m]."""
-    along_u, along_v = quad[1] - quad[0], quad[3] - quad[0]
-    normal = np.cross(along_u, along_v)
-    normal /= np.linalg.norm(normal)
+@dataclass(frozen=True)
+class _Plane:
+    """A plane, and what of an instance lies in it.
+
+    origin : float64 (3,), world; axes : float64 (3, 2), unit vectors in the plane
+    triangles : float64 (T, 3, 2), corners from the origin along the axes
+    """
+
+    origin: np.ndarray
+    axes: np.ndarray
+    triangles: np.ndarray
+
+
+def _triangles_in(
+    geometry: GeometryArrays, instance: int, matrix: np.ndarray, origin: np.ndarray, normal: np.ndarray, reach: float
+) -> np.ndarray:
+    """Corners of the triangles of an instance whose corners all lie that near to a plane, world, float64 (T, 3, 3)."""
     mesh = geometry.mesh_table[geometry.instance_table[instance, layout.INSTANCE_MESH]]
     first, size = int(mesh[layout.MESH_FIRST_VERTEX]), int(mesh[layout.MESH_VERTEX_COUNT])
     start, count = int(mesh[layout.MESH_FIRST_TRIANGLE]), int(mesh[layout.MESH_TRIANGLE_COUNT])
     vertices = geometry.vertices[first : first + size, :3]
     # float32 is enough, and several times as fast: it is far better than the error.
-    height = vertices @ (normal @ matrix[:, :3]).astype(np.float32) - np.float32(normal @ (quad[0] - matrix[:, 3]))
-    is_near = np.abs(height) <= _REACH * error
-    if np.count_nonzero(is_near) < 3:
-        return False
-    triangles = geometry.triangles[start : start + count]
-    kept = np.flatnonzero(is_near[triangles[:, 0] - np.uint32(first)])
-    for corner in (1, 2):
-        kept = kept[is_near[triangles[kept, corner] - np.uint32(first)]]
-    if not len(kept):
-        return False
-    at = vertices[triangles[kept].astype(np.int64) - first].astype(np.float64) @ matrix[:, :3].T + matrix[:, 3]
-    across = np.cross(normal, along_u / np.linalg.norm(along_u))
-    axes = np.stack([along_u / np.linalg.norm(along_u), across], axis=1)
-    return _overlap((quad - quad[0]) @ axes, (at - quad[0]) @ axes, 2.0 * _REACH * error)
+    height = vertices @ (normal @ matrix[:, :3]).astype(np.float32) - np.float32(normal @ (origin - matrix[:, 3]))
+    is_near = np.abs(height) <= reach
+    kept = np.zeros(0, np.int64)
+    if np.count_nonzero(is_near) >= 3:
+        triangles = geometry.triangles[start : start + count]
+        kept = np.flatnonzero(is_near[triangles[:, 0] - np.uint32(first)])
+        for corner in (1, 2):
+            kept = kept[is_near[triangles[kept, corner] - np.uint32(first)]]
+    if len(kept) > _MOST_IN_PLANE:
+        kept = kept[:0]
+    corners: np.ndarray = vertices[geometry.triangles[start + kept].astype(np.int64) - first].astype(np.float64)
+    return corners @ matrix[:, :3].T + matrix[:, 3]
 
 
 def _surfaces_of(
@@ -193,17 +208,32 @@ def _surfaces_of(
     looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
     shadows = _has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
     found: list[list[int]] = [[] for _ in quads]
+    # Of lamps in one ceiling only the first looks at all of it.
+    planes: dict[tuple[float, ...], _Plane] = {}
     looked = 0
     for of_lamp, quad in zip(found, quads, strict=True):
-        looked += len(table) // _BOXES_A_LOOK
-        area = np.linalg.norm(np.cross(quad[1] - quad[0], quad[3] - quad[0]))
+        looked += len(table) * _LOOKS_A_BOX
+        along = quad[1] - quad[0]
+        normal = np.cross(along, quad[3] - quad[0])
+        area = float(np.linalg.norm(normal))
         if not 0.0 < area < np.inf or looked > _MOST_LOOKS:
             continue
+        normal, along = normal / area, along / np.linalg.norm(along)
         errors = RELATIVE_ERROR * np.maximum(boxes.extent, np.abs(quad).max())
         low, high = quad.min(axis=0) - _REACH * errors[:, None], quad.max(axis=0) + _REACH * errors[:, None]
         for instance in np.flatnonzero(shadows & ((boxes.low <= high) & (boxes.high >= low)).all(axis=1)).tolist():
-            looked += int(looks[instance]) + _LOOKS_AN_INSTANCE
-            if looked <= _MOST_LOOKS and _lies_in(quad, geometry, instance, matrices[instance], errors[instance]):
+            error = float(errors[instance])
+            key = (instance, *np.round(normal, 6).tolist(), round(float(normal @ quad[0]) / error))
+            looked += _LOOKS_AN_INSTANCE + (0 if key in planes else int(looks[instance]))
+            if looked > _MOST_LOOKS:
+                break
+            if key not in planes:
+                axes = np.stack([along, np.cross(normal, along)], axis=1)
+                corners = _triangles_in(geometry, instance, matrices[instance], quad[0], normal, _REACH * error)
+                planes[key] = _Plane(quad[0], axes, (corners - quad[0]) @ axes)
+            plane = planes[key]
+            looked += len(plane.triangles) * _LOOKS_A_TRIANGLE_IN_PLANE
+            if _overlaps((quad - plane.origin) @ plane.axes, plane.triangles, 2.0 * _REACH * error):
                 of_lamp.append(instance)
     return found
 
