@@ -70,19 +70,7 @@ def judge(seed: int, folder: Path) -> Verdict:
         verdict.problems = _differences(verdict.ours, verdict.theirs)
         if not verdict.problems:
             break
-    if verdict.problems and _is_clamped(scene) and not _differences_unclamped(scene, folder):
-        verdict.problems = []
     return verdict
-
-
-def _is_clamped(scene: Any) -> bool:
-    return bool(scene.cycles.sample_clamp_direct or scene.cycles.sample_clamp_indirect)
-
-
-def _differences_unclamped(scene: Any, folder: Path) -> list[str]:
-    """What is left without the clamps, which take more or less by how light is sampled (docs/decisions/clamping.md)."""
-    scene.cycles.sample_clamp_direct = scene.cycles.sample_clamp_indirect = 0.0
-    return _differences(*(_render(scene, kind, _LOOKS[-1], folder) for kind in ("NEURALGUIDE", "CYCLES")))
 
 
 def _render(scene: Any, kind: str, samples: int, folder: Path) -> np.ndarray:
