@@ -22,7 +22,7 @@ import pytest
 
 from benchmarks import metrics
 from benchmarks.denoised_cells import compare_denoised
-from benchmarks.picture_means import PictureMeans, picture_means
+from benchmarks.picture_means import PictureMeans
 from benchmarks.scenes import SCENES
 from tests.helpers.parity import recorded
 from tests.helpers.parity.scenes import (
@@ -46,13 +46,13 @@ MEAN_ALLOWANCE = 0.005
 
 
 def means(comparison: Comparison, scene: str, renderer: str, seeds: int, out: Path) -> PictureMeans:
-    return picture_means(comparison.render(scene, renderer, seeds, out), recorded.ROWS, recorded.COLUMNS)
+    return recorded.grid_means(comparison.render(scene, renderer, seeds, out))
 
 
 def cycles_means(comparison: Comparison, scene: str, out: Path) -> PictureMeans:
     """As recorded, or of Cycles' pictures where no record is of this Blender and this scene."""
     known = recorded.recorded(comparison, scene)
-    return means(comparison, scene, "cycles", comparison.cycles_seeds, out) if known is None else known
+    return means(comparison, scene, "cycles", recorded.SEEDS, out) if known is None else known
 
 
 def says_enough(ours: PictureMeans, theirs: PictureMeans) -> bool:
@@ -111,10 +111,10 @@ def test_same_picture_as_cycles_on_every_builtin_scene(name: str, tmp_path: Path
     """By two seeds of ours, and by four where these do not say enough."""
     theirs = cycles_means(PLAIN, name, tmp_path)
     images = PLAIN.render(name, "OFF", 2, tmp_path)
-    ours = picture_means(images, recorded.ROWS, recorded.COLUMNS)
+    ours = recorded.grid_means(images)
     if not says_enough(ours, theirs):
         images += PLAIN.render(name, "OFF", 2, tmp_path, first_seed=3)
-        ours = picture_means(images, recorded.ROWS, recorded.COLUMNS)
+        ours = recorded.grid_means(images)
     assert_same(name, ours, theirs)
 
 

@@ -8,7 +8,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.picture_means import picture_means
 from tests.helpers.parity import recorded
 from tests.helpers.parity.scenes import COMPARISONS
 
@@ -18,7 +17,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.helpers.parity", description=(__doc__ or "").strip())
     parser.add_argument("comparisons", nargs="*", help="those to record; none: all", metavar="COMPARISON")
     parser.add_argument("--again", action="store_true", help="what is current too")
-    parser.add_argument("--seeds", type=int, default=0, help="pictures of a scene, 2 or more; fewer take less time")
+    parser.add_argument("--seeds", type=int, default=recorded.SEEDS, help="pictures of a scene, 2 or more")
     chosen = parser.parse_args()
     names = [comparison.name for comparison in COMPARISONS]
     if unknown := sorted({*chosen.comparisons} - {*names}):
@@ -34,9 +33,8 @@ def main() -> int:
             if recorded.is_current(comparison, scene, scenes.get(scene)):
                 continue
             with tempfile.TemporaryDirectory() as folder:
-                images = comparison.render(scene, "cycles", chosen.seeds or comparison.cycles_seeds, Path(folder))
-            means = picture_means(images, recorded.ROWS, recorded.COLUMNS)
-            scenes[scene] = recorded.as_record(comparison, scene, means)
+                images = comparison.render(scene, "cycles", chosen.seeds, Path(folder))
+            scenes[scene] = recorded.as_record(comparison, scene, recorded.grid_means(images))
             recorded.write(comparison, version, scenes)
             print(f"{comparison.name}: {scene}", flush=True)
     return 0

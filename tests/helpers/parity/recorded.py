@@ -17,14 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.picture_means import Means, PictureMeans
+from benchmarks.images import Float32Array
+from benchmarks.picture_means import Means, PictureMeans, picture_means
 from benchmarks.scenes import SCENES
 from tests.helpers.parity.scenes import PIXELS, Comparison
 
 FOLDER = Path(__file__).parent / "cycles"
 ROWS, COLUMNS = 4, 6
+#: How many pictures of Cycles are recorded.
+SEEDS = 4
 _ARRAYS = ("channels", "channel_variances", "cells", "cell_variances", "cell_spreads")
 _ROOT = Path(__file__).resolve().parents[3]
+
+
+def grid_means(images: list[Float32Array]) -> PictureMeans:
+    """Means of the pictures of some seeds, over the cells that are recorded."""
+    return picture_means(images, ROWS, COLUMNS)
 
 
 def blender_version() -> str:

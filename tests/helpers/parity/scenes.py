@@ -54,8 +54,6 @@ class Comparison:
     noise_threshold : float
         0: each pixel has all samples.
     is_denoised : bool
-    cycles_seeds : int
-        How many pictures of Cycles are recorded.
     """
 
     name: str
@@ -65,7 +63,6 @@ class Comparison:
     at_defaults: bool = False
     noise_threshold: float = 0.0
     is_denoised: bool = False
-    cycles_seeds: int = 4
 
     def samples_of(self, scene: str) -> int:
         """Samples of each pixel of a scene."""
