@@ -510,12 +510,12 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
 
 
 @cache
-def _address_of(called: Kernel, *arguments: int) -> int:
-    """Where Embree calls a kernel that takes such arguments; 0 where nothing is compiled."""
+def _address_of(called: Kernel) -> int:
+    """Where Embree calls a kernel with the address of its arguments; 0 where nothing is compiled."""
     if not isinstance(called, Kernel):
         return 0
     bound = BoundKernel(called)
-    bound.bind(*arguments)
+    bound.bind(0)
     return bound.c_address
 
 
@@ -533,7 +533,7 @@ class RayScratch:
         ):
             # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
             # what is no triangle.
-            called = self.address + _CONTEXT * _WORD_BYTES, _address_of(function, 0)
+            called = self.address + _CONTEXT * _WORD_BYTES, _address_of(function)
             self.bits[first + 1] = _EVERY_FEATURE
             self.bits[first + 2 : first + 6].view(np.int64)[:] = called
         self.bits[_CONTEXT : _CONTEXT + 2] = _NONE

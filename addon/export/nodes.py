@@ -273,9 +273,9 @@ class GraphExporter:
             properties["interpolate"] = node.color_ramp.interpolation != "CONSTANT"
         elif idname in ("ShaderNodeRGBCurve", "ShaderNodeVectorCurve", "ShaderNodeFloatCurve"):
             properties.update(bake_curves(node.mapping, idname))
-            if idname == "ShaderNodeFloatCurve" and is_since(GROUPS_INLINED):
-                if not any(socket.is_linked for socket in node.inputs):
-                    properties["curves"] = bake_constant(node.mapping, node.inputs["Value"].default_value)
+            is_constant = not any(socket.is_linked for socket in node.inputs)
+            if idname == "ShaderNodeFloatCurve" and is_constant and is_since(GROUPS_INLINED):
+                properties["curves"] = bake_constant(node.mapping, node.inputs["Value"].default_value)
         elif idname == "ShaderNodeAttribute" and node.attribute_type == "VIEW_LAYER":
             properties["value"] = self._view_layer_attribute(node.attribute_name)
             self.reads_more = True

@@ -32,7 +32,6 @@ def intersect_closest(scene, unit, work, queue):
             visibility <<= CATCHER_MASK_SHIFT
         origin, direction = load(paths.origin, lane), load(paths.direction, lane)
         far, time = paths.hit_distance[lane], paths.time[lane]
-        hit = False
         if paths.flags[lane] & RAY_STARTS_ON:
             instance, triangle = paths.hit_instance[lane], paths.hit_triangle[lane]
             origin = ray_start(geometry, instance, triangle, origin, direction, time)

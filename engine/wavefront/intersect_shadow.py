@@ -147,9 +147,7 @@ def pass_transparent(scene, unit, work, queue):
         lane = shadows.lane[row]
         direction = load(shadows.direction, row)
         # A ray that has passed something since `intersect_shadow` waited for its program.
-        has_passed = shadows.transparent_depth[row] > paths.transparent_depth[lane]
-        skips = False
-        if has_passed:
+        if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
             skips = name_passed(
                 scene, work, lane, points.integer[row, POINT_INSTANCE], points.integer[row, POINT_TRIANGLE]
             )
