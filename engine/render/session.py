@@ -19,6 +19,8 @@ from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.request import LearningRequest
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
 from engine.guiding.sources.sequence_field import with_sequence_u
@@ -128,12 +130,15 @@ class Session:
     expects_moves : bool
         Whether things are moved about between renders, as in a viewport: then what has moved once costs the next move
         little, and rays a little more.
+    rules : Rules
+        What learning goes by.
     """
 
-    def __init__(self, settings: RenderSettings, *, expects_moves: bool = False) -> None:
+    def __init__(self, settings: RenderSettings, *, expects_moves: bool = False, rules: Rules = RULES) -> None:
         collect_nothing_while_compiling()
         self.settings = settings
         self.scene: Scene | None = None
+        self._rules = rules
         self._expects_moves = expects_moves
         self._cache = SceneCache(expects_moves=expects_moves)
         self._tracer: Tracer | None = None
@@ -358,7 +363,8 @@ class Session:
         )
         film, strata = _make_film(frame, settings, layout, len(names))
         settings = replace(settings, strata=strata)
-        job = self._job(scene, settings, film, ray_observer, source, sink, start, keep, samples)
+        request = LearningRequest(source, sink, start, keep, self._rules)
+        job = self._job(scene, settings, film, ray_observer, request, samples)
 
         def images(names: frozenset[str]) -> Images:
             if one_by_one:
@@ -417,14 +423,13 @@ class Session:
 
     def _job(
         self, scene: Scene, settings: RenderSettings, film: Film, ray_observer: Callable[..., None] | None,
-        source: TrainedSource | None, sink: RecordSink | None, start: LearnedField | None, keep: bool,
-        samples: int | None,
+        request: LearningRequest, samples: int | None,
     ) -> AnyJob:
         """Who renders: this process's threads; see `render`."""
         tracer = self._take_tracer(scene, settings, film.layout)
         tracer.ray_observer = ray_observer
         frame = scene.description.frame
-        return Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
+        return Job(tracer, frame, film, settings, self.thread_count, request, samples)
 
     def trace_tiles(
         self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
