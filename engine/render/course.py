@@ -42,7 +42,8 @@ from engine.render.tiles import FrameTiles, Tile, TrialTiles
 from engine.render.time_left import SHORTEST_PASS, TimeLeft
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile, rows_of
+from engine.state.columns import rows_of
+from engine.state.film import FilmTile
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.

@@ -55,7 +55,9 @@ class Bundle:
     _rows: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
-        cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
+        # A subclass has the fields of its base first.
+        classes = (base.__dict__.get("__annotations__", {}) for base in reversed(cls.__mro__))
+        cls._fields = tuple(name for fields in classes for name in fields if not name.startswith("_"))
 
     def __init__(self, *arrays: Any, **named: Any) -> None:
         values = dict(zip(self._fields, arrays, strict=False), **named)
