@@ -279,16 +279,17 @@ class PathState(Bundle):
     throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
     unguided : float32, factor that makes of the throughput what it would be by plain sampling, where nothing has been
         learned: directions by the BSDF, roulette by the throughput. Roulette and clamping go by it
-    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
-        camera's rays, which have none, how far the camera sees [m], from where its ray starts
+    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; 0 of the
+        camera's rays, which nothing is weighed against
     unguided_pdf : float32 [sr^-1], the same by plain sampling; -1 where light sampling was of whole segments within
         media, whose samples know nothing of this scattering
     mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
     mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
+    reach : float32 [m], how far the ray goes from `mis_origin`: as far as the camera sees, or without an end
     min_pdf : float32, smallest scattering density so far (filter_glossy)
     radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
     alpha : float32, 1 - transparency seen by the camera so far
-    flags : int32 (RAY_*); depth counters : int32
+    flags : int32 (RAY_*); depth counters : int16
     hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
         triangle (row of GeometryArrays.triangles)
     offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
@@ -318,12 +319,13 @@ class PathState(Bundle):
     mis_origin: Float32Array
     mis_normal: Float32Array
     mis_distance: Float32Array
+    reach: Float32Array
     min_pdf: Float32Array
     radius: Float32Array
     spread: Float32Array
     alpha: Float32Array
     flags: Int32Array
-    depth: Int32Array
+    depth: Int16Array
     diffuse_depth: Int16Array
     glossy_depth: Int16Array
     transmission_depth: Int16Array
@@ -718,8 +720,9 @@ def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
             ("hit_v", real),
             ("hit_instance", integer),
             ("hit_triangle", integer),
-            ("depth", integer),
             ("offset", real),
+            ("reach", real),
+            ("depth", np.int16),
             ("alive", np.uint8),
         ],
         [

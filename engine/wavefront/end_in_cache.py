@@ -195,7 +195,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
             continue
         work.counts[CACHED_PATHS + min(int(paths.depth[lane]), CACHED_DEPTHS) - 1] += 1
         # What the cell has learned from has been clamped.
-        add_radiance(paths, passes, lane, contribution, lane, paths.depth[lane], 1.0, NO_GROUP)
+        add_radiance(paths, passes, lane, contribution, lane, np.int64(paths.depth[lane]), 1.0, NO_GROUP)
         if np.int64(chosen) >= threshold:
             paths.alive[lane] = 0
             continue
