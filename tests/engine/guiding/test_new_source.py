@@ -21,7 +21,7 @@ RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounce
 @pytest.fixture(autouse=True)
 def cosine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lines of a new source, and of a rung that resamples what it proposes."""
-    source = Source("COSINE", "Cosine", "About the normal", "tests.helpers.cosine_source")
+    source = Source("COSINE", "Cosine", "About the normal", "examples.cosine_source")
     monkeypatch.setitem(SOURCES, "COSINE", source)
     monkeypatch.setitem(METHODS, "COSINE", Method("COSINE", "Cosine", "About the normal", "cosine", source="COSINE"))
     resampled = Method("COSINE_RIS", "Cosine, Resampled", "Weigh several", "resampled", source="COSINE", resamples=True)
