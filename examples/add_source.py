@@ -23,7 +23,7 @@ def main() -> dict[str, tuple[float, float]]:
     """Render the room without guiding and by the new source; the mean and the noise of each."""
     found = {}
     for method in ("OFF", "COSINE"):
-        session = Session(RenderSettings(samples=63, guiding_method=method, guiding_trial=False))
+        session = Session(RenderSettings(samples=31, guiding_method=method, guiding_trial=False))
         session.load(room())
         passes = session.render(passes=("Combined", "Variance")).passes
         session.close()

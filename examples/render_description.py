@@ -21,10 +21,10 @@ def main(folder: Path = Path("out/examples")) -> None:
     # Notices name what in the description cannot be shown as it is meant.
     for notice in session.load(room()):
         print(f"{notice.subject}: {notice.problem}; {notice.fallback}")
-    result = session.render(on_progress=lambda progress: print(f"{progress.fraction:4.0%} {progress.message}"))
+    result = session.render(on_progress=lambda progress: print(f"\r{progress.fraction:4.0%}", end=""))
     session.close()
     report = result.report
-    print(f"{report.sample_count:g} samples a pixel in {report.render_seconds:.1f} s")
+    print(f"\r{report.sample_count:g} samples a pixel in {report.render_seconds:.1f} s")
     save_picture(result.passes["Combined"], folder / "room.png")
 
 
