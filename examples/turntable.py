@@ -19,7 +19,7 @@ from examples.room import camera_around, frame, room
 SETTINGS = RenderSettings(samples=32, guiding_method="VMM")
 
 
-def main(folder: Path = Path("out/examples"), frame_count: int = 4) -> list[Path]:
+def main(folder: Path = Path("out/examples"), *, frame_count: int = 4) -> list[Path]:
     """Render a turntable of so many frames; the files written."""
     session = Session(replace(SETTINGS, samples=128))
     session.load(room())

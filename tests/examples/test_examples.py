@@ -27,7 +27,7 @@ def test_a_description_becomes_a_picture(tmp_path: Path, capsys: pytest.CaptureF
     seen = picture(tmp_path / "room.png")
     assert seen.shape == (64, 96, 3)
     # The middle has the red tower left of the blue block, before white walls under a warm lamp.
-    tower, block, wall = seen[22:30, 39:44], seen[30:36, 48:54], seen[2:10, 60:90]
+    tower, block, wall = seen[24:30, 40:46], seen[34:40, 48:54], seen[2:10, 60:90]
     assert tower[..., 0].mean() > 2.0 * tower[..., 2].mean()
     assert block[..., 2].mean() > 1.5 * block[..., 0].mean()
     assert wall.mean() > 60.0 and wall[..., 0].mean() > wall[..., 2].mean()
