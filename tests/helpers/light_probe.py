@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import build_environment_map
-from engine.builder.geometry import build_geometry, empty_instances, plain_instances
+from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights
 from engine.kernels.binary_tree import GRID_SIDE, LEAF
 from engine.kernels.lights import (
@@ -26,6 +26,7 @@ from engine.kernels.lights import (
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter, selection_row
 from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
+from engine.scene.instances import empty_instances, plain_instances
 from engine.state.geometry import GeometryArrays
 from engine.state.lights import LIGHT_SUN, LightArrays, LightSelection
 

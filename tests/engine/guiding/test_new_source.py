@@ -3,7 +3,11 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +18,7 @@ from engine.settings import SETTINGS, Choice
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
+ROOT = Path(__file__).resolve().parents[3]
 SEEDS = 6
 RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
 
@@ -21,7 +26,7 @@ RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounce
 @pytest.fixture(autouse=True)
 def cosine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lines of a new source, and of a rung that resamples what it proposes."""
-    source = Source("COSINE", "Cosine", "About the normal", "tests.helpers.cosine_source")
+    source = Source("COSINE", "Cosine", "About the normal", "examples.cosine_source")
     monkeypatch.setitem(SOURCES, "COSINE", source)
     monkeypatch.setitem(METHODS, "COSINE", Method("COSINE", "Cosine", "About the normal", "cosine", source="COSINE"))
     resampled = Method("COSINE_RIS", "Cosine, Resampled", "Weigh several", "resampled", source="COSINE", resamples=True)
@@ -62,3 +67,15 @@ def test_as_a_rung(plain: np.ndarray) -> None:
     images = np.array([result.passes["Combined"][..., :3].mean() for result in found])
     assert z_score(images, plain) < Z_LIMIT
     assert z_score(1.02 * images, plain) > Z_LIMIT, "a bias of 2% would be seen"
+
+
+def test_the_example_for_scripts() -> None:
+    """A process of its own, where the lines of the source come before the settings, and where there is no Blender."""
+    without_blender = "import sys; sys.modules.update(bpy=None, mathutils=None)"
+    script = f"{without_blender}; from examples import add_source; print(add_source.main())"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = ast.literal_eval(done.stdout.splitlines()[-1])
+    (plain, plain_noise), (by_cosine, noise) = found["OFF"], found["COSINE"]
+    # Means of 6,144 pixels with about this noise each.
+    assert abs(by_cosine / plain - 1.0) < Z_LIMIT * np.hypot(noise, plain_noise) / np.sqrt(96 * 64)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from engine.builder.geometry import plain_instances
 from engine.render.light_passes import LIGHT_PASSES
 from engine.scene.description import Light, Link, Material, Node, NodeGraph
+from engine.scene.instances import plain_instances
 from engine.state.media import MAX_MEDIA
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
