@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sampling lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
+"""Samples lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
 
 from engine.kernels.lights.light import Choice, LightSample, Receiver
 from engine.kernels.lights.sample import (
