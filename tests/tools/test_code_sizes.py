@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tools import code_sizes
-from tools.code_sizes import LIMITS, faults, list_text, lowered, oversized, read_list
+from tools.code_sizes import faults, list_text, lowered, oversized, read_list
 
 
 def function_of(line_count: int, head: str = "def f():", indent: str = "") -> str:
@@ -104,7 +104,6 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert "551, and 550 are allowed" in capsys.readouterr().err
 
 
-def test_sizes_of_this_repository_are_measured() -> None:
+def test_all_python_of_the_repository_is_measured() -> None:
     sources = code_sizes.repository_sources()
-    assert len(sources) > 500 and "tools/code_sizes.py" in sources
-    assert {measure for _name, measure in oversized(sources)} <= set(LIMITS)
+    assert len(sources) > 500 and {"tools/code_sizes.py", "tests/tools/test_code_sizes.py"} <= set(sources)
