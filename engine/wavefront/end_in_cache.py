@@ -188,7 +188,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
                 weight = cells.sums[slot, SUM_WEIGHT + c] * survival
                 value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
             # Written so that NaN fails. Lamps of negative strength take light.
-            is_known = is_known and abs(value) < FLOAT_MAX
+            is_known = is_known and bool(abs(value) < FLOAT_MAX)
             contribution[lane, c] = value
             cached.base[lane, c] = paths.radiance[lane, c]
         if not is_known:
