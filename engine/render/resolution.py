@@ -57,8 +57,8 @@ def resolve(
     notices: list[Notice] = []
     settings = replace(settings, spectral="ON" if is_spectral(settings, scene.description) else "OFF")
     settings = _with_u(settings, scene.description, request)
-    if settings.radiance_cache != "OFF" and (problem := _what_the_cache_lacks(settings, scene, passes)):
-        notices.append(Notice("Radiance cache", problem, "paths find all light themselves"))
+    if settings.radiance_cache != "OFF" and (notice := _cache_notice(settings, scene, passes)):
+        notices.append(notice)
         settings = replace(settings, radiance_cache="OFF")
     if scene.media.is_used:
         # What it would learn is of surfaces: collisions with media are none.
@@ -88,12 +88,13 @@ def _with_u(settings: RenderSettings, description: SceneDescription, request: Le
     return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
 
 
-def _what_the_cache_lacks(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> str:
-    """Why the radiance cache cannot be used, '' where it can."""
-    if settings.channel_count > RGB:
-        return "knows no wavelengths"
+def _cache_notice(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> Notice | None:
+    """Why the radiance cache cannot be used, None where it can."""
+    problem = "knows no light groups, shadow catchers or media"
     groups = map(group_pass, scene.description.light_groups)
+    if settings.channel_count > RGB:
+        problem = "knows no wavelengths"
     # Nor what shadow catchers would have alone, nor what is within media.
-    if passes.intersection(groups) or scene.has_catchers or scene.media.is_used:
-        return "knows no light groups, shadow catchers or media"
-    return ""
+    elif not (passes.intersection(groups) or scene.has_catchers or scene.media.is_used):
+        return None
+    return Notice("Radiance cache", problem, "paths find all light themselves")
