@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Embree: the only module that touches it.
+"""Builds Embree's scenes and casts rays; no other module touches Embree.
 
 Blender's own `libembree4` is used inside Blender or `bpy`, else the one the `embreex` wheel carries. Ray queries are
 LLVM symbols, so that kernels calling them can be cached on disk (a ctypes pointer baked into a kernel could not).

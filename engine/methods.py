@@ -110,6 +110,7 @@ def _alone(source: Source) -> Method:
     return Method(source.name, source.label, source.sentence, source.label.lower(), source=source.name)
 
 
+#: What a user can choose, by name; files hold a method's place among these, so new ones go last.
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What MkDocs asks of us while it builds the site (mkdocs.yml).
 
-The page on installing is made of README.md, so that nothing is said twice. Links from docs/ into the rest of the
-repository become plain text, since the site holds docs/ alone; tests/test_docs.py checks them. Links that are a file's
-name in the repository are a page's title here. Every page says which version it is of, and where the repository is, if
-the checkout knows that.
+Three pages are made here, so that nothing is said twice: that on installing of README.md, that of examples of
+examples/README.md and the scripts beside it, and that of what scripts use of docstrings (tools/api_page.py). Links from
+docs/ into the rest of the repository become plain text, since the site holds docs/ alone; tests/test_docs.py checks
+them. Links that are a file's name in the repository are a page's title here. Every page says which version it is of,
+and where the repository is, if the checkout knows that.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import subprocess
@@ -17,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+
+EXAMPLES = ROOT / "examples"
 
 #: README.md's sections that make up the page on installing.
 INSTALL_SECTIONS = ("Install it in Blender", "Try it without Blender", "Render without a window", "Limits")
@@ -34,6 +38,25 @@ def install_page(readme: str) -> str:
     return text.replace("](docs/", "](")
 
 
+def examples_page(folder: Path) -> str:
+    """The page of examples: that of the repository, and then the scripts that it names, in its order."""
+    text = (folder / "README.md").read_text("utf-8")
+    parts = [text]
+    for name in dict.fromkeys(re.findall(r"\]\((\w+\.py)\)", text)):
+        parts.append(f"\n## {name}\n\n```python\n{(folder / name).read_text('utf-8').rstrip()}\n```\n")
+    # Its links are to files; here a script is a section.
+    return re.sub(r"\]\((\w+)\.py\)", r"](#\1py)", "".join(parts))
+
+
+def api_page() -> str:
+    """The page of what scripts use. This file is run by its path, so what lies beside it is found by that."""
+    spec = importlib.util.spec_from_file_location("api_page", Path(__file__).with_name("api_page.py"))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return str(module.api_page())
+
+
 def within_site(text: str, folder: Path, docs: Path) -> str:
     """A page's text, its links to files outside of `docs` made plain; `folder` is the page's."""
 
@@ -45,8 +68,9 @@ def within_site(text: str, folder: Path, docs: Path) -> str:
     return _LINK.sub(plain, text)
 
 
-def within_install(text: str) -> str:
-    """A page's text, links into README.md's sections on installing made to lead to the site's page of them."""
+def within_made_pages(text: str) -> str:
+    """A page's text, links to what the site has a page of made to lead there: installing, and the examples."""
+    text = text.replace("](../examples/README.md)", "](examples.md)")
     anchors = "|".join(re.escape(name.lower().replace(" ", "-")) for name in INSTALL_SECTIONS)
     return re.sub(rf"\]\(\.\./README\.md#({anchors})\)", r"](install.md#\1)", text)
 
@@ -97,10 +121,16 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the page on installing."""
+    """Add the pages that are made here."""
     from mkdocs.structure.files import File
 
-    files.append(File.generated(config, "install.md", content=install_page((ROOT / "README.md").read_text("utf-8"))))
+    pages = {
+        "install.md": install_page((ROOT / "README.md").read_text("utf-8")),
+        "examples.md": examples_page(EXAMPLES),
+        "api.md": api_page(),
+    }
+    for name, text in pages.items():
+        files.append(File.generated(config, name, content=text))
     return files
 
 
@@ -110,5 +140,5 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     markdown = _ITEM_INDENT.sub("    ", markdown)
     folder = (docs / page.file.src_uri).parent
     if folder == docs:
-        markdown = within_install(markdown)
+        markdown = within_made_pages(markdown)
     return within_site(with_titles(markdown, folder), folder, docs)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from engine.builder.geometry import plain_instances
 from engine.render import precompile
 from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
@@ -28,6 +27,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.instances import plain_instances
 
 
 def compile_part(part: str) -> None:

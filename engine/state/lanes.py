@@ -237,10 +237,13 @@ class PathState(Bundle):
     hit_v: Float32Array = column("barycentric", "L", line=0)
     hit_instance: Int32Array = column("-1 = miss", "L", line=0)
     hit_triangle: Int32Array = column("row of GeometryArrays.triangles", "L", line=0)
-    depth: Int32Array = column("scatterings so far", "L", line=0)
     offset: Float32Array = column(
         "how far the next ray starts off the surface, to clear the rounding error of P [m]", "L", line=0
     )
+    reach: Float32Array = column(
+        "how far the ray goes from `mis_origin`: as far as the camera sees, or without an end [m]", "L", line=0
+    )
+    depth: Int16Array = column("scatterings so far", "L", line=0)
     alive: Uint8Array = column("0 once the path has ended in this round", "L", line=0)
     throughput: Float32Array = column("of the path so far", "L", "C", line=1)
     radiance: Float32Array = column("what the path has gathered so far", "L", "C", line=1)
@@ -265,8 +268,8 @@ class PathState(Bundle):
         "length of the ray since the last scattering, through transparent surfaces [m]", "L", line=2
     )
     mis_pdf: Float32Array = column(
-        "density of the last scattering (source density), for MIS at the next emitter [sr^-1]; of the camera's rays, "
-        "which have none, how far the camera sees from where its ray starts [m]", "L", line=2,
+        "density of the last scattering (source density), for MIS at the next emitter [sr^-1]; 0 of the camera's rays, "
+        "which nothing is weighed against", "L", line=2,
     )
     unguided_pdf: Float32Array = column(
         "the same by plain sampling [sr^-1]; -1 where light sampling was of whole segments within media, whose samples "

@@ -23,9 +23,10 @@ from engine.accel import (
     trace_occluded,
     trace_passing,
 )
-from engine.builder.geometry import build_geometry, empty_instances
+from engine.builder.geometry import build_geometry
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA
+from engine.scene.instances import empty_instances
 from tests.helpers.placed_quads import QUAD, at, built, quad_scene
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.builder.geometry import plain_instances
 from engine.scene.description import Frame, Link, Material, Mesh, Node, NodeGraph, SceneDescription, World
 from engine.scene.grids import VolumeMotion, pack_grid
+from engine.scene.instances import plain_instances
 from tests.helpers.small_scenes import looking_down
 
 _CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)

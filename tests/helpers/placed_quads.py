@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from engine.accel import MASK_SHADOW_OPAQUE, MeshHierarchies, build_accelerator
-from engine.builder.geometry import build_geometry, empty_instances, plain_instances
+from engine.builder.geometry import build_geometry
 from engine.scene.description import Camera, Frame, Mesh, SceneDescription
+from engine.scene.instances import empty_instances, plain_instances
 
 QUAD = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
 QUAD_TRIANGLES = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.builder.geometry import plain_instances
 from engine.scene.description import (
     Camera,
     Frame,
@@ -19,6 +18,7 @@ from engine.scene.description import (
     NodeGraph,
     SceneDescription,
 )
+from engine.scene.instances import plain_instances
 from tests.helpers.placed_quads import steps, turned
 
 _FLOOR = np.array([(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)], np.float32)

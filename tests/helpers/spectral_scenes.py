@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from engine.builder.geometry import plain_instances
 from engine.scene.description import (
     Camera,
     Frame,
@@ -20,6 +19,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.instances import plain_instances
 
 #: Strong, so that little light shows it: an Abbe number of about 10.
 DISPERSION = 0.05

@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 
 from tools.site_hooks import (
+    EXAMPLES,
     INSTALL_SECTIONS,
     ROOT,
+    examples_page,
     install_page,
     on_config,
     repository_address,
     with_titles,
-    within_install,
+    within_made_pages,
     within_site,
 )
 
@@ -31,11 +33,19 @@ def test_links_that_leave_the_site_become_text(tmp_path: Path) -> None:
     assert within_site(text, tmp_path, tmp_path) == "[a](other.md#there) b [c](https://d.e) ![f](images/g.png)"
 
 
-def test_links_to_installing_stay_within_the_site() -> None:
+def test_links_to_what_is_made_a_page_stay_within_the_site() -> None:
     text = "[Install](../README.md#install-it-in-blender) [Limits](../README.md#limits) [all](../README.md#read-on)"
-    assert within_install(text) == "[Install](install.md#install-it-in-blender) [Limits](install.md#limits) " + (
+    assert within_made_pages(text) == "[Install](install.md#install-it-in-blender) [Limits](install.md#limits) " + (
         "[all](../README.md#read-on)"
     )
+    assert within_made_pages("[a](../examples/README.md)") == "[a](examples.md)"
+
+
+def test_the_page_of_examples_shows_the_scripts() -> None:
+    page = examples_page(EXAMPLES)
+    for script in EXAMPLES.glob("[!_]*.py"):
+        anchor = script.name.replace(".", "")
+        assert f"## {script.name}\n" in page and f"](#{anchor})" in page and script.read_text("utf-8").rstrip() in page
 
 
 def test_installing_begins_with_the_zip_and_three_clicks() -> None:
@@ -81,7 +91,11 @@ def test_every_page_knows_version_and_repository(monkeypatch: pytest.MonkeyPatch
     assert "extra.version" in footer and "repo_url" in footer and "report-a-bug" in footer
 
 
+#: Pages that are made when the site is built.
+MADE = {"install.md", "examples.md", "api.md"}
+
+
 def test_pages_that_the_site_lists_exist() -> None:
     listed = re.findall(r"[\w/-]+\.md$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE)
     assert len(listed) > 10
-    assert [name for name in listed if name != "install.md" and not (ROOT / "docs" / name).is_file()] == []
+    assert [name for name in listed if name not in MADE and not (ROOT / "docs" / name).is_file()] == []

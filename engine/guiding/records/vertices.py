@@ -142,9 +142,9 @@ class Scattering(NamedTuple):
     pdf: float
     roughness: float
     eta: float
-    benefit: float
-    bsdf_pdf: float
-    guide_pdf: float
+    benefit: np.float32
+    bsdf_pdf: np.float32
+    guide_pdf: np.float32
 
 
 @kernel

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.builder.geometry import plain_instances
 from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.render.session import Session
 from engine.scene import description as contract
@@ -38,6 +37,7 @@ from engine.scene.description import (
     World,
 )
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
+from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS

@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from engine.guiding.policy import choice, trial, worth
+from engine.guiding.policy.rules import Rules
 from engine.methods import METHODS, SOURCES, Method, Source
 from engine.settings import SETTINGS, Choice
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
+ROOT = Path(__file__).resolve().parents[3]
 SEEDS = 6
 RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
 
@@ -21,7 +26,7 @@ RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounce
 @pytest.fixture(autouse=True)
 def cosine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lines of a new source, and of a rung that resamples what it proposes."""
-    source = Source("COSINE", "Cosine", "About the normal", "tests.helpers.cosine_source")
+    source = Source("COSINE", "Cosine", "About the normal", "examples.cosine_source")
     monkeypatch.setitem(SOURCES, "COSINE", source)
     monkeypatch.setitem(METHODS, "COSINE", Method("COSINE", "Cosine", "About the normal", "cosine", source="COSINE"))
     resampled = Method("COSINE_RIS", "Cosine, Resampled", "Weigh several", "resampled", source="COSINE", resamples=True)
@@ -51,15 +56,26 @@ def test_by_name(plain: np.ndarray) -> None:
     assert z_score(1.02 * found, plain) > Z_LIMIT, "a bias of 2% would be seen"
 
 
-def test_as_a_rung(plain: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_as_a_rung(plain: np.ndarray) -> None:
     """Resampling is taken to promise much, and the rung to win."""
-    monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
-    monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
-    found = [render("AUTO", seed, **RENDER, source_field="COSINE") for seed in range(SEEDS)]
+    rules = Rules(
+        least_resampled=-1.0, taken=(0.0, 0.0, 0.0), least_efficiency={3: 0.0, 4: 0.0}, least_of_short=0.0
+    )
+    found = [render("AUTO", seed, **RENDER, source_field="COSINE", rules=rules) for seed in range(SEEDS)]
     assert {result.report.guiding.chosen for result in found} == {"COSINE_RIS"}
     assert all("chose resampled" in "".join(result.report.guiding.lines) for result in found)
     images = np.array([result.passes["Combined"][..., :3].mean() for result in found])
     assert z_score(images, plain) < Z_LIMIT
     assert z_score(1.02 * images, plain) > Z_LIMIT, "a bias of 2% would be seen"
+
+
+def test_the_example_for_scripts() -> None:
+    """A process of its own, where the lines of the source come before the settings, and where there is no Blender."""
+    without_blender = "import sys; sys.modules.update(bpy=None, mathutils=None)"
+    script = f"{without_blender}; from examples import add_source; print(add_source.main())"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = ast.literal_eval(done.stdout.splitlines()[-1])
+    (plain, plain_noise), (by_cosine, noise) = found["OFF"], found["COSINE"]
+    # Means of 6,144 pixels with about this noise each.
+    assert abs(by_cosine / plain - 1.0) < Z_LIMIT * np.hypot(noise, plain_noise) / np.sqrt(96 * 64)

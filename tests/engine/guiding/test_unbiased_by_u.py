@@ -24,7 +24,6 @@ import numpy as np
 import pytest
 
 from benchmarks import metrics
-from engine.builder.geometry import plain_instances
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy import learning
 from engine.guiding.records.vertices import VertexRecords
@@ -32,6 +31,7 @@ from engine.render import session, tracer
 from engine.render.session import Session
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.scene.description import VISIBLE_CAMERA, SceneDescription
+from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
 from engine.spectral.wavelengths import CELL_COUNT
 from engine.state.unit import ALL_STRATA

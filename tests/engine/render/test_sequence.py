@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.bias import find_bias
-from engine.builder.geometry import plain_instances
 from engine.guiding.fields.vmm.field import allocate_guide
 from engine.guiding.models import network_source, record_sink
 from engine.guiding.networks.lobes.vmf import decode_vmf
@@ -22,6 +21,7 @@ from engine.render.sequence import LoadCancelled, TrainingFailed, train_sequence
 from engine.render.session import Session
 from engine.scene.description import VISIBLE_CAMERA, Frame
 from engine.scene.digest import camera_digest, light_digest
+from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
 from tests.helpers.guiding_harness import densities, sphere_grid
 from tests.helpers.small_scenes import floor_scene, material

@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 
-from engine.builder.geometry import empty_instances, plain_instances
 from engine.render.film import Film
 from engine.render.schedule import sample_ranges
 from engine.render.session import Session
@@ -21,6 +20,7 @@ from engine.scene.description import (
     NodeGraph,
     World,
 )
+from engine.scene.instances import empty_instances, plain_instances
 from engine.settings import RenderSettings
 from engine.state.film import allocate_tile
 from engine.state.lights import HEADER_SOURCES

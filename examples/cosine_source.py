@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A source of directions that the engine knows nothing of: a cosine lobe about the normal.
 
+`examples/add_source.py` renders by it. It shows what a source must have, and it is no good guide: it learns nothing,
+and every material knows its normal. `engine/guiding/sources/face.py` says what each part is for.
+
 Stages compiled for its lanes are cached by the name of their class: who changes its kernels gives it another name.
 """
 

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Instances with nothing special about them, so that whoever writes a description by hand gives few numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.scene.description import VISIBLE_ALL, Instances
+
+
+def plain_instances(
+    transforms: npt.ArrayLike, *, meshes: int | Sequence[int] = 0, materials: int | Sequence[int] = 0,
+    name: str = "Object",
+) -> Instances:
+    """Instances with nothing special about them, seen by every ray.
+
+    Parameters
+    ----------
+    transforms : float (N, 4, 4), object to world
+    meshes, materials : int or sequence of N
+        Of all, or of each.
+    """
+    transforms = np.asarray(transforms, np.float32).reshape(-1, 4, 4)
+    count = len(transforms)
+    of_each = not isinstance(materials, int)
+    return Instances(
+        mesh=np.full(count, meshes, np.int32),
+        transform=transforms,
+        material_offset=np.arange(count, dtype=np.int32) if of_each else np.zeros(count, np.int32),
+        materials=np.atleast_1d(np.asarray(materials, np.int32)),
+        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        pass_index=np.zeros(count, np.int32),
+        random=np.zeros(count, np.float32),
+        color=np.ones((count, 4), np.float32),
+        is_holdout=np.zeros(count, np.bool_),
+        name=[name] * count,
+        dupli_generated=np.zeros((count, 3), np.float32),
+        dupli_uv=np.zeros((count, 2), np.float32),
+    )
+
+
+def empty_instances() -> Instances:
+    """`Instances` of nothing."""
+    return plain_instances(np.zeros((0, 4, 4)), materials=())
