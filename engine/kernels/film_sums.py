@@ -5,7 +5,6 @@ Rounded after each product and each sum, as numpy does: no flag lets LLVM join t
 """
 
 from enum import Enum
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,10 @@ _CALLS: dict[Enum | None, str | None] = {
 }
 
 
-@cache
+#: Of classes of sums that have been merged.
+_ADDERS: dict[type[FilmTile], Any] = {}
+
+
 def sums_adder(table: type[FilmTile]) -> Any:
     """A kernel that adds rows of sums to pixels of a film: all columns but those of the first sample and mattes.
 
@@ -73,6 +75,12 @@ def sums_adder(table: type[FilmTile]) -> Any:
     TypeError
         If a column does not say how it is merged: its pass would be black.
     """
+    if table not in _ADDERS:
+        _ADDERS[table] = _write_adder(table)
+    return _ADDERS[table]
+
+
+def _write_adder(table: type[FilmTile]) -> Any:
     lines = ["def add_sums(film, pixels, tile, factor):", "    squared = factor * factor"]
     for name, declared in columns_of(table).items():
         if declared.merge not in _CALLS:

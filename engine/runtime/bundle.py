@@ -19,6 +19,7 @@ with constant strides: only elements can be read and written.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import operator
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
@@ -56,7 +57,7 @@ class Bundle:
 
     def __init_subclass__(cls) -> None:
         # A subclass has the fields of its base first.
-        classes = (base.__dict__.get("__annotations__", {}) for base in reversed(cls.__mro__))
+        classes = (inspect.get_annotations(base) for base in reversed(cls.__mro__))
         cls._fields = tuple(name for fields in classes for name in fields if not name.startswith("_"))
 
     def __init__(self, *arrays: Any, **named: Any) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bundles as tables: a column is declared once, where its class lists it, and all that handles tables follows from that.
+"""Bundles as tables: a column is declared once, where its class lists it, and all that handles tables goes by that.
 
     class Toy(Bundle):
         '''Toys, R rows.'''
@@ -14,10 +14,9 @@ lists them. Kernels see the bundle as if its fields had been written without `co
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -69,6 +68,10 @@ class Column:
             owner._dynamic = owner._dynamic | {name}
 
 
+#: What has been read of a class: its columns and their dtypes.
+_DECLARED: dict[type[Bundle], dict[str, tuple[Column, np.dtype]]] = {}
+
+
 def column(about: str, *shape: int | str, **options: Any) -> Any:
     """Declare a column, as the value of an annotated field of a bundle.
 
@@ -80,7 +83,6 @@ def column(about: str, *shape: int | str, **options: Any) -> Any:
     return Column(about, shape, **options)
 
 
-@cache
 def columns_of(table: type[Bundle]) -> dict[str, Column]:
     """Columns of a class of tables by name, in the order of its fields.
 
@@ -92,16 +94,19 @@ def columns_of(table: type[Bundle]) -> dict[str, Column]:
     return {name: declared for name, (declared, _dtype) in _declared(table).items()}
 
 
-@cache
 def dtype_of(table: type[Bundle], name: str) -> np.dtype:
     """Of the elements of a column."""
     return _declared(table)[name][1]
 
 
-@cache
 def _declared(table: type[Bundle]) -> dict[str, tuple[Column, np.dtype]]:
+    if table not in _DECLARED:
+        _DECLARED[table] = dict(_read(table))
+    return _DECLARED[table]
+
+
+def _read(table: type[Bundle]) -> Iterator[tuple[str, tuple[Column, np.dtype]]]:
     hints = get_type_hints(table)
-    found: dict[str, tuple[Column, np.dtype]] = {}
     for name in table._fields:
         if get_origin(hints[name]) is not np.ndarray:
             continue
@@ -110,8 +115,7 @@ def _declared(table: type[Bundle]) -> dict[str, tuple[Column, np.dtype]]:
             raise TypeError(f"{table.__name__}.{name} is not declared by column()")
         # NDArray[np.float32] is ndarray[shape, dtype[float32]].
         (element,) = get_args(get_args(hints[name])[1])
-        found[name] = declared, np.dtype(element)
-    return found
+        yield name, (declared, np.dtype(element))
 
 
 def allocate(table: type[Table], sizes: Mapping[str, int], has: Any = None, **given: Any) -> Table:
@@ -135,7 +139,7 @@ def allocate(table: type[Table], sizes: Mapping[str, int], has: Any = None, **gi
         if is_needed and declared.line >= 0:
             records.setdefault(declared.record, {})[name] = declared
             continue
-        shape = _shape(declared, sizes, 0 if not is_needed else None)
+        shape = (_size(declared.shape[0], sizes) if is_needed else 0, *_inner(declared, sizes))
         # Zeroed memory is none before it is written.
         fields[name] = np.full(shape, declared.fill, dtype) if declared.fill else np.zeros(shape, dtype)
     for columns in records.values():
@@ -143,9 +147,22 @@ def allocate(table: type[Table], sizes: Mapping[str, int], has: Any = None, **gi
     return table(**fields)
 
 
-def _shape(declared: Column, sizes: Mapping[str, int], rows: int | None = None) -> tuple[int, ...]:
-    shape = [sizes[size] if isinstance(size, str) else size for size in declared.shape]
-    return (shape[0] if rows is None else rows, *shape[1:])
+def without(table: type[Bundle], need: str) -> dict[str, np.ndarray]:
+    """Columns as tables have them that lack what `need` names (`Column.needs`): without rows."""
+    return {
+        name: np.zeros((0, *_inner(declared, {})), dtype_of(table, name))
+        for name, declared in columns_of(table).items()
+        if declared.needs == need
+    }
+
+
+def _size(size: int | str, sizes: Mapping[str, int]) -> int:
+    return sizes[size] if isinstance(size, str) else size
+
+
+def _inner(declared: Column, sizes: Mapping[str, int]) -> tuple[int, ...]:
+    """Sizes of a row."""
+    return tuple(_size(size, sizes) for size in declared.shape[1:])
 
 
 def _in_lines(table: type[Bundle], columns: Mapping[str, Column], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
@@ -157,7 +174,7 @@ def _in_lines(table: type[Bundle], columns: Mapping[str, Column], sizes: Mapping
     for line in sorted({declared.line for declared in columns.values()}):
         for name, declared in columns.items():
             if declared.line == line:
-                inner = _shape(declared, sizes)[1:]
+                inner = _inner(declared, sizes)
                 kind = np.dtype((dtype_of(table, name), inner)) if inner else dtype_of(table, name)
                 names.append(name)
                 formats.append(kind)
@@ -165,7 +182,7 @@ def _in_lines(table: type[Bundle], columns: Mapping[str, Column], sizes: Mapping
                 size += kind.itemsize
         size += -size % _CACHE_LINE
     record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-    (row_count,) = {_shape(declared, sizes)[0] for declared in columns.values()}
+    (row_count,) = {_size(declared.shape[0], sizes) for declared in columns.values()}
     memory = aligned_bytes(row_count * record.itemsize).view(record)
     for name, declared in columns.items():
         if declared.fill:
