@@ -265,7 +265,7 @@ def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Se
     notices = [
         Notice(
             f"light {lights[light].name}", f"it lies in {_listed(names[k] for k in inside)}",
-            "that shadows it, as in Cycles: move it off by a millimetre",
+            "that shadows it unless it is transparent, as in Cycles: move it off by a millimetre",
         )
         for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
     ]  # fmt: skip
