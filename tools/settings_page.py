@@ -28,9 +28,8 @@ and `addon/declared_settings.py`.
 - With *Use Cycles' Settings* (`use_cycles_settings`) off all of ours count, and Cycles' do not.
   `bpy.ops.neuralguide.copy_cycles_settings()` sets ours to what Cycles' are now.
 - Where the Cycles add-on is off ours count. Their defaults are Cycles' defaults.
-- Files keep their pictures. In a file that was saved with settings of ours by a version that did not read Cycles'
-  settings, *Use Cycles' Settings* is off. Settings for experiments that a file holds under their former names are
-  moved to `scene.neuralguide.experiment`, with their animation, when it is opened.
+- Files keep their pictures: *Use Cycles' Settings* is off in a file that an older version saved with settings of ours, and
+  settings under former names are moved to `scene.neuralguide.experiment`.
 - What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is
   said once a render.
 
@@ -168,7 +167,7 @@ def _value(value: Any) -> str:
 
 def _values(setting: Setting) -> str:
     if setting.choices:
-        return "one of those below"
+        return "below"
     if isinstance(setting.default, bool):
         return "on, off"
     if isinstance(setting.default, str):
