@@ -28,8 +28,8 @@ and `addon/declared_settings.py`.
 - With *Use Cycles' Settings* (`use_cycles_settings`) off all of ours count, and Cycles' do not.
   `bpy.ops.neuralguide.copy_cycles_settings()` sets ours to what Cycles' are now.
 - Where the Cycles add-on is off ours count. Their defaults are Cycles' defaults.
-- Files keep their pictures: *Use Cycles' Settings* is off in a file that an older version saved with settings of ours, and
-  settings under former names are moved to `scene.neuralguide.experiment`.
+- Files keep their pictures: *Use Cycles' Settings* is off in a file that an older version saved with settings of ours.
+  Settings under former names are moved to `scene.neuralguide.experiment`.
 - What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is
   said once a render.
 
@@ -187,16 +187,21 @@ def _table(section: str) -> Iterator[str]:
         yield "| " + " | ".join([*cells, f"{setting.sentence}."]) + " |"
 
 
-def _choices(section: str) -> Iterator[str]:
+def _choices(section: str, listed: dict[object, str]) -> Iterator[str]:
+    """Lists of choices; where an earlier setting has the same ones, its name. `listed` holds the earlier settings."""
     for setting in settings_of(section):
         if setting.choices:
+            earlier = listed.setdefault(tuple(setting.choices), setting.name)
+            if earlier != setting.name:
+                yield f"\n`{setting.name}`: as `{earlier}`."
+                continue
             yield f"\n`{setting.name}`:\n"
             for choice in setting.choices:
                 yield f"- `'{choice.name}'` ({choice.label}): {choice.sentence}."
 
 
-def _section(section: str) -> str:
-    lines = [f"### {section}\n", *_table(section), *_choices(section)]
+def _section(section: str, listed: dict[object, str]) -> str:
+    lines = [f"### {section}\n", *_table(section), *_choices(section, listed)]
     if section in _NOTES:
         lines += ["", _NOTES[section].rstrip("\n")]
     return "\n".join(lines) + "\n"
@@ -204,15 +209,16 @@ def _section(section: str) -> str:
 
 def page() -> str:
     """The whole page."""
+    listed: dict[object, str] = {}
     return "\n".join([
         _HEAD,
         "## For users: `scene.neuralguide`\n",
         "The column *Cycles'* says which of the scene's properties counts instead while the scene follows Cycles.\n",
-        *(_section(section) for section in SECTIONS),
+        *(_section(section, listed) for section in SECTIONS),
         _ELSEWHERE,
         f"## For experiments: `scene.neuralguide.{EXPERIMENT}`\n",
         "Hardly anybody needs to change these. Benchmarks and reproductions of papers set them.\n",
-        *(_section(section) for section in EXPERIMENT_SECTIONS),
+        *(_section(section, listed) for section in EXPERIMENT_SECTIONS),
         _GONE,
     ])  # fmt: skip
 
