@@ -156,22 +156,22 @@ def _value(value: Any) -> str:
 
 
 def _values(setting: Setting) -> str:
-    if setting.choices:
-        return "below"
-    if isinstance(setting.default, bool):
-        return "on, off"
+    """The default, and what else there is."""
+    default = _value(scene_default(setting))
+    if setting.choices or isinstance(setting.default, bool):
+        return default
     if isinstance(setting.default, str):
         return "a path; `//` is the .blend's folder"
-    return f"{setting.limits} [{setting.unit}]" if setting.unit else setting.limits
+    return f"{default}; {setting.limits}" + (f" [{setting.unit}]" if setting.unit else "")
 
 
 def _table(section: str) -> Iterator[str]:
     settings = settings_of(section)
     is_shared = any(setting.name in SHARED_SETTINGS for setting in settings)
-    yield "| setting | label | default | values |" + (" Cycles' |" if is_shared else "") + " meaning |"
-    yield "|---|---|---|---|" + ("---|" if is_shared else "") + "---|"
+    yield "| setting | default; values |" + (" Cycles' |" if is_shared else "") + " meaning |"
+    yield "|---|---|" + ("---|" if is_shared else "") + "---|"
     for setting in settings:
-        cells = [f"`{setting.name}`", setting.label, _value(scene_default(setting)), _values(setting)]
+        cells = [f"`{setting.name}`: {setting.label}", _values(setting)]
         if is_shared:
             cells.append(f"`{'.'.join(SHARED_SETTINGS[setting.name])}`" if setting.name in SHARED_SETTINGS else "")
         yield "| " + " | ".join([*cells, f"{setting.sentence}."]) + " |"
@@ -203,6 +203,7 @@ def page() -> str:
     return "\n".join([
         _HEAD,
         "## For users: `scene.neuralguide`\n",
+        "Before the semicolon stands the default; the choices of a setting are listed below its table.",
         "The column *Cycles'* says which of the scene's properties counts instead while the scene follows Cycles.\n",
         *(_section(section, listed) for section in SECTIONS),
         _ELSEWHERE,
