@@ -9,7 +9,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from engine.accel import Accelerator, MeshHierarchies
+from engine.accel.accelerator import Accelerator
+from engine.accel.hierarchies import MeshHierarchies
 from engine.array_types import Float32Array, Int64Array
 from engine.builder.motion import MOST_KEYS, keys_of_motions
 from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
