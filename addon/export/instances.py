@@ -261,17 +261,24 @@ def _classify(
             vertex_groups=tuple(shown.vertex_groups.keys()) if reads_attributes else (),
         )
     )
-    if context.is_blurred:
-        kinds[-1].motion_step_count = motion_step_count(shown, parent)
-        kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
-        kinds[-1].is_particle = item.particle_system is not None
-    elif context.wants_vectors:
-        # As Cycles: the frames before and after, whatever is blurred.
-        kinds[-1].motion_step_count = VECTOR_STEPS
-        kinds[-1].use_deform_motion = True
+    _set_motion(context, kinds[-1], item, parent)
     if context.wants_assets:
         kinds[-1].asset = _topmost(shown).name
     return len(kinds) - 1
+
+
+def _set_motion(
+    context: ExportContext, kind: Appearance, item: bpy.types.DepsgraphObjectInstance, parent: bpy.types.Object
+) -> None:
+    """Say when an object is looked at, if it may move."""
+    if context.is_blurred:
+        kind.motion_step_count = motion_step_count(item.object, parent)
+        kind.use_deform_motion = uses_deform_motion(item.object, parent)
+        kind.is_particle = item.particle_system is not None
+    elif context.wants_vectors:
+        # As Cycles: the frames before and after, whatever is blurred.
+        kind.motion_step_count = VECTOR_STEPS
+        kind.use_deform_motion = True
 
 
 def _topmost(shown: bpy.types.Object) -> bpy.types.Object:

@@ -10,14 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from engine.accel import (
-    MASK_MEDIUM,
-    MASK_SHADOW_OPAQUE,
-    MASK_SHADOW_TRANSPARENT,
-    Accelerator,
-    MeshHierarchies,
-    build_accelerator,
-)
+from engine.accel.accelerator import Accelerator, build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
