@@ -174,7 +174,7 @@ _CONTEXT_LIGHT = _CONTEXT + 8
 _FIRST_BOUNDARY = _CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128
-# Of a boundary: distance, u, v, triangle within its mesh, instance, normal and the ray's direction in the same space.
+# A boundary has distance, u, v, triangle within its mesh, instance, normal, the ray's direction in the same space.
 _BOUNDARY_WIDTH = 12
 _BOUNDARY_ORDER = _FIRST_BOUNDARY + MOST_BOUNDARIES * _BOUNDARY_WIDTH
 _SCRATCH_WORDS = _BOUNDARY_ORDER + MOST_BOUNDARIES
@@ -608,7 +608,7 @@ class MeshHierarchies:
         self.threads = threads
         self.device = _Device(threads)
         self.scenes: dict[Hashable, _EmbreeScene] = {}
-        #: Of what stands still, where other things are moved about.
+        #: Hierarchy of what stands still, where other things are moved about.
         self.standing: Kept[_EmbreeScene] = Kept()
 
     def keep_only(self, keys: Iterable[Hashable]) -> None:
@@ -641,7 +641,7 @@ class Accelerator:
     top : _EmbreeScene
         Triangles that are stored in world space, and instances of meshes.
     meshes : list of _EmbreeScene
-        Of the instanced meshes, and of what stands still, where that is not in `top`.
+        Hierarchies of the instanced meshes, and of what stands still, where that is not in `top`.
     transparent : _EmbreeScene
         What shadow rays can pass once more, by itself, if it is a small part; else `top`.
     masks : uint32 (I,)
@@ -759,7 +759,7 @@ def build_accelerator(
     mesh_keys : sequence of hashable (M,), optional
         Meshes of equal keys have the same shape, whenever they are built. None: each mesh is its own.
     shapes_key : hashable, optional
-        Of all triangles in world space. Given, they get a hierarchy of their own, which stays for as long as the key
+        Key of all triangles in world space. Given, they get a hierarchy of their own, which stays as long as the key
         and their masks do: builds are soon over then, and rays take a little longer. None: they are in the top level,
         and transparent casters of shadows, where they are few, in a second one besides.
 

@@ -29,7 +29,7 @@ def plain_instances(
     ----------
     transforms : float (N, 4, 4), object to world
     meshes, materials : int or sequence of N
-        Of all, or of each.
+        One for all, or one for each.
     """
     transforms = np.asarray(transforms, np.float32).reshape(-1, 4, 4)
     count = len(transforms)
@@ -145,7 +145,7 @@ class GeometryCache:
         Parameters
         ----------
         first_user, users : int64 (M,)
-            Of each mesh the first instance, and how many there are.
+            First instance of each mesh, and the count of its instances.
         """
         moved = np.zeros(len(users), np.bool_)
         if not self._expects_moves:
