@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m tools.blender_page` writes docs/blender.md: which of Cycles' settings work, by the panel they are in.
 
-`tools.cycles_settings` says what becomes of each setting. Labels are those of the Blender that runs; a test sees that
+`tools.cycles_settings` says what each setting means here. Labels are those of the Blender that runs; a test sees that
 no setting is missing there, and that what is said to work is read by the add-on.
 """
 

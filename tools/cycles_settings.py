@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What becomes of each of Cycles' settings, by the panel in which Blender shows it."""
+"""What each of Cycles' settings means here, by the panel in which Blender shows it."""
 
 from __future__ import annotations
 

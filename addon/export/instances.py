@@ -245,7 +245,7 @@ def _classify(
             owner=owner,
             visibility=visibility,
             pass_index=shown.pass_index,
-            # Of instances that of their instancer, which `shown` has only where Python had not met what is instanced.
+            # The instancer's colour, which `shown` has only where Python had not met what is instanced.
             color=tuple(parent.color),
             is_holdout=is_holdout,
             terminator_offset=context.finite(
@@ -362,7 +362,7 @@ def _read_properties(context: ExportContext, result: Appearances) -> None:
         return
     paths = np.empty(len(result.kind) * PATH_LENGTH, np.int32)
     context.depsgraph.object_instances.foreach_get("persistent_id", paths)
-    # Of what is not shown too: where numbers are drawn their order counts.
+    # What is not shown has identifiers too: where numbers are drawn their order counts.
     made_by = [0 if kind.instancer is None else kind.instancer.as_pointer() for kind in kinds]
     maker_of = np.array([*made_by, 0], np.uint64)[result.kind]
     for address, maker in makers.items():

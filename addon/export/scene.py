@@ -57,7 +57,7 @@ def export_scene(
     window : Window, optional
         What a window shows, without motion blur, as Cycles has it; camera and frame are the window's business.
     updated : frozenset of int, optional
-        Of a window: addresses of all original datablocks that may have changed since the last export with `cache`.
+        For a window: addresses of all original datablocks that may have changed since the last export with `cache`.
     texture_memory : int, optional
         Memory for pixels of images, before they lie in files [bytes]; None: all that they need.
 

@@ -55,7 +55,7 @@ class Accelerator:
     top : EmbreeScene
         Triangles that are stored in world space, and instances of meshes.
     meshes : list of EmbreeScene
-        Of the instanced meshes, and of what stands still, where that is not in `top`.
+        Hierarchies of the instanced meshes, and of what stands still, where that is not in `top`.
     transparent : EmbreeScene
         What shadow rays can pass once more, by itself, if it is a small part; else `top`.
     masks : uint32 (I,)
@@ -156,7 +156,7 @@ def build_accelerator(
     mesh_keys : sequence of hashable (M,), optional
         Meshes of equal keys have the same shape, whenever they are built. None: each mesh is its own.
     shapes_key : hashable, optional
-        Of all triangles in world space. Given, they get a hierarchy of their own, which stays for as long as the key
+        Key of all triangles in world space. Given, they get a hierarchy of their own, which stays as long as the key
         and their masks do: builds are soon over then, and rays take a little longer. None: they are in the top level,
         and transparent casters of shadows, where they are few, in a second one besides.
 

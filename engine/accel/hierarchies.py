@@ -100,7 +100,7 @@ class MeshHierarchies:
         self.threads = threads
         self.device = Device(threads)
         self.scenes: dict[Hashable, EmbreeScene] = {}
-        #: Of what stands still, where other things are moved about.
+        #: Hierarchy of what stands still, where other things are moved about.
         self.standing: Kept[EmbreeScene] = Kept()
 
     def keep_only(self, keys: Iterable[Hashable]) -> None:

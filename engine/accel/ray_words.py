@@ -33,7 +33,7 @@ CONTEXT_LIGHT = CONTEXT + 8
 FIRST_BOUNDARY = CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128
-# Of a boundary: distance, u, v, triangle within its mesh, instance, normal and the ray's direction in the same space.
+# A boundary has distance, u, v, triangle within its mesh, instance, normal, the ray's direction in the same space.
 BOUNDARY_WIDTH = 12
 BOUNDARY_ORDER = FIRST_BOUNDARY + MOST_BOUNDARIES * BOUNDARY_WIDTH
 SCRATCH_WORDS = BOUNDARY_ORDER + MOST_BOUNDARIES

@@ -45,7 +45,7 @@ from engine.state.geometry import (
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
-#: Of an instance, what hierarchies depend on.
+#: The columns of an instance on which hierarchies depend.
 _ACCELERATOR_COLUMNS = [INSTANCE_MESH, INSTANCE_VISIBILITY, INSTANCE_FLAGS, INSTANCE_FIRST_KEY, INSTANCE_KEY_COUNT]
 
 
