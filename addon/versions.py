@@ -24,6 +24,8 @@ GROUPS_INLINED: Version = (5, 0)
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
+#: Cycles can look textures up in files that it has made of them.
+TEXTURE_CACHE: Version = (5, 2)
 #: Pink stands for a missing image beyond its edges too, where the texture clips.
 MISSING_IMAGES_UNCLIPPED: Version = (5, 2)
 #: Cycles' normals of smooth faces stop at flat faces, with and without sharp edges.
@@ -85,6 +87,7 @@ SETTINGS: dict[str, Setting] = {
     # Render settings; Cycles had it on the scene
     "motion_blur_position": Setting((4, 2), "CENTER", "motion_blur_position"),
     "use_auto_generate_texture_cache": Setting((5, 2), False),
+    "use_texture_cache": Setting((5, 3), True),
     # Scene
     "cycles.texture_resolution_render": Setting((5, 2), 1.0),
     "cycles.use_pixel_jitter": Setting((5, 2), False),

@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
 from engine.scene.description import Node, NodeGraph
 
-from ..versions import ANISOTROPIC_TRANSMISSION, is_since, read_setting
+from ..versions import ANISOTROPIC_TRANSMISSION, TEXTURE_CACHE, is_since, read_setting
 from .context import ExportContext, cycles_property
 from .subdivision import diced_modifier
+
+#: Where Cycles has a cache of textures beside their files, whatever the preferences say.
+_DEFAULT_CACHE = "blender_tx"
 
 
 def notice_scene(context: ExportContext) -> None:
@@ -20,8 +25,25 @@ def notice_scene(context: ExportContext) -> None:
         context.notice(scene.name, "a limit on texture sizes is not supported", "textures at full size")
     if render.use_simplify and read_setting(scene, "cycles.texture_resolution_render") != 1.0:
         context.notice(scene.name, "another texture resolution is not supported", "textures at full size")
-    if read_setting(render, "use_auto_generate_texture_cache"):
+    if _has_texture_cache(render):
         context.notice(scene.name, "a texture cache is not supported", "textures at full size, and not prefiltered")
+
+
+def _has_texture_cache(render: bpy.types.RenderSettings) -> bool:
+    """Whether Cycles would look textures up in a cache: one that it makes now, or has made before."""
+    # Blender 5.3 can leave a cache alone that is there.
+    if not is_since(TEXTURE_CACHE) or not read_setting(render, "use_texture_cache"):
+        return False
+    if read_setting(render, "use_auto_generate_texture_cache"):
+        return True
+    chosen = bpy.context.preferences.filepaths.texture_cache_directory
+    for image in bpy.data.images:
+        if image.source in ("FILE", "SEQUENCE", "TILED") and image.users and image.filepath and not image.packed_file:
+            folder = Path(bpy.path.abspath(image.filepath, library=image.library)).parent
+            # A folder that is absolute is itself, whatever it is put behind.
+            if any(any((folder / name).glob("*.tx")) for name in {chosen, _DEFAULT_CACHE} - {""}):
+                return True
+    return False
 
 
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:

@@ -25,7 +25,7 @@ TOUCHING = 0.5
 _MOST_PLANES = 64
 #: Vertices of a mesh that are looked at, and pairs of boundaries and instances.
 MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
-#: Of each corner of a box, whether it is the low (0) or the high side (1) along each axis.
+#: Corners of a box: whether each is on the low (0) or the high side (1) along each axis.
 BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 

@@ -30,7 +30,7 @@ _REACH = 4.0
 _MOST_LOOKS = 20_000_000
 #: What else takes time, in the same measure: an instance's box, what a lamp is near, a triangle in the lamp's plane.
 _LOOKS_A_BOX, _LOOKS_AN_INSTANCE, _LOOKS_A_TRIANGLE_IN_PLANE = 10, 10_000, 10
-#: Of instances that have more triangles in a lamp's plane nothing is known either.
+#: Nothing is known either of instances that have more triangles in a lamp's plane.
 _MOST_IN_PLANE = 100_000
 #: Names in a notice.
 _MOST_NAMES = 4
@@ -208,7 +208,7 @@ def _surfaces_of(
     looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
     shadows = _has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
     found: list[list[int]] = [[] for _ in quads]
-    # Of lamps in one ceiling only the first looks at all of it.
+    # Only the first of the lamps in one ceiling looks at all of it.
     planes: dict[tuple[float, ...], _Plane] = {}
     looked = 0
     for of_lamp, quad in zip(found, quads, strict=True):
@@ -251,7 +251,7 @@ def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Se
     Parameters
     ----------
     names : sequence of str (I,)
-        Of the instances' objects.
+        Names of the instances' objects.
     """
     # Vertices may be infinite, or not a number: these are in no place.
     with np.errstate(all="ignore"):
@@ -265,7 +265,7 @@ def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Se
     notices = [
         Notice(
             f"light {lights[light].name}", f"it lies in {_listed(names[k] for k in inside)}",
-            "that shadows it, as in Cycles: move it off by a millimetre",
+            "that shadows it unless it is transparent, as in Cycles: move it off by a millimetre",
         )
         for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
     ]  # fmt: skip

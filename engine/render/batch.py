@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.accel import RayScratch
+from engine.accel.scratch import RayScratch
 from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.policy.guidance import Guidance

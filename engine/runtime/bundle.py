@@ -36,7 +36,7 @@ from numba.np.arrayobj import make_array, populate_array
 
 #: Words per field in a bundle's table: address, then the shape.
 _FIELD_WORDS = 4
-#: Of a number of a named tuple.
+#: Size of a number of a named tuple.
 _WORD_BYTES = 8
 #: Types of bundles by the class and what decides it of each field.
 _TYPES: dict[tuple[Any, ...], BundleType] = {}
@@ -76,7 +76,7 @@ class Bundle:
 
     @property
     def _address(self) -> int:
-        """Of the table."""
+        """Address of the table."""
         known: int | None = self.__dict__.get("_known_address")
         if known is None:
             # Threads that ask at the same time make a table each, and all use that of the first.

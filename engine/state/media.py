@@ -27,7 +27,7 @@ EXTINCTION = 0
 SCATTERING = 1
 EMISSION = 2
 CHANNEL_WEIGHT = 3
-#: Of the density with which distances are proposed (`engine.kernels.distances`), and the integral of the transmittance.
+#: Weight in the density that proposes distances (`engine.kernels.distances`), and the integral of the transmittance.
 PROPOSAL_WEIGHT = 4
 SEEN_LENGTH = 5
 COEFFICIENT_ROWS = 6

@@ -89,10 +89,27 @@ def means(scene: Any, folder: Path, samples: int, cells: tuple[int, int] = (1, 1
     return found[0], found[1]
 
 
-def room_with_lamp(gap: float) -> Any:
+def transparent(share: float) -> Any:
+    """A material that lets a share of the light through, and reflects nothing."""
+    material = bpy.data.materials.new("Veil")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    node, output = tree.nodes.new("ShaderNodeBsdfTransparent"), tree.nodes.new("ShaderNodeOutputMaterial")
+    node.inputs["Color"].default_value = (share, share, share, 1.0)
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def room_with_lamp(gap: float, *, is_instanced: bool = False, share: float = 0.0) -> Any:
+    """A lamp so far below a ceiling that is an instance of the floor's mesh, or lets a share of the light through."""
     scene = scene_of()
-    plane("Floor", 6.0, (0.0, 0.0, 0.0))
-    plane("Ceiling", 6.0, (0.0, 0.0, 2.4), looks_down=True)
+    material = transparent(share) if share else None
+    floor = plane("Floor", 6.0, (0.0, 0.0, 0.0))
+    ceiling = plane("Ceiling", 6.0, (0.0, 0.0, 2.4), looks_down=True, material=material)
+    if is_instanced:
+        ceiling.data = floor.data
     lamp("AREA", 100.0, (0.3, 0.2, 2.4 - gap), size=0.5)
     scene.camera.location, scene.camera.rotation_euler = (0.0, -2.9, 1.2), (1.2, 0.0, 0.0)
     return scene
@@ -110,6 +127,23 @@ def test_a_ceiling_hides_the_lamp_that_lies_in_it(blender: Any, tmp_path: Path, 
     assert free > 0.5
     assert ours < 0.1 * free
     assert theirs < 0.1 * free
+
+
+def test_a_ceiling_that_is_an_instance_hides_the_lamp_too(blender: Any, tmp_path: Path):
+    ours, theirs = means(room_with_lamp(0.0, is_instanced=True), tmp_path, 16)
+    free, _ = means(room_with_lamp(APART, is_instanced=True), tmp_path, 16)
+    assert free > 0.5
+    assert ours < 0.1 * free
+    assert theirs < 0.1 * free
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_transparent_ceiling_dims_the_lamp_that_lies_in_it(blender: Any, tmp_path: Path, share: float):
+    """As in Cycles. The notice says that it shadows the lamp unless it is transparent."""
+    ours, theirs = means(room_with_lamp(0.0, share=share), tmp_path, 64)
+    free, _ = means(room_with_lamp(APART, share=share), tmp_path, 64)
+    assert ours / free == pytest.approx(share, abs=0.05)
+    assert ours == pytest.approx(theirs, rel=0.03)
 
 
 def survey(distance: float, size: float = 60.0) -> Any:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -124,6 +125,33 @@ def test_what_is_dropped_is_named_once(scene: Any, case: str) -> None:
     assert [notice.subject for notice in found] == [subject]
     assert "not supported" in found[0].problem
     assert found[0].fallback
+
+
+def test_a_texture_cache_is_named_where_cycles_would_use_it(scene: Any, tmp_path: Path) -> None:
+    import bpy
+
+    if bpy.app.version < (5, 3):
+        pytest.skip("Blender 5.3 can leave a texture cache alone")
+
+    def is_named() -> bool:
+        return any("texture cache" in notice.problem for notice in notices(scene))
+
+    image = bpy.data.images.new("Picture", 4, 4)
+    image.filepath_raw, image.file_format = str(tmp_path / "picture.png"), "PNG"
+    image.save()
+    tree = scene.objects["Plane"].data.materials[0].node_tree
+    tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.load(str(tmp_path / "picture.png"))
+    assert not is_named()
+    # One that was made by an earlier render, or by hand, is used without being asked for.
+    (tmp_path / "blender_tx").mkdir()
+    (tmp_path / "blender_tx" / "picture.tx").touch()
+    assert is_named()
+    scene.render.use_texture_cache = False
+    assert not is_named()
+    scene.render.use_auto_generate_texture_cache = True
+    assert not is_named(), "no cache is used, whatever makes one"
+    scene.render.use_texture_cache = True
+    assert is_named()
 
 
 SHADERS = {
