@@ -152,7 +152,7 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "addon/sequence.py": {"description.frame_current": "60", "frame": "60", "first": "1", "last": "48"},
     "engine/accel/hierarchies.py": {"error": "4"},
     "engine/accel/library.py": {"'; '.join(problems)": "libembree4.so: cannot open shared object file"},
-    "engine/builder/lights.py": {"', '.join(_KINDS)": "POINT, SPOT, AREA, SUN"},
+    "engine/builder/lamps.py": {"', '.join(LAMP_KINDS)": "POINT, SPOT, AREA, SUN"},
     "engine/cluster/job.py": {"sentence": "out of memory", "name": "tcp://10.0.0.6:41307"},
     "engine/denoise/filter.py": {"name": "albedo"},
     "engine/guiding/models/network_backend.py": {"PROVIDERS[instead]": "CPUExecutionProvider"},

@@ -50,9 +50,9 @@ def build_lights(
         environment = empty_map()
 
     triangle_count = len(triangles.rows)
-    is_sun = lamps.is_sun
-    local_count, sun_count = int((~is_sun).sum()), int(is_sun.sum())
-    lamp_count = local_count + sun_count
+    is_distant = lamps.is_distant
+    local_count, distant_count = int((~is_distant).sum()), int(is_distant.sum())
+    lamp_count = local_count + distant_count
     has_background = environment.mean > 0.0
     emitters = np.zeros((triangle_count + lamp_count + has_background, la.EMITTER_WIDTH), np.int32)
     emitters[:triangle_count] = triangles.emitters
@@ -64,20 +64,20 @@ def build_lights(
     of_lamps[:, la.EMITTER_PROGRAM] = lamps.table[:, la.LAMP_PROGRAM]
     of_lamps[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
 
-    # Suns come last.
+    # Those that are infinitely far away come last.
     bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
     nodes, child, parent, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
     emitters[: len(leaf), la.EMITTER_NODE] = leaf
 
-    distant = np.zeros((sun_count + has_background, la.DISTANT_WIDTH), np.float32)
-    of_lamps[local_count:, la.EMITTER_NODE] = ~np.arange(sun_count)
-    distant[:sun_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
-    distant[:sun_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
-    distant[:sun_count, la.DISTANT_EMITTER] = triangle_count + local_count + np.arange(sun_count)
+    distant = np.zeros((distant_count + has_background, la.DISTANT_WIDTH), np.float32)
+    of_lamps[local_count:, la.EMITTER_NODE] = ~np.arange(distant_count)
+    distant[:distant_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
+    distant[:distant_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
+    distant[:distant_count, la.DISTANT_EMITTER] = triangle_count + local_count + np.arange(distant_count)
     if has_background:
         assert world is not None
         emitters[-1] = (
-            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~sun_count, world.visibility
+            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~distant_count, world.visibility
         )  # fmt: skip
         distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
 
@@ -92,16 +92,16 @@ def build_lights(
     header = np.zeros(la.HEADER_WIDTH, np.int32)
     header[la.HEADER_EMITTERS] = len(emitters)
     header[la.HEADER_HITTABLE] = int((order == 0).sum())
-    header[la.HEADER_FIRST_SUN] = local_count
-    header[la.HEADER_LAST_SUN] = local_count + int((order == 2).sum())
+    header[la.HEADER_FIRST_DISTANT] = local_count
+    header[la.HEADER_LAST_DISTANT] = local_count + int((order == 2).sum())
     header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
     header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
     header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
     header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
     header[la.HEADER_CUT] = len(cut)
-    header[la.HEADER_FIRST_PATCH] = len(cut) + sun_count
-    header[la.HEADER_CLUSTERS] = len(cut) + sun_count + len(patches)
+    header[la.HEADER_FIRST_PATCH] = len(cut) + distant_count
+    header[la.HEADER_CLUSTERS] = len(cut) + distant_count + len(patches)
     header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = None
     world_program = program_info.world_program
@@ -109,7 +109,7 @@ def build_lights(
         bool(program_info.emission_is_constant[world_program])
         and not np.any(program_info.emission_estimate[world_program])
     )
-    # Lamps that rays may cross, suns that they may reach.
+    # Lamps that rays may cross or reach.
     if world_is_black and not np.any((order == 0) | (order == 2)):
         sources = find_sources(geometry, program_info)
     header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
@@ -135,6 +135,6 @@ def build_lights(
         map_patches=patches,
         node_cluster=node_cluster,
         cluster_node=cut,
-        cluster_share=np.concatenate([np.ones(len(cut) + sun_count, np.float32), patch_share]),
+        cluster_share=np.concatenate([np.ones(len(cut) + distant_count, np.float32), patch_share]),
         selection=no_selection(),
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.lamps import LAMP_KINDS
 from engine.render import precompile
 from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
@@ -236,11 +237,6 @@ def small_scene() -> SceneDescription:
         instances=plain_instances(np.stack([np.eye(4), down, 2.0 * down]), materials=range(3), name="Square"),
         materials=[Material(name, name, graph) for name, graph in (("a", None), ("b", see_through), ("c", glowing))],
         images=[],
-        lights=[
-            Light("point", "Point", "POINT", up, white, 10.0, radius=0.1),
-            Light("spot", "Spot", "SPOT", up, white, 10.0, radius=0.1),
-            Light("area", "Area", "AREA", up, white, 10.0),
-            Light("sun", "Sun", "SUN", up, white, 1.0, angle=0.1),
-        ],
+        lights=[Light(kind, kind, kind, up, white, 10.0, **of.example) for kind, of in LAMP_KINDS.items()],
         world=World("world", "World", gradient, sampling="MANUAL", map_resolution=8),
     )

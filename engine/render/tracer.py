@@ -32,9 +32,9 @@ from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import RGB
 from engine.state.lights import (
     HEADER_EMITTERS,
-    HEADER_FIRST_SUN,
+    HEADER_FIRST_DISTANT,
     HEADER_HITTABLE,
-    HEADER_LAST_SUN,
+    HEADER_LAST_DISTANT,
     no_selection,
 )
 from engine.state.shaders import (
@@ -138,7 +138,7 @@ class Tracer:
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
         header = scene.lights.header
-        has_suns = header[HEADER_LAST_SUN] > header[HEADER_FIRST_SUN]
+        has_suns = header[HEADER_LAST_DISTANT] > header[HEADER_FIRST_DISTANT]
         self.mode = MODE_CLOSURES
         if not settings.use_caustics_reflective:
             self.mode |= MODE_NO_REFLECTIVE_CAUSTICS

@@ -18,11 +18,9 @@ from engine.runtime.bundle import Bundle
 
 # Kinds of emitters
 LIGHT_TRIANGLE = 0
-LIGHT_POINT = 1
-LIGHT_SPOT = 2
-LIGHT_AREA = 3
-LIGHT_SUN = 4
-LIGHT_BACKGROUND = 5
+LIGHT_BACKGROUND = 1
+#: Kinds of lamps have their numbers in their files, from this one on (`engine.kernels.lights.lamps`).
+FIRST_LAMP = 2
 
 # ---------------------------------------------------------------------------------------------------------------------
 # The light tree: groups of nodes. Node k of group g has the number GROUP_SIZE g + k; the root is node 0, alone in its
@@ -90,25 +88,15 @@ TRIANGLE_WIDTH = 12
 # ---------------------------------------------------------------------------------------------------------------------
 # LightArrays.lamps (float32)
 
-LAMP_P = 0  # position; suns: unit direction towards the sun
+LAMP_P = 0  # position; of those infinitely far away: unit direction towards the middle of it
 #: Radiance [W m^-2 sr^-1]; radiant intensity [W/sr] of points without a radius, irradiance [W m^-2] of suns without
 #: an angle and of area lights without spread.
 LAMP_RADIANCE = 3
-LAMP_RADIUS = 6
-LAMP_AXIS_U = 7  # area: unit
-LAMP_AXIS_V = 10
-LAMP_DIRECTION = 13  # area and spot: where it emits to
-LAMP_LENGTH_U = 16
-LAMP_LENGTH_V = 17
-LAMP_TAN_SPREAD = 18  # area: tangent of half the spread
-LAMP_SPREAD_SCALE = 19  # area: 1 / (tan a - a), 0 = no spread
-LAMP_INVERSE = 20  # spot: 3x3, world directions to local ones
-LAMP_COS_SPOT = 29
-LAMP_SPOT_SCALE = 30  # 1 / ((1 - cos) blend)
-LAMP_ONE_MINUS_COS = 31  # sun: of its half angle; spot: of the widest cone after scaling
-LAMP_ESTIMATE = 32  # mean emission of its program, 1 without
-LAMP_TEMPERATURE = 35  # of black bodies [K], else 0
-LAMP_WIDTH = 36
+LAMP_ESTIMATE = 6  # mean emission of its program, 1 without
+LAMP_TEMPERATURE = 9  # of black bodies [K], else 0
+#: The first of those that the file of the lamp's kind names.
+LAMP_KIND_COLUMNS = 10
+LAMP_WIDTH = 32
 
 # LightArrays.lamp_table (int32)
 LAMP_KIND = 0
@@ -123,21 +111,20 @@ LAMP_TABLE_WIDTH = 8
 
 LAMP_FLAG_MIS = 1
 LAMP_FLAG_SHADOW = 2
-#: Points and spots: a sphere, else a disc that faces the receiver (soft falloff).
-LAMP_FLAG_SPHERE = 4
-LAMP_FLAG_ELLIPSE = 8
 #: Can only be sampled, never hit.
-LAMP_FLAG_DELTA = 16
+LAMP_FLAG_DELTA = 4
 #: A surface lies in one place with it, or it is far from the origin: see `engine.builder.same_place`.
-LAMP_FLAG_IN_SURFACE = 32
+LAMP_FLAG_IN_SURFACE = 8
+#: This bit and those above it mean what the file of the lamp's kind says.
+LAMP_FLAG_OF_KIND = 16
 
 # LightArrays.header (int32)
 HEADER_EMITTERS = 0
 #: Lamps [0, HEADER_HITTABLE) have an extent in space: rays may cross them.
 HEADER_HITTABLE = 1
-#: Lamps [HEADER_FIRST_SUN, HEADER_LAST_SUN) are suns with an angle.
-HEADER_FIRST_SUN = 2
-HEADER_LAST_SUN = 3
+#: Lamps [HEADER_FIRST_DISTANT, HEADER_LAST_DISTANT) are infinitely far away, and seen under an angle.
+HEADER_FIRST_DISTANT = 2
+HEADER_LAST_DISTANT = 3
 HEADER_BACKGROUND_EMITTER = 4  # -1: the background is not sampled as a light
 HEADER_BACKGROUND_PROGRAM = 5
 HEADER_BACKGROUND_VISIBILITY = 6

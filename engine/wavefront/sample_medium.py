@@ -40,7 +40,7 @@ from engine.state.lanes import (
     RAY_ENDS,
     RAY_TERMINATE_ON_NEXT_SURFACE,
 )
-from engine.state.lights import HEADER_FIRST_SUN, HEADER_HITTABLE, HEADER_LAST_SUN
+from engine.state.lights import HEADER_FIRST_DISTANT, HEADER_HITTABLE, HEADER_LAST_DISTANT
 from engine.state.media import CHANNEL_WEIGHT, EMISSION, EXTINCTION, MOST_CROSSINGS, SCATTERING
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, VALUE_EMISSION
 from engine.wavefront.columns import (
@@ -166,7 +166,7 @@ def _may_see_nothing(scene, unit):
     header = scene.lights.header
     is_bounded = scene.header[SCENE_HAS_BOUNDARIES] != 0 and scene.media.world[0] < 0
     is_seen = scene.options.film_transparent != 0 or unit.header[UNIT_CATCHES] != 0
-    has_few = header[HEADER_HITTABLE] <= _MOST_LAMPS and header[HEADER_FIRST_SUN] == header[HEADER_LAST_SUN]
+    has_few = header[HEADER_HITTABLE] <= _MOST_LAMPS and header[HEADER_FIRST_DISTANT] == header[HEADER_LAST_DISTANT]
     return is_bounded and has_few and not is_seen and _is_world_black(scene)
 
 

@@ -9,7 +9,15 @@ import numpy as np
 
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT, FAR
-from engine.kernels.lights import lamp_factor, lamp_hit, lamp_pdf, sun_is_hit, sun_pdf
+from engine.kernels.lights import (
+    Receiver,
+    distant_lamp_is_hit,
+    distant_lamp_leaving,
+    distant_lamp_pdf,
+    lamp_hit,
+    lamp_leaving,
+    lamp_pdf,
+)
 from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_found, add_seen, weigh_found
@@ -36,9 +44,9 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.lights import (
-    HEADER_FIRST_SUN,
+    HEADER_FIRST_DISTANT,
     HEADER_HITTABLE,
-    HEADER_LAST_SUN,
+    HEADER_LAST_DISTANT,
     LAMP_EMITTER,
     LAMP_ESTIMATE,
     LAMP_FLAG_MIS,
@@ -122,9 +130,9 @@ def shade_lights(scene, unit, work, queue):
     lights, options, paths = scene.lights, scene.options, work.paths
     lanes, lane_count = queue.lanes, queue.count[0]
     hittable_count = lights.header[HEADER_HITTABLE]
-    first_sun = lights.header[HEADER_FIRST_SUN]
-    last_sun = lights.header[HEADER_LAST_SUN]
-    if hittable_count == 0 and first_sun == last_sun:
+    first_distant = lights.header[HEADER_FIRST_DISTANT]
+    last_distant = lights.header[HEADER_LAST_DISTANT]
+    if hittable_count == 0 and first_distant == last_distant:
         return
     for k in range(lane_count):
         lane = lanes[k]
@@ -137,7 +145,7 @@ def shade_lights(scene, unit, work, queue):
         counts_whole = options.use_nee == 0 or (flags & RAY_MIS_SKIP) != 0
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
         origin = load(paths.mis_origin, lane)
-        n = load(paths.mis_normal, lane)
+        receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False)
         wi = load(paths.direction, lane)
         t_min = paths.mis_distance[lane]
         t_max = t_min + paths.hit_distance[lane]
@@ -149,27 +157,30 @@ def shade_lights(scene, unit, work, queue):
             distance = lamp_hit(lights, row, origin, wi, t_min, t_max)
             if distance < 0.0:
                 continue
-            factor = lamp_factor(lights, row, origin, wi)
+            factor = lamp_leaving(lights, row, origin, wi)
             if not factor > 0.0:
                 continue
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
-                pdf = lamp_pdf(lights, row, origin, n, had_transmission, wi, distance)
+                pdf = lamp_pdf(lights, row, receiver, wi, distance)
                 emitter = lights.lamp_table[row, LAMP_EMITTER]
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
                 factor *= weight
             _add_lamp(lights, row, factor, unguided, distance - t_min, scene, unit, work, lane)
-        if first_sun == last_sun or paths.hit_instance[lane] >= 0:
+        if first_distant == last_distant or paths.hit_instance[lane] >= 0:
             continue
-        for row in range(first_sun, last_sun):
+        for row in range(first_distant, last_distant):
             if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or options.use_nee == 0):
                 continue
-            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]) or not sun_is_hit(lights, row, wi):
+            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]):
                 continue
-            factor = 0.0 * t_min + 1.0
+            if not distant_lamp_is_hit(lights, row, origin, wi, t_min):
+                continue
+            factor = distant_lamp_leaving(lights, row, origin, wi)
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
-                pdf = sun_pdf(lights, row, origin, n, had_transmission)
+                pdf = distant_lamp_pdf(lights, row, receiver, wi)
                 emitter = lights.lamp_table[row, LAMP_EMITTER]
-                factor, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
+                weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
+                factor *= weight
             _add_lamp(lights, row, factor, unguided, DISTANT, scene, unit, work, lane)

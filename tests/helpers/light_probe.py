@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,15 +12,17 @@ from engine.builder.environment import build_environment_map
 from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights
 from engine.kernels.binary_tree import GRID_SIDE, LEAF
+from engine.kernels.constants import DISTANT
 from engine.kernels.lights import (
     Receiver,
     background_pdf,
-    lamp_factor,
+    distant_lamp_is_hit,
+    distant_lamp_leaving,
+    distant_lamp_pdf,
     lamp_hit,
+    lamp_leaving,
     lamp_pdf,
     sample_light,
-    sun_is_hit,
-    sun_pdf,
     triangle_emitter_pdf,
 )
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter, selection_row
@@ -28,7 +30,15 @@ from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
 from engine.scene.instances import empty_instances, plain_instances
 from engine.state.geometry import GeometryArrays
-from engine.state.lights import LIGHT_SUN, LightArrays, LightSelection
+from engine.state.lights import (
+    HEADER_FIRST_DISTANT,
+    HEADER_HITTABLE,
+    HEADER_LAST_DISTANT,
+    LAMP_RADIANCE,
+    TRIANGLE_RADIANCE,
+    LightArrays,
+    LightSelection,
+)
 
 # Columns of what `draw` writes.
 PDF, EMITTER, WI, DISTANCE, RADIANCE, NG, PROGRAM, USE_MIS, POINT, U, V, INSTANCE, TRIANGLE = (
@@ -146,22 +156,56 @@ def irradiance(samples: np.ndarray, n: Any) -> np.ndarray:
     return np.where(pdf > 0.0, samples[:, RADIANCE] * cosine / np.where(pdf > 0.0, pdf, 1.0), 0.0)
 
 
+class Hits(NamedTuple):
+    """What rays find of a scene's only light, (N,) each.
+
+    Attributes
+    ----------
+    pdf : float32 [sr^-1]
+        With which `sample_light` proposes the direction.
+    distance : float32 [m]
+        DISTANT for suns and the background, -1 where nothing is met.
+    radiance : float32
+        First channel; of the background the factor on its program's emission.
+    """
+
+    pdf: np.ndarray
+    distance: np.ndarray
+    radiance: np.ndarray
+
+
 @kernel
-def _hit_pdf(lights, p, n, has_transmission, leaves_dim, directions, out):
-    position = (p[0], p[1], p[2])
-    normal = (n[0], n[1], n[2])
+def _hits(lights, p, n, has_transmission, leaves_dim, directions, pdfs, distances, radiances):
+    receiver = Receiver((p[0], p[1], p[2]), (n[0], n[1], n[2]), has_transmission, leaves_dim)
     for i in range(directions.shape[0]):
         wi = (directions[i, 0], directions[i, 1], directions[i, 2])
-        pdf = background_pdf(lights, position, normal, has_transmission, leaves_dim, wi)
-        for row in range(lights.lamps.shape[0]):
-            if lights.lamp_table[row, 0] == LIGHT_SUN:
-                if sun_is_hit(lights, row, wi):
-                    pdf += sun_pdf(lights, row, position, normal, has_transmission)
-                continue
-            t = lamp_hit(lights, row, position, wi, 0.0, 1e30)
-            if t >= 0.0 and lamp_factor(lights, row, position, wi) > 0.0:
-                pdf += lamp_pdf(lights, row, position, normal, has_transmission, wi, t)
-        out[i] = pdf
+        pdfs[i] = background_pdf(lights, receiver.p, receiver.n, has_transmission, leaves_dim, wi)
+        if pdfs[i] > 0.0:
+            distances[i], radiances[i] = DISTANT, 1.0
+        for row in range(lights.header[HEADER_HITTABLE]):
+            t = lamp_hit(lights, row, receiver.p, wi, 0.0, 1e30)
+            share = lamp_leaving(lights, row, receiver.p, wi)
+            if t >= 0.0 and share > 0.0:
+                pdfs[i] += lamp_pdf(lights, row, receiver, wi, t)
+                distances[i], radiances[i] = t, share * lights.lamps[row, LAMP_RADIANCE]
+        for row in range(lights.header[HEADER_FIRST_DISTANT], lights.header[HEADER_LAST_DISTANT]):
+            share = distant_lamp_leaving(lights, row, receiver.p, wi)
+            if distant_lamp_is_hit(lights, row, receiver.p, wi, 0.0) and share > 0.0:
+                pdfs[i] += distant_lamp_pdf(lights, row, receiver, wi)
+                distances[i], radiances[i] = DISTANT, share * lights.lamps[row, LAMP_RADIANCE]
+
+
+def hits(
+    lights: LightArrays, p: Any, n: Any, directions: np.ndarray, has_transmission: bool = False,
+    leaves_dim: bool = False,
+) -> Hits:
+    """What rays from p along directions (N, 3) find of lamps or the background; of several lamps the density's sum."""
+    real, count = np.float32, len(directions)
+    found = Hits(np.zeros(count, real), np.full(count, -1.0, real), np.zeros(count, real))
+    _hits(
+        lights, np.asarray(p, real), np.asarray(n, real), has_transmission, leaves_dim, directions.astype(real), *found
+    )
+    return found
 
 
 def hit_pdf(
@@ -169,11 +213,30 @@ def hit_pdf(
     leaves_dim: bool = False,
 ) -> np.ndarray:
     """Density (N,) with which lamps or the background are proposed along directions (N, 3)."""
-    out = np.zeros(len(directions), np.float32)
-    real = np.float32
-    place, normal = np.asarray(p, real), np.asarray(n, real)
-    _hit_pdf(lights, place, normal, has_transmission, leaves_dim, directions.astype(real), out)
-    return out
+    return hits(lights, p, n, directions, has_transmission, leaves_dim).pdf
+
+
+def triangle_hits(
+    lights: LightArrays, geometry: GeometryArrays, corners: np.ndarray, p: Any, n: Any, directions: np.ndarray,
+    has_transmission: bool = False,
+) -> Hits:
+    """As `hits`, of the only triangle of an emissive mesh; `corners`: its own, (3, 3), world space."""
+    v0, v1, v2 = np.asarray(corners, np.float64)
+    edge1, edge2 = v1 - v0, v2 - v0
+    # Moller and Trumbore 1997.
+    across = np.cross(directions, edge2)
+    determinant = across @ edge1
+    determinant = np.where(determinant == 0.0, np.nan, determinant)
+    offset = np.asarray(p, np.float64) - v0
+    beside = np.cross(offset, edge1)
+    u, v = across @ offset / determinant, directions @ beside / determinant
+    distance = beside @ edge2 / determinant
+    is_hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
+    asked = np.zeros((len(directions), WIDTH), np.float32)
+    asked[:, WI : WI + 3] = directions
+    asked[:, DISTANCE] = np.where(is_hit, distance, 1.0)
+    pdf = np.where(is_hit, triangle_pdf(lights, geometry, asked, p, n, has_transmission), 0.0)
+    return Hits(pdf, np.where(is_hit, distance, -1.0), np.where(is_hit, lights.triangles[0, TRIANGLE_RADIANCE], 0.0))
 
 
 @kernel

@@ -1,6 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Samples lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
 
+from engine.kernels.lights.lamps import (
+    distant_lamp_is_hit,
+    distant_lamp_leaving,
+    distant_lamp_pdf,
+    lamp_hit,
+    lamp_leaving,
+    lamp_pdf,
+)
 from engine.kernels.lights.light import Choice, LightSample, Receiver
 from engine.kernels.lights.sample import (
     ask_for_cell,
@@ -12,14 +20,9 @@ from engine.kernels.lights.sample import (
     draw_triangle,
     finds_all,
     is_of_map,
-    lamp_factor,
-    lamp_hit,
-    lamp_pdf,
     row_of_map,
     sample_emitter,
     sample_light,
-    sun_is_hit,
-    sun_pdf,
     tree_share,
     triangle_emitter,
     triangle_emitter_pdf,
@@ -37,14 +40,17 @@ __all__ = [
     "choose_emitter",
     "cluster_choice",
     "column_of_map",
+    "distant_lamp_is_hit",
+    "distant_lamp_leaving",
+    "distant_lamp_pdf",
     "draw_cell",
     "draw_triangle",
     "drawn_triangle",
     "finds_all",
     "group_of_few",
     "is_of_map",
-    "lamp_factor",
     "lamp_hit",
+    "lamp_leaving",
     "lamp_pdf",
     "pick_among_few",
     "put_triangle",
@@ -52,8 +58,6 @@ __all__ = [
     "sample_emitter",
     "sample_light",
     "sample_triangles",
-    "sun_is_hit",
-    "sun_pdf",
     "tree_share",
     "triangle_emitter",
     "triangle_emitter_pdf",

@@ -10,22 +10,35 @@ import math
 import numpy as np
 
 from engine.kernels.constants import PI
+from engine.kernels.lights.lamp import Lamp, LampPoint
 from engine.kernels.lights.mapping import concentric_disk
 from engine.kernels.vector import add, cross, dot, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.lights import (
-    LAMP_AXIS_U,
-    LAMP_AXIS_V,
-    LAMP_DIRECTION,
+    FIRST_LAMP,
     LAMP_FLAG_DELTA,
-    LAMP_FLAG_ELLIPSE,
+    LAMP_FLAG_OF_KIND,
     LAMP_FLAGS,
-    LAMP_LENGTH_U,
-    LAMP_LENGTH_V,
+    LAMP_KIND_COLUMNS,
     LAMP_P,
-    LAMP_SPREAD_SCALE,
-    LAMP_TAN_SPREAD,
 )
+
+AREA = FIRST_LAMP + 2
+
+FLAG_ELLIPSE = LAMP_FLAG_OF_KIND
+
+# Columns of `LightArrays.lamps`.
+#: Unit.
+AXIS_U = LAMP_KIND_COLUMNS
+AXIS_V = LAMP_KIND_COLUMNS + 3
+#: Where it emits to.
+DIRECTION = LAMP_KIND_COLUMNS + 6
+LENGTH_U = LAMP_KIND_COLUMNS + 9
+LENGTH_V = LAMP_KIND_COLUMNS + 10
+#: Tangent of half the spread.
+TAN_SPREAD = LAMP_KIND_COLUMNS + 11
+#: 1 / (tan a - a), 0 = no spread.
+SPREAD_SCALE = LAMP_KIND_COLUMNS + 12
 
 #: Below this solid angle [sr] a rectangle is sampled by area.
 _SMALLEST_SOLID_ANGLE = np.float32(1e-4)
@@ -38,11 +51,11 @@ _REGION_ELLIPSE = 2
 @kernel
 def spread_attenuation(lamps, row, cosine):
     """Factor on an area lamp's radiance at the angle to its normal with this cosine."""
-    spread_scale = lamps[row, LAMP_SPREAD_SCALE]
+    spread_scale = lamps[row, SPREAD_SCALE]
     if spread_scale <= 0.0:
         return 0.0 * cosine + 1.0
     tangent = math.sqrt(max(0.0, 1.0 - cosine * cosine)) / max(cosine, 1e-10)
-    return max(0.0, (lamps[row, LAMP_TAN_SPREAD] - tangent) * spread_scale)
+    return max(0.0, (lamps[row, TAN_SPREAD] - tangent) * spread_scale)
 
 
 @kernel
@@ -54,20 +67,20 @@ def _lit_region(lamps, lamp_table, row, p):
     rectangle around both is taken.
     """
     offset = (lamps[row, LAMP_P] - p[0], lamps[row, LAMP_P + 1] - p[1], lamps[row, LAMP_P + 2] - p[2])
-    axis_u = (lamps[row, LAMP_AXIS_U], lamps[row, LAMP_AXIS_U + 1], lamps[row, LAMP_AXIS_U + 2])
-    axis_v = (lamps[row, LAMP_AXIS_V], lamps[row, LAMP_AXIS_V + 1], lamps[row, LAMP_AXIS_V + 2])
-    length_u = lamps[row, LAMP_LENGTH_U]
-    length_v = lamps[row, LAMP_LENGTH_V]
-    is_ellipse = (lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_ELLIPSE) != 0
+    axis_u = (lamps[row, AXIS_U], lamps[row, AXIS_U + 1], lamps[row, AXIS_U + 2])
+    axis_v = (lamps[row, AXIS_V], lamps[row, AXIS_V + 1], lamps[row, AXIS_V + 2])
+    length_u = lamps[row, LENGTH_U]
+    length_v = lamps[row, LENGTH_V]
+    is_ellipse = (lamp_table[row, LAMP_FLAGS] & FLAG_ELLIPSE) != 0
     kind = _REGION_ELLIPSE if is_ellipse else _REGION_RECTANGLE
-    normal = (lamps[row, LAMP_DIRECTION], lamps[row, LAMP_DIRECTION + 1], lamps[row, LAMP_DIRECTION + 2])
+    normal = (lamps[row, DIRECTION], lamps[row, DIRECTION + 1], lamps[row, DIRECTION + 2])
     height = -dot(normal, offset)
     if height <= 0.0:
         return _REGION_NONE, offset, axis_u, length_u, axis_v, length_v
-    if lamps[row, LAMP_SPREAD_SCALE] <= 0.0:
+    if lamps[row, SPREAD_SCALE] <= 0.0:
         return kind, offset, axis_u, length_u, axis_v, length_v
 
-    reach = height * lamps[row, LAMP_TAN_SPREAD]
+    reach = height * lamps[row, TAN_SPREAD]
     foot_u = -dot(axis_u, offset)
     foot_v = -dot(axis_v, offset)
     half_u = 0.5 * length_u
@@ -175,13 +188,14 @@ def _region_pdf(kind, length_u, length_v, solid_angle, distance, cosine):
 
 
 @kernel
-def area_pdf(lamps, lamp_table, row, p, wi, distance):
-    """Density [sr^-1] of `sample_area` for a direction that meets the lamp at `distance`."""
-    kind, center, axis_u, length_u, axis_v, length_v = _lit_region(lamps, lamp_table, row, p)
+def area_pdf(lights, row, receiver, wi, distance):
+    """See `Lamp.pdf`."""
+    lamps = lights.lamps
+    kind, center, axis_u, length_u, axis_v, length_v = _lit_region(lamps, lights.lamp_table, row, receiver.p)
     cosine = -(
-        lamps[row, LAMP_DIRECTION] * wi[0]
-        + lamps[row, LAMP_DIRECTION + 1] * wi[1]
-        + lamps[row, LAMP_DIRECTION + 2] * wi[2]
+        lamps[row, DIRECTION] * wi[0]
+        + lamps[row, DIRECTION + 1] * wi[1]
+        + lamps[row, DIRECTION + 2] * wi[2]
     )
     if kind == _REGION_NONE or not cosine > 0.0:
         return 0.0 * distance
@@ -195,17 +209,18 @@ def area_pdf(lamps, lamp_table, row, p, wi, distance):
 @kernel
 def _covers(lamps, lamp_table, row, x, y, tolerance):
     """Whether plane coordinates (x, y) from the lamp's centre [m] are on it."""
-    u = x / lamps[row, LAMP_LENGTH_U]
-    v = y / lamps[row, LAMP_LENGTH_V]
-    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_ELLIPSE:
+    u = x / lamps[row, LENGTH_U]
+    v = y / lamps[row, LENGTH_V]
+    if lamp_table[row, LAMP_FLAGS] & FLAG_ELLIPSE:
         return u * u + v * v <= 0.25 + tolerance
     return abs(u) <= 0.5 + tolerance and abs(v) <= 0.5 + tolerance
 
 
 @kernel
-def hit_area(lamps, lamp_table, row, origin, direction, t_min, t_max):
-    """Distance at which a ray meets the shining side of an area lamp, -1 = not."""
-    normal = (lamps[row, LAMP_DIRECTION], lamps[row, LAMP_DIRECTION + 1], lamps[row, LAMP_DIRECTION + 2])
+def hit_area(lights, row, origin, direction, t_min, t_max):
+    """See `Lamp.hit`: only the side that shines is met."""
+    lamps, lamp_table = lights.lamps, lights.lamp_table
+    normal = (lamps[row, DIRECTION], lamps[row, DIRECTION + 1], lamps[row, DIRECTION + 2])
     facing = dot(direction, normal)
     if facing >= 0.0:
         return 0.0 * facing - 1.0
@@ -214,10 +229,10 @@ def hit_area(lamps, lamp_table, row, origin, direction, t_min, t_max):
     if not (t > t_min and t < t_max):
         return 0.0 * facing - 1.0
     inplane = subtract(scale(direction, t), offset)
-    x = inplane[0] * lamps[row, LAMP_AXIS_U] + inplane[1] * lamps[row, LAMP_AXIS_U + 1]
-    x += inplane[2] * lamps[row, LAMP_AXIS_U + 2]
-    y = inplane[0] * lamps[row, LAMP_AXIS_V] + inplane[1] * lamps[row, LAMP_AXIS_V + 1]
-    y += inplane[2] * lamps[row, LAMP_AXIS_V + 2]
+    x = inplane[0] * lamps[row, AXIS_U] + inplane[1] * lamps[row, AXIS_U + 1]
+    x += inplane[2] * lamps[row, AXIS_U + 2]
+    y = inplane[0] * lamps[row, AXIS_V] + inplane[1] * lamps[row, AXIS_V + 1]
+    y += inplane[2] * lamps[row, AXIS_V + 2]
     if _covers(lamps, lamp_table, row, x, y, 0.0):
         return t
     return 0.0 * facing - 1.0
@@ -238,20 +253,14 @@ def _rounded(p, first, second, third):
 
 
 @kernel
-def sample_area(lamps, lamp_table, row, p, u0, u1):
-    """Point of an area lamp for a receiver at p.
-
-    Returns
-    -------
-    pdf : float [sr^-1]; 1 for a lamp without spread; 0 = none
-    wi : unit direction; distance : float
-    factor : float, of the lamp's radiance: what its spread lets through
-    u, v : position on the lamp as barycentrics in Cycles' manner (v + 1/2, -u - v), for textures
-    """
+def sample_area(lights, row, receiver, u0, u1):
+    """See `Lamp.sample`: the spread is what leaves the lamp; texture coordinates are barycentrics in Cycles' manner,
+    (v + 1/2, -u - v) of the place on it."""
+    lamps, lamp_table, p = lights.lamps, lights.lamp_table, receiver.p
     none = 0.0 * u0
-    normal = (lamps[row, LAMP_DIRECTION], lamps[row, LAMP_DIRECTION + 1], lamps[row, LAMP_DIRECTION + 2])
-    own_u = (lamps[row, LAMP_AXIS_U], lamps[row, LAMP_AXIS_U + 1], lamps[row, LAMP_AXIS_U + 2])
-    own_v = (lamps[row, LAMP_AXIS_V], lamps[row, LAMP_AXIS_V + 1], lamps[row, LAMP_AXIS_V + 2])
+    normal = (lamps[row, DIRECTION], lamps[row, DIRECTION + 1], lamps[row, DIRECTION + 2])
+    own_u = (lamps[row, AXIS_U], lamps[row, AXIS_U + 1], lamps[row, AXIS_U + 2])
+    own_v = (lamps[row, AXIS_V], lamps[row, AXIS_V + 1], lamps[row, AXIS_V + 2])
     from_lamp = (p[0] - lamps[row, LAMP_P], p[1] - lamps[row, LAMP_P + 1], p[2] - lamps[row, LAMP_P + 2])
     if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_DELTA:
         # No spread: only the foot point shines here.
@@ -260,14 +269,14 @@ def sample_area(lamps, lamp_table, row, p, u0, u1):
         y = dot(own_v, from_lamp)
         wi = (-normal[0], -normal[1], -normal[2])
         if height <= 0.0 or not _covers(lamps, lamp_table, row, x, y, 0.0):
-            return none, wi, none, none, none, none
-        u = x / lamps[row, LAMP_LENGTH_U]
-        v = y / lamps[row, LAMP_LENGTH_V]
-        return none + 1.0, wi, height, none + 1.0, v + 0.5, -u - v
+            return LampPoint(none, wi, none, normal, none, none, none)
+        u = x / lamps[row, LENGTH_U]
+        v = y / lamps[row, LENGTH_V]
+        return LampPoint(none + 1.0, wi, height, normal, none + 1.0, v + 0.5, -u - v)
 
     kind, center, axis_u, length_u, axis_v, length_v = _lit_region(lamps, lamp_table, row, p)
     if kind == _REGION_NONE:
-        return none, normal, none, none, none, none
+        return LampPoint(none, normal, none, normal, none, none, none)
     solid_angle = none
     x = (u0 - 0.5) * length_u
     y = (u1 - 0.5) * length_v
@@ -288,7 +297,7 @@ def sample_area(lamps, lamp_table, row, p, u0, u1):
     to_point, wi, distance = _rounded(p, scale(axis_u, x), scale(axis_v, y), third)
     cosine = -dot(normal, wi)
     if not cosine > 0.0:
-        return none, wi, none, none, none, none
+        return LampPoint(none, wi, none, normal, none, none, none)
     pdf = _region_pdf(kind, length_u, length_v, solid_angle, distance, cosine)
     factor = spread_attenuation(lamps, row, cosine)
     inplane = add(to_point, from_lamp)
@@ -296,6 +305,20 @@ def sample_area(lamps, lamp_table, row, p, u0, u1):
     y = dot(own_v, inplane)
     if factor <= 0.0 or not _covers(lamps, lamp_table, row, x, y, 1e-5):
         factor = none
-    u = x / lamps[row, LAMP_LENGTH_U]
-    v = y / lamps[row, LAMP_LENGTH_V]
-    return pdf, wi, distance, factor, v + 0.5, -u - v
+    u = x / lamps[row, LENGTH_U]
+    v = y / lamps[row, LENGTH_V]
+    return LampPoint(pdf, wi, distance, normal, factor, v + 0.5, -u - v)
+
+
+@kernel
+def leaving_area(lights, row, p, wi):
+    """See `Lamp.leaving`."""
+    cosine = -(
+        wi[0] * lights.lamps[row, DIRECTION]
+        + wi[1] * lights.lamps[row, DIRECTION + 1]
+        + wi[2] * lights.lamps[row, DIRECTION + 2]
+    )
+    return spread_attenuation(lights.lamps, row, cosine)
+
+
+LAMP = Lamp(AREA, False, sample_area, area_pdf, hit_area, leaving_area)

@@ -8,8 +8,7 @@ radius, suns without an angle, area lights without spread) are found by sampling
 import numpy as np
 
 from engine.kernels.bsdf import keeps_to_geometry
-from engine.kernels.constants import DISTANT, INV_TWO_PI
-from engine.kernels.lights.area import area_pdf, hit_area, sample_area, spread_attenuation
+from engine.kernels.constants import DISTANT
 from engine.kernels.lights.background import (
     ask_for_columns,
     ask_for_guide,
@@ -21,9 +20,8 @@ from engine.kernels.lights.background import (
     sample_cell,
     sample_patch,
 )
+from engine.kernels.lights.lamps import sample_lamp
 from engine.kernels.lights.light import Choice, LightSample
-from engine.kernels.lights.mapping import uniform_cone
-from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
 from engine.kernels.lights.tree import (
     cluster_of,
     cluster_pmf,
@@ -33,7 +31,7 @@ from engine.kernels.lights.tree import (
     tree_choice,
 )
 from engine.kernels.lights.triangle import emissive_triangle, sample_triangle, triangle_pdf
-from engine.kernels.vector import add, cross, dot, length, scale, subtract
+from engine.kernels.vector import add, cross, dot, length, scale
 from engine.runtime.jit import kernel
 from engine.state.lights import (
     EMITTER_BACK,
@@ -41,7 +39,6 @@ from engine.state.lights import (
     EMITTER_FRONT,
     EMITTER_INSTANCE,
     EMITTER_KIND,
-    EMITTER_LAMP,
     EMITTER_MIRRORED,
     EMITTER_PROGRAM,
     EMITTER_TRIANGLE,
@@ -52,20 +49,7 @@ from engine.state.lights import (
     HEADER_BANDS,
     HEADER_FIRST_PATCH,
     HEADER_SECTORS,
-    LAMP_DIRECTION,
-    LAMP_EMITTER,
-    LAMP_FLAG_DELTA,
-    LAMP_FLAG_MIS,
-    LAMP_FLAG_SHADOW,
-    LAMP_FLAGS,
-    LAMP_KIND,
-    LAMP_MAX_BOUNCES,
-    LAMP_ONE_MINUS_COS,
-    LAMP_P,
-    LAMP_RADIANCE,
-    LIGHT_AREA,
     LIGHT_BACKGROUND,
-    LIGHT_SUN,
     LIGHT_TRIANGLE,
     TRIANGLE_RADIANCE,
 )
@@ -201,104 +185,80 @@ def sample_emitter(lights, geometry, choice, drawn, cell, receiver, time, u0, u1
     drawn : tuple, `draw_triangle` of the same numbers; not read unless the emitter is a triangle
     cell : tuple, `draw_cell` of the same numbers; not read unless the emitter is the background, and no patch of it
     """
-    emitter, pmf, patch = choice
-    p, n, has_transmission, leaves_dim = receiver
-    pdf = 0.0 * u0
-    u = pdf
-    v = pdf
-    distance = pdf
-    factor = pdf + 1.0
-    kind = 0
-    wi = (pdf, pdf, factor)
-    ng = wi
-    point = p
-    instance = -1
-    triangle = -1
-    program = -1
-    radiance = (factor, factor, factor)
-    visibility = 0
-    cast_shadow = True
-    max_bounces = _UNLIMITED
-    use_mis = True
-    shows_back = False
-    if emitter >= 0:
-        kind = int(lights.emitters[emitter, EMITTER_KIND])
-        program = int(lights.emitters[emitter, EMITTER_PROGRAM])
-        visibility = int(lights.emitters[emitter, EMITTER_VISIBILITY])
-        if kind == LIGHT_TRIANGLE:
-            instance = int(lights.emitters[emitter, EMITTER_INSTANCE])
-            triangle = int(lights.emitters[emitter, EMITTER_TRIANGLE])
-            v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
-            pdf, wi, distance, u, v = drawn
-            normal = cross(edge1, edge2)
-            facing = dot(normal, wi)
-            flags = lights.emitters[emitter, EMITTER_FLAGS]
-            if facing == 0.0 or not _sides(flags, facing):
-                pdf = 0.0 * u0
-            shows_back = facing < 0.0 if flags & EMITTER_MIRRORED else facing > 0.0
-            ng = scale(normal, (-1.0 if facing > 0.0 else 1.0) / length(normal))
-            radiance = (
-                lights.triangles[emitter, TRIANGLE_RADIANCE],
-                lights.triangles[emitter, TRIANGLE_RADIANCE + 1],
-                lights.triangles[emitter, TRIANGLE_RADIANCE + 2],
-            )
-            point = add(v0, add(scale(edge1, u), scale(edge2, v)))
-        elif kind == LIGHT_BACKGROUND:
-            max_bounces = int(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
-            cast_shadow = lights.header[HEADER_BACKGROUND_SHADOW] != 0
-            if patch >= 0:
-                pdf, wi = sample_patch(
-                    lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
-                    lights.header[HEADER_SECTORS], patch - lights.header[HEADER_FIRST_PATCH], u0, u1,
-                )
-            elif leaves_dim:
-                pdf, wi = sample_cell(
-                    lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1
-                )
-            else:
-                pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
-            ng = (-wi[0], -wi[1], -wi[2])
-            point = wi
-            distance = DISTANT
-        else:
-            row = int(lights.emitters[emitter, EMITTER_LAMP])
-            flags = lights.lamp_table[row, LAMP_FLAGS]
-            cast_shadow = (flags & LAMP_FLAG_SHADOW) != 0
-            use_mis = (flags & LAMP_FLAG_MIS) != 0
-            max_bounces = int(lights.lamp_table[row, LAMP_MAX_BOUNCES])
-            if kind == LIGHT_SUN:
-                wi = (lights.lamps[row, LAMP_P], lights.lamps[row, LAMP_P + 1], lights.lamps[row, LAMP_P + 2])
-                pdf = 0.0 * u0 + 1.0
-                if not flags & LAMP_FLAG_DELTA:
-                    one_minus_cos = lights.lamps[row, LAMP_ONE_MINUS_COS]
-                    wi, _ = uniform_cone(wi, one_minus_cos, u0, u1)
-                    pdf = INV_TWO_PI / one_minus_cos
-                ng = (-wi[0], -wi[1], -wi[2])
-                point = wi
-                distance = DISTANT
-            else:
-                if kind == LIGHT_AREA:
-                    pdf, wi, distance, factor, u, v = sample_area(lights.lamps, lights.lamp_table, row, p, u0, u1)
-                    ng = (
-                        lights.lamps[row, LAMP_DIRECTION],
-                        lights.lamps[row, LAMP_DIRECTION + 1],
-                        lights.lamps[row, LAMP_DIRECTION + 2],
-                    )
-                else:
-                    pdf, wi, distance, ng, factor = sample_sphere(
-                        lights.lamps, lights.lamp_table, row, p, n, has_transmission, u0, u1
-                    )
-                point = add(p, scale(wi, distance))
-                if not factor > 0.0:
-                    pdf = 0.0 * u0
-            radiance = (
-                factor * lights.lamps[row, LAMP_RADIANCE],
-                factor * lights.lamps[row, LAMP_RADIANCE + 1],
-                factor * lights.lamps[row, LAMP_RADIANCE + 2],
-            )
+    emitter = choice.emitter
+    if emitter < 0:
+        return _no_sample(receiver.p, u0)
+    kind = lights.emitters[emitter, EMITTER_KIND]
+    if kind == LIGHT_TRIANGLE:
+        return _sample_triangle(lights, geometry, choice, drawn, time, u0)
+    if kind == LIGHT_BACKGROUND:
+        return _sample_background(lights, choice, cell, receiver.leaves_dim, u0, u1)
+    return sample_lamp(lights, choice, receiver, u0, u1)
+
+
+@kernel(forceinline=True)
+def _no_sample(p, u0):
+    """Where no emitter was chosen: LightSample."""
+    none = 0.0 * u0
+    one = none + 1.0
+    up = (none, none, one)
     return LightSample(
-        pdf * pmf, emitter, kind, wi, distance, point, ng, u, v, instance, triangle, program, radiance, visibility,
-        cast_shadow, max_bounces, use_mis, shows_back, pmf,
+        none, -1, 0, up, none, p, up, none, none, -1, -1, -1, (one, one, one), 0, True, _UNLIMITED, True, False, none
+    )
+
+
+@kernel(forceinline=True)
+def _sample_triangle(lights, geometry, choice, drawn, time, u0):
+    """The point that was drawn of a triangle: LightSample."""
+    emitter = choice.emitter
+    v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
+    pdf, wi, distance, u, v = drawn
+    normal = cross(edge1, edge2)
+    facing = dot(normal, wi)
+    flags = lights.emitters[emitter, EMITTER_FLAGS]
+    if facing == 0.0 or not _sides(flags, facing):
+        pdf = 0.0 * u0
+    point = add(v0, add(scale(edge1, u), scale(edge2, v)))
+    ng = scale(normal, (-1.0 if facing > 0.0 else 1.0) / length(normal))
+    instance = np.int64(lights.emitters[emitter, EMITTER_INSTANCE])
+    triangle = np.int64(lights.emitters[emitter, EMITTER_TRIANGLE])
+    program = np.int64(lights.emitters[emitter, EMITTER_PROGRAM])
+    visibility = np.int64(lights.emitters[emitter, EMITTER_VISIBILITY])
+    radiance = (
+        lights.triangles[emitter, TRIANGLE_RADIANCE],
+        lights.triangles[emitter, TRIANGLE_RADIANCE + 1],
+        lights.triangles[emitter, TRIANGLE_RADIANCE + 2],
+    )
+    cast_shadow, use_mis = True, True
+    shows_back = facing < 0.0 if flags & EMITTER_MIRRORED else facing > 0.0
+    return LightSample(
+        pdf * choice.pmf, emitter, LIGHT_TRIANGLE, wi, distance, point, ng, u, v, instance, triangle, program, radiance,
+        visibility, cast_shadow, _UNLIMITED, use_mis, shows_back, choice.pmf,
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
+    """Draw a direction towards the background: LightSample."""
+    emitter = choice.emitter
+    if choice.patch >= 0:
+        pdf, wi = sample_patch(
+            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
+            lights.header[HEADER_SECTORS], choice.patch - lights.header[HEADER_FIRST_PATCH], u0, u1,
+        )
+    elif leaves_dim:
+        pdf, wi = sample_cell(lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1)
+    else:
+        pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
+    none = 0.0 * u0
+    one = none + 1.0
+    program = np.int64(lights.emitters[emitter, EMITTER_PROGRAM])
+    visibility = np.int64(lights.emitters[emitter, EMITTER_VISIBILITY])
+    cast_shadow, use_mis, shows_back = lights.header[HEADER_BACKGROUND_SHADOW] != 0, True, False
+    max_bounces = np.int64(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
+    return LightSample(
+        pdf * choice.pmf, emitter, LIGHT_BACKGROUND, wi, DISTANT, wi, (-wi[0], -wi[1], -wi[2]), none, none, -1, -1,
+        program, (one, one, one), visibility, cast_shadow, max_bounces, use_mis, shows_back, choice.pmf,
     )  # fmt: skip
 
 
@@ -400,53 +360,3 @@ def tree_share(lights, emitter, p, n, has_transmission, leaves_dim, wi):
         lights, emitter, np.float32(1.0), p, n, has_transmission, leaves_dim, wi
     )
     return np.float32(tree_pmf / pmf) if pmf > 0.0 else np.float32(0.0)
-
-
-@kernel
-def lamp_hit(lights, row, origin, direction, t_min, t_max):
-    """Distance from `origin` at which a ray meets lamp `row` (a point, spot or area lamp), -1 = not."""
-    if lights.lamp_table[row, LAMP_KIND] == LIGHT_AREA:
-        return hit_area(lights.lamps, lights.lamp_table, row, origin, direction, t_min, t_max)
-    return hit_sphere(lights.lamps, lights.lamp_table, row, origin, direction, t_min, t_max)
-
-
-@kernel
-def lamp_factor(lights, row, p, wi):
-    """Share of lamp `row`'s radiance that leaves along -wi towards p: a spot's cone, an area lamp's spread."""
-    if lights.lamp_table[row, LAMP_KIND] == LIGHT_AREA:
-        cosine = -(
-            wi[0] * lights.lamps[row, LAMP_DIRECTION]
-            + wi[1] * lights.lamps[row, LAMP_DIRECTION + 1]
-            + wi[2] * lights.lamps[row, LAMP_DIRECTION + 2]
-        )
-        return spread_attenuation(lights.lamps, row, cosine)
-    return sphere_attenuation(lights.lamps, lights.lamp_table, row, p, wi)
-
-
-@kernel
-def lamp_pdf(lights, row, p, n, has_transmission, wi, distance):
-    """Density [sr^-1] with which `sample_light` would have proposed a hit of lamp `row` at `distance` along wi."""
-    kind = lights.lamp_table[row, LAMP_KIND]
-    if kind == LIGHT_AREA:
-        pdf = area_pdf(lights.lamps, lights.lamp_table, row, p, wi, distance)
-    else:
-        pdf = sphere_pdf(lights.lamps, lights.lamp_table, row, p, n, has_transmission, wi, distance)
-    emitter = lights.lamp_table[row, LAMP_EMITTER]
-    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
-
-
-@kernel
-def sun_is_hit(lights, row, direction):
-    """Whether a direction lies within sun `row`'s disc."""
-    axis = (lights.lamps[row, LAMP_P], lights.lamps[row, LAMP_P + 1], lights.lamps[row, LAMP_P + 2])
-    chord = subtract(direction, axis)
-    return 0.5 * dot(chord, chord) <= lights.lamps[row, LAMP_ONE_MINUS_COS]
-
-
-@kernel
-def sun_pdf(lights, row, p, n, has_transmission):
-    """Density [sr^-1] with which `sample_light` proposes directions of sun `row`'s disc."""
-    emitter = lights.lamp_table[row, LAMP_EMITTER]
-    return (INV_TWO_PI / lights.lamps[row, LAMP_ONE_MINUS_COS]) * emitter_pmf(
-        lights, selection_row(lights, p), emitter, p, n, has_transmission
-    )

@@ -8,6 +8,7 @@ the cone instead.
 import math
 
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI
+from engine.kernels.lights.lamp import Lamp, LampPoint
 from engine.kernels.lights.mapping import (
     concentric_disk,
     cosine_hemisphere,
@@ -19,38 +20,52 @@ from engine.kernels.lights.mapping import (
 from engine.kernels.vector import add, dot, length, normalize, orthonormal_basis, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.lights import (
-    LAMP_COS_SPOT,
-    LAMP_DIRECTION,
-    LAMP_FLAG_SPHERE,
+    FIRST_LAMP,
+    LAMP_FLAG_OF_KIND,
     LAMP_FLAGS,
-    LAMP_INVERSE,
     LAMP_KIND,
-    LAMP_ONE_MINUS_COS,
+    LAMP_KIND_COLUMNS,
     LAMP_P,
-    LAMP_RADIUS,
-    LAMP_SPOT_SCALE,
-    LIGHT_SPOT,
 )
+
+POINT = FIRST_LAMP
+SPOT = FIRST_LAMP + 1
+
+#: A sphere, else a disc that faces the receiver (soft falloff).
+FLAG_SPHERE = LAMP_FLAG_OF_KIND
+
+# Columns of `LightArrays.lamps`; spots have all of them.
+RADIUS = LAMP_KIND_COLUMNS
+#: Where it emits to.
+DIRECTION = LAMP_KIND_COLUMNS + 1
+#: 3x3, world directions to local ones.
+INVERSE = LAMP_KIND_COLUMNS + 4
+#: Of half the spot's angle.
+COSINE = LAMP_KIND_COLUMNS + 13
+#: 1 / ((1 - cos) blend).
+BLEND_SCALE = LAMP_KIND_COLUMNS + 14
+#: 1 - cos of the widest cone after scaling.
+ONE_MINUS_COS = LAMP_KIND_COLUMNS + 15
 
 
 @kernel
 def spot_attenuation(lamps, row, wi):
     """What a spot's cone lets through towards -wi, 0 to 1: a smooth step over the blend, in the lamp's own space."""
-    x = lamps[row, LAMP_INVERSE] * wi[0] + lamps[row, LAMP_INVERSE + 1] * wi[1] + lamps[row, LAMP_INVERSE + 2] * wi[2]
+    x = lamps[row, INVERSE] * wi[0] + lamps[row, INVERSE + 1] * wi[1] + lamps[row, INVERSE + 2] * wi[2]
     y = (
-        lamps[row, LAMP_INVERSE + 3] * wi[0]
-        + lamps[row, LAMP_INVERSE + 4] * wi[1]
-        + lamps[row, LAMP_INVERSE + 5] * wi[2]
+        lamps[row, INVERSE + 3] * wi[0]
+        + lamps[row, INVERSE + 4] * wi[1]
+        + lamps[row, INVERSE + 5] * wi[2]
     )
     z = (
-        lamps[row, LAMP_INVERSE + 6] * wi[0]
-        + lamps[row, LAMP_INVERSE + 7] * wi[1]
-        + lamps[row, LAMP_INVERSE + 8] * wi[2]
+        lamps[row, INVERSE + 6] * wi[0]
+        + lamps[row, INVERSE + 7] * wi[1]
+        + lamps[row, INVERSE + 8] * wi[2]
     )
     norm = math.sqrt(x * x + y * y + z * z)
     if not norm > 0.0:
         return 0.0 * norm
-    t = min(1.0, max(0.0, (z / norm - lamps[row, LAMP_COS_SPOT]) * lamps[row, LAMP_SPOT_SCALE]))
+    t = min(1.0, max(0.0, (z / norm - lamps[row, COSINE]) * lamps[row, BLEND_SCALE]))
     return t * t * (3.0 - 2.0 * t)
 
 
@@ -80,23 +95,24 @@ def ray_sphere(center, radius, origin, direction, t_min, t_max):
 @kernel
 def sphere_cone(lamps, lamp_table, row, distance_squared):
     """1 - cos of the cone that directions towards a spherical lamp are drawn from, and whether it is the spot's own."""
-    radius = lamps[row, LAMP_RADIUS]
+    radius = lamps[row, RADIUS]
     wide = one_minus_cos_of_sin_squared(radius * radius / distance_squared)
-    if lamp_table[row, LAMP_KIND] == LIGHT_SPOT and lamps[row, LAMP_ONE_MINUS_COS] <= wide:
-        return lamps[row, LAMP_ONE_MINUS_COS], True
+    if lamp_table[row, LAMP_KIND] == SPOT and lamps[row, ONE_MINUS_COS] <= wide:
+        return lamps[row, ONE_MINUS_COS], True
     return wide, False
 
 
 @kernel
-def hit_sphere(lamps, lamp_table, row, origin, direction, t_min, t_max):
-    """Distance at which a ray meets a point or spot lamp with a radius, -1 = not."""
+def hit_sphere(lights, row, origin, direction, t_min, t_max):
+    """See `Lamp.hit`."""
+    lamps, lamp_table = lights.lamps, lights.lamp_table
     center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
     from_center = subtract(origin, center)
-    is_sphere = (lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE) != 0
-    if lamp_table[row, LAMP_KIND] == LIGHT_SPOT and dot(direction, from_center) >= 0.0:
+    is_sphere = (lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE) != 0
+    if lamp_table[row, LAMP_KIND] == SPOT and dot(direction, from_center) >= 0.0:
         return 0.0 * t_min - 1.0
     if is_sphere:
-        return ray_sphere(center, lamps[row, LAMP_RADIUS], origin, direction, t_min, t_max)
+        return ray_sphere(center, lamps[row, RADIUS], origin, direction, t_min, t_max)
     # The disc through the centre, perpendicular to the line from the ray's start.
     distance = length(from_center)
     facing = -dot(direction, from_center)
@@ -104,104 +120,106 @@ def hit_sphere(lamps, lamp_table, row, origin, direction, t_min, t_max):
         return 0.0 * t_min - 1.0
     t = distance * distance / facing
     offset = add(from_center, scale(direction, t))
-    if t > t_min and t < t_max and dot(offset, offset) < lamps[row, LAMP_RADIUS] * lamps[row, LAMP_RADIUS]:
+    if t > t_min and t < t_max and dot(offset, offset) < lamps[row, RADIUS] * lamps[row, RADIUS]:
         return t
     return 0.0 * t_min - 1.0
 
 
 @kernel
-def sphere_pdf(lamps, lamp_table, row, p, n, has_transmission, wi, t):
-    """Density [sr^-1] of `sample_sphere` for a direction that meets the lamp at distance t."""
+def sphere_pdf(lights, row, receiver, wi, distance):
+    """See `Lamp.pdf`."""
+    lamps, lamp_table, p = lights.lamps, lights.lamp_table, receiver.p
     center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
     from_center = subtract(p, center)
     squared = dot(from_center, from_center)
-    radius = lamps[row, LAMP_RADIUS]
-    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+    radius = lamps[row, RADIUS]
+    if lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE:
         if squared > radius * radius:
             one_minus_cos, _ = sphere_cone(lamps, lamp_table, row, squared)
             return INV_TWO_PI / one_minus_cos
-        return surroundings_pdf(n, wi, has_transmission)
+        return surroundings_pdf(receiver.n, wi, receiver.has_transmission)
     cosine = -dot(from_center, wi) / math.sqrt(squared)
     if cosine > 0.0:
-        return t * t * INV_PI / (cosine * radius * radius)
-    return 0.0 * t
+        return distance * distance * INV_PI / (cosine * radius * radius)
+    return 0.0 * distance
 
 
 @kernel
-def sphere_attenuation(lamps, lamp_table, row, p, wi):
-    """Share of a point or spot lamp's radiance that leaves along -wi towards p."""
-    if lamp_table[row, LAMP_KIND] != LIGHT_SPOT:
+def leaving_sphere(lights, row, p, wi):
+    """See `Lamp.leaving`."""
+    lamps, lamp_table = lights.lamps, lights.lamp_table
+    if lamp_table[row, LAMP_KIND] != SPOT:
         return 0.0 * p[0] + 1.0
-    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+    if lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE:
         center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
         from_center = subtract(p, center)
-        if dot(from_center, from_center) <= lamps[row, LAMP_RADIUS] * lamps[row, LAMP_RADIUS]:
+        if dot(from_center, from_center) <= lamps[row, RADIUS] * lamps[row, RADIUS]:
             return 0.0 * p[0] + 1.0
     return spot_attenuation(lamps, row, wi)
 
 
 @kernel
-def sample_sphere(lamps, lamp_table, row, p, n, has_transmission, u0, u1):
-    """Direction towards a point or spot lamp.
-
-    Returns
-    -------
-    pdf : float [sr^-1]; 1 for a lamp without radius; 0 = none
-    wi : unit direction; distance : float; ng : unit normal of the lamp there
-    factor : float, of the lamp's radiance: the spot's cone, and 1 / distance^2 without a radius
-    """
+def sample_sphere(lights, row, receiver, u0, u1):
+    """See `Lamp.sample`: the spot's cone is what leaves the lamp."""
+    lamps, lamp_table = lights.lamps, lights.lamp_table
+    p, n = receiver.p, receiver.n
     center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
     from_center = subtract(p, center)
     squared = dot(from_center, from_center)
     center_distance = math.sqrt(squared)
-    radius = lamps[row, LAMP_RADIUS]
+    radius = lamps[row, RADIUS]
     pdf = 0.0 * u0
+    none = pdf
     t = 0.0 * u0
     wi = (0.0, 0.0, 1.0)
     ng = wi
     if not center_distance > 0.0 and radius <= 0.0:
-        return pdf, wi, t, ng, pdf
+        return LampPoint(pdf, wi, t, ng, pdf, none, none)
     axis = (0.0, 0.0, 1.0)
     if center_distance > 0.0:
         axis = scale(from_center, -1.0 / center_distance)
-    if lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_SPHERE:
+    if lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE:
         if squared > radius * radius:
             one_minus_cos, from_spot = sphere_cone(lamps, lamp_table, row, squared)
             cone_axis = axis
             if from_spot:
                 cone_axis = (
-                    -lamps[row, LAMP_DIRECTION],
-                    -lamps[row, LAMP_DIRECTION + 1],
-                    -lamps[row, LAMP_DIRECTION + 2],
+                    -lamps[row, DIRECTION],
+                    -lamps[row, DIRECTION + 1],
+                    -lamps[row, DIRECTION + 2],
                 )
             wi, turned = uniform_cone(cone_axis, one_minus_cos, u0, u1)
             if from_spot:
                 t = ray_sphere(center, radius, p, wi, 0.0, 3e38)
                 if t < 0.0:
-                    return pdf, wi, t, ng, pdf
+                    return LampPoint(pdf, wi, t, ng, pdf, none, none)
             else:
                 half_chord_squared = radius * radius - squared * turned * (2.0 - turned)
                 t = center_distance * (1.0 - turned) - math.sqrt(max(0.0, half_chord_squared))
             pdf = INV_TWO_PI / one_minus_cos
         else:
-            if has_transmission:
+            if receiver.has_transmission:
                 wi = uniform_sphere(u0, u1)
             else:
                 wi, _ = cosine_hemisphere(n, u0, u1)
-            pdf = surroundings_pdf(n, wi, has_transmission)
+            pdf = surroundings_pdf(n, wi, receiver.has_transmission)
             along = center_distance * dot(axis, wi)
             t = along + math.sqrt(max(0.0, radius * radius - squared + along * along))
         ng = normalize(add(from_center, scale(wi, t)))
-        return pdf, wi, t, ng, sphere_attenuation(lamps, lamp_table, row, p, wi)
+        return LampPoint(pdf, wi, t, ng, leaving_sphere(lights, row, p, wi), none, none)
 
     x, y = concentric_disk(u0, u1)
     tangent, bitangent = orthonormal_basis(axis)
     to_point = subtract(add(scale(tangent, x * radius), scale(bitangent, y * radius)), from_center)
     t = length(to_point)
     wi = scale(to_point, 1.0 / t)
-    factor = sphere_attenuation(lamps, lamp_table, row, p, wi)
+    factor = leaving_sphere(lights, row, p, wi)
     ng = (-wi[0], -wi[1], -wi[2])
     if radius > 0.0:
         pdf = t * t / (PI * radius * radius * max(1e-20, dot(axis, wi)))
-        return pdf, wi, t, ng, factor
-    return 0.0 * pdf + 1.0, wi, t, ng, factor / (t * t)
+        return LampPoint(pdf, wi, t, ng, factor, none, none)
+    return LampPoint(0.0 * pdf + 1.0, wi, t, ng, factor / (t * t), none, none)
+
+
+POINT_LAMP = Lamp(POINT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere)
+SPOT_LAMP = Lamp(SPOT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every light: samples against their density, and irradiance against what the units say."""
+"""Lights against what the units say, and what is particular to triangles and the background.
+
+`test_light_table.py` tests what all kinds have in common.
+"""
 
 from __future__ import annotations
 
@@ -15,59 +18,6 @@ from engine.state.lights import LIGHT_BACKGROUND
 from tests.helpers.chi2 import cell_integrals, histogram, p_value, sidak
 
 UP = (0.0, 0.0, 1.0)
-#: Turned, sheared, unevenly scaled and mirrored.
-SKEWED = ((0.9, 0.3, 0.1), (0.2, -0.5, 0.1), (0.0, 0.3, 1.4))
-
-LAMPS = {
-    "point": probe.lamp("POINT", (0.3, -0.4, 1.0), radius=0.5, use_soft_falloff=False),
-    "point soft": probe.lamp("POINT", (0.3, -0.4, 1.0), radius=0.5),
-    "point around": probe.lamp("POINT", (0.3, 0.1, 0.2), radius=1.5, use_soft_falloff=False),
-    "spot wide": probe.lamp("SPOT", (0.1, 0.2, 1.0), radius=0.5, use_soft_falloff=False, spot_angle=2.6, spot_blend=1),
-    "spot narrow": probe.lamp("SPOT", (0.1, 0, 0.9), radius=0.8, use_soft_falloff=False, spot_angle=0.7),
-    "spot soft": probe.lamp("SPOT", (0.5, 0.2, 0.8), radius=0.5, spot_angle=1.4, spot_blend=0.1),
-    "spot scaled": probe.lamp("SPOT", (0.1, 0.2, 1), SKEWED, radius=0.4, use_soft_falloff=False, spot_angle=1.0),
-    "square": probe.lamp("AREA", (0.3, -0.2, 0.6), size_x=1.4),
-    "rectangle": probe.lamp("AREA", (0.0, 0.5, 0.4), SKEWED, shape="RECTANGLE", size_x=2.0, size_y=0.7),
-    "disk": probe.lamp("AREA", (0.3, -0.2, 0.6), shape="DISK", size_x=1.4),
-    "ellipse": probe.lamp("AREA", (0.1, 0.5, 0.5), SKEWED, shape="ELLIPSE", size_x=2.0, size_y=1.7),
-    "square spread": probe.lamp("AREA", (0.5, -0.5, 0.6), size_x=1.4, spread=1.5),
-    "disk spread": probe.lamp("AREA", (0.7, 0.0, 0.6), shape="DISK", size_x=1.4, spread=1.6),
-    "disk spread inside": probe.lamp("AREA", (0.2, 0.0, 0.6), shape="DISK", size_x=3.0, spread=1.0),
-    "ellipse spread": probe.lamp("AREA", (0.5, 0.3, 0.5), shape="ELLIPSE", size_x=2.0, size_y=1.0, spread=1.5),
-    "sun": probe.lamp("SUN", columns=SKEWED, angle=1.0),
-}
-CASES = [(name, False) for name in LAMPS] + [("point around", True), ("square", True)]
-
-
-@pytest.mark.parametrize(("name", "has_transmission"), CASES)
-def test_lamp_samples_follow_their_density(name: str, has_transmission: bool) -> None:
-    """Chi-square at a significance of 1e-3 over the family."""
-    lights, geometry = probe.build(probe.make_description([LAMPS[name]]))
-    p, n = (0.0, 0.0, 0.0), (0.0, 0.6, 0.8)
-    samples = probe.draw(lights, geometry, p, n, np.random.default_rng(3).random((60_000, 3), np.float32),
-                         has_transmission)  # fmt: skip
-    good = samples[:, probe.PDF] > 0.0
-    assert good.mean() > 0.3
-    expected = cell_integrals(
-        lambda d: probe.hit_pdf(lights, p, n, d, has_transmission), 24, 32, points=3, subdivisions=12
-    )
-    # The quadrature is coarse at the light's rim: what is missing to 1 is compared on its own.
-    assert expected.sum() == pytest.approx(good.mean(), abs=0.012)
-    observed = histogram(samples[good, probe.WI : probe.WI + 3], 24, 32)
-    assert p_value(observed, expected / expected.sum(), int(good.sum())) > sidak(1e-3, len(CASES))
-
-
-@pytest.mark.parametrize("name", LAMPS)
-def test_lamp_hits_agree_with_samples(name: str) -> None:
-    """The density, distance and radiance found by shooting a ray along the sampled direction are those returned."""
-    lights, geometry = probe.build(probe.make_description([LAMPS[name]]))
-    samples = probe.draw(lights, geometry, (0, 0, 0), UP, np.random.default_rng(5).random((2000, 3), np.float32))
-    samples = samples[samples[:, probe.PDF] > 0.0]
-    pdf = probe.hit_pdf(lights, (0, 0, 0), UP, samples[:, probe.WI : probe.WI + 3])
-    # Directions to the very rim may miss it.
-    close = np.abs(pdf - samples[:, probe.PDF]) <= 2e-3 * samples[:, probe.PDF]
-    assert close.mean() > 0.99
-    assert np.allclose(np.linalg.norm(samples[:, probe.WI : probe.WI + 3], axis=1), 1.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("distance", [0.1, 1.0, 30.0, 3000.0])
