@@ -47,6 +47,10 @@ class MethodCosts:
         self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool, rules: Rules = RULES
     ) -> None:
         self._rules = rules
+        self.begin(candidates, uses_clock=uses_clock)
+
+    def begin(self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool) -> None:
+        """Begin with costs of candidates by method, and with or without the clock."""
         self._candidates = dict(candidates)
         self._uses_clock = uses_clock
 
