@@ -14,12 +14,10 @@ from engine.guiding.policy.costs import MethodCosts
 from engine.guiding.policy.evidence import Evidence
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.face import Learnable, Rehearsal
 from engine.guiding.policy.recording import Recording
-from engine.guiding.policy.sample_weights import SampleWeights
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.way import Way
@@ -45,9 +43,7 @@ class Conductor:
         In the order in which they learn; each may read what those before it have learned.
     agenda : Agenda
     evidence : Evidence
-    weights : SampleWeights
     costs : MethodCosts
-    horizon : Horizon
     recording : Recording
     rest : callable (paths_per_sample) -> Recording, optional
         What records once guiding has been given up.
@@ -57,12 +53,12 @@ class Conductor:
 
     def __init__(
         self, facts: RenderFacts, standing: Standing, learnables: Sequence[Learnable], agenda: Agenda,
-        evidence: Evidence, weights: SampleWeights, costs: MethodCosts, horizon: Horizon, recording: Recording,
-        rest: Callable[[int], Recording] | None = None, keeper: FieldKeeper | None = None,
+        evidence: Evidence, costs: MethodCosts, recording: Recording, rest: Callable[[int], Recording] | None = None,
+        keeper: FieldKeeper | None = None,
     ) -> None:
         self._facts, self._standing, self.learnables, self.agenda = facts, standing, list(learnables), agenda
-        self._evidence, self._weights, self._costs, self._horizon = evidence, weights, costs, horizon
-        self._recording, self._rest, self._keeper = recording, rest, keeper
+        self._evidence, self._costs, self._keeper = evidence, costs, keeper
+        self._recording, self._rest = recording, rest
         self.notices, self.report = facts.notices, facts.report
         self._learning_seconds = 0.0
 
@@ -84,18 +80,18 @@ class Conductor:
 
     def weight(self, first_sample: int, arm: int) -> float:
         is_part = bool(self.agenda.other_parts)
-        return self._weights.of(first_sample, arm, is_guided=self.agenda.way.is_guided, is_part=is_part)
+        return self._evidence.weights.of(first_sample, arm, is_guided=self.agenda.way.is_guided, is_part=is_part)
 
     def begin(self) -> None:
-        self._horizon.begin()
+        self._evidence.horizon.begin()
         for question in self.agenda.questions:
             question.begin()
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         self._recording.budget.paths_per_sample = pixel_count
-        self._horizon.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
+        self._evidence.horizon.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
         for question in self.agenda.questions:
-            question.narrow(pixel_count, self._horizon.expected_samples)
+            question.narrow(pixel_count, self._evidence.horizon.expected_samples)
 
     def rehearse(self) -> None:
         rng = np.random.default_rng(0)

@@ -41,6 +41,8 @@ class Evidence:
 
     Attributes
     ----------
+    horizon : Horizon
+    weights : SampleWeights
     index : int
         Iterations so far.
     samples : float
@@ -53,7 +55,7 @@ class Evidence:
         newest: NewestVariance | None = None, compared: ComparedValues | None = None,
         cautious: CautiousTrial | None = None,
     ) -> None:
-        self._horizon, self._ends_at, self._weights, self._standing = horizon, ends_at, weights, standing
+        self.horizon, self._ends_at, self.weights, self._standing = horizon, ends_at, weights, standing
         self._newest, self._compared, self._cautious = newest, compared, cautious
         self._start: LearnedField | None = None
         self.index = 0
@@ -72,7 +74,7 @@ class Evidence:
         if self._standing.is_over:
             return
         if self._compared is not None:
-            weight = self._weights.seen(agenda.parts[0].first_sample, unit.arm)
+            weight = self.weights.seen(agenda.parts[0].first_sample, unit.arm)
             self._compared.add(unit.film_index, film.radiance, unit.sample_count, weight)
         if self._newest is not None and unit.arm != PLAIN and agenda.way.is_guided:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
@@ -96,7 +98,7 @@ class Evidence:
             self._before, self.image = self.image, self._look(traced)
         return Iteration(
             traced, self.index, tuple(agenda.parts), agenda.way.is_guided, agenda.pixel_share, samples, self.image,
-            is_early, self._horizon.samples_left(next_sample), sum(traced.next_range) >= self._ends_at,
+            is_early, self.horizon.samples_left(next_sample), sum(traced.next_range) >= self._ends_at,
             learning_seconds,
         )
 

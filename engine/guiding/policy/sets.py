@@ -96,8 +96,8 @@ def _without_guiding(
     horizon = Horizon(facts.settings, facts.pixel_count, uses_clock=False, rules=facts.rules)
     evidence = Evidence(horizon, facts.settings.samples, weights, standing)
     return Conductor(
-        facts, standing, [one for one in learnables if one is not None], Agenda(questions), evidence, weights,
-        MethodCosts({}, uses_clock=False, rules=facts.rules), horizon, recording,
+        facts, standing, [one for one in learnables if one is not None], Agenda(questions), evidence,
+        MethodCosts({}, uses_clock=False, rules=facts.rules), recording,
     )
 
 
@@ -145,15 +145,14 @@ class _Guided:
             facts.settings, facts.pixel_count, uses_clock=self.uses_clock, caution=caution, rules=facts.rules
         )
 
-    def _gate(self, ladder: Ladder) -> tuple[str, Gate] | None:
-        """What decides about the network, and its method, if there may be one and allocation judges resampling."""
+    def _gate(self, ladder: Ladder) -> Gate | None:
+        """What decides about the network, if there may be one and allocation judges resampling."""
         networks, rules = self.predictors.networks, self.facts.rules
         if not networks or not ladder.counts_worth:
             return None
-        rung, predictor = networks[0]
         horizon = self._horizon(rules.auto_caution if ladder.is_auto else 1.0)
         # AUTO compares what is kept by rendered samples.
-        return rung, Gate(predictor, self.facts.report, horizon, judges_on=not ladder.is_auto, rules=rules)
+        return Gate(networks[0][1], self.facts.report, horizon, judges_on=not ladder.is_auto, rules=rules)
 
     def conductor(self) -> Conductor:
         """All of it together."""
@@ -165,12 +164,11 @@ class _Guided:
             assert regions.models is not None
             resumed = predictors.resume(self.start.state, regions.models.mixture.region_count)
         ladder = Ladder(settings, self.rungs, predictors.by_name, rules)
-        gated = self._gate(ladder)
-        gate = None if gated is None else gated[1]
+        gate = self._gate(ladder)
         roulette = LearnedRoulette(facts) if settings.learns_roulette else None
         lights = None if facts.light_clusters is None else LightsOfRegions(facts, standing, regions)
         method = MethodQuestion(
-            facts, standing, regions, predictors, self.costs, ladder, gate, uses_clock=self.uses_clock
+            facts, standing, regions, predictors, self.costs, ladder, gate
         )
         media = MediaQuestion(facts, standing, regions)
         guiding = GuidingQuestion(
@@ -189,9 +187,8 @@ class _Guided:
         questions: list[Question | None] = [
             guiding,
             method,
-            None if gated is None else NetworkQuestion(
-                facts, standing, regions, predictors, self.costs, gated[1], gated[0], guiding, method,
-                is_alone=not ladder.is_auto, uses_clock=self.uses_clock,
+            None if gate is None else NetworkQuestion(
+                facts, standing, regions, predictors, self.costs, gate, guiding, method, is_alone=not ladder.is_auto
             ),
             media,
             None if roulette is None else RouletteQuestion(
@@ -199,7 +196,7 @@ class _Guided:
             ),
             CacheQuestion(facts, self.cache_standing) if self.has_cache else None,
         ]  # fmt: skip
-        weights, evidence = self._evidence()
+        evidence = self._evidence()
         first_samples = 1 if self.cautious is None else rules.cautious_samples
         recording = GuidedRecording(facts, _budget(facts), guiding, first_samples, self.source)
 
@@ -217,12 +214,12 @@ class _Guided:
             first.begin(1)
         return Conductor(
             facts, standing, [one for one in learnables if one is not None],
-            Agenda([one for one in questions if one is not None]), evidence, weights, self.costs, self.horizon,
-            recording, rest, FieldKeeper(facts, evidence, regions, predictors, guiding, method, self.cautious),
+            Agenda([one for one in questions if one is not None]), evidence, self.costs, recording, rest,
+            FieldKeeper(facts, evidence, regions, predictors, guiding, method, self.cautious),
         )
 
-    def _evidence(self) -> tuple[SampleWeights, Evidence]:
-        """What samples weigh, and what they say."""
+    def _evidence(self) -> Evidence:
+        """What samples say, and weigh."""
         facts, settings, rules = self.facts, self.facts.settings, self.facts.rules
         weights: SampleWeights
         if self.weighs_arms:
@@ -237,7 +234,7 @@ class _Guided:
         )
         if self.start is not None:
             evidence.resume(self.start, facts.pixel_count)
-        return weights, evidence
+        return evidence
 
     def _resume(
         self, start: LearnedField, guiding: GuidingQuestion, method: MethodQuestion, recording: Recording,

@@ -242,8 +242,6 @@ class MethodQuestion(Question):
     ladder : Ladder
     gate : Gate or None
         Of the network.
-    uses_clock : bool
-        Whether the image may depend on the clock.
 
     Attributes
     ----------
@@ -252,10 +250,10 @@ class MethodQuestion(Question):
 
     def __init__(
         self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, predictors: LearnedPredictors,
-        costs: MethodCosts, ladder: Ladder, gate: Gate | None, *, uses_clock: bool,
+        costs: MethodCosts, ladder: Ladder, gate: Gate | None,
     ) -> None:
         self._facts, self._standing, self._regions, self._predictors = facts, standing, regions, predictors
-        self._costs, self._ladder, self._gate, self._uses_clock = costs, ladder, gate, uses_clock
+        self._costs, self._ladder, self._gate = costs, ladder, gate
         self._worth = ResamplingWorth(facts.rules)
         self._is_narrow = False
         self.trial = MethodTrial(facts.pixel_count, ladder.coarsest, facts.rules)
@@ -278,7 +276,7 @@ class MethodQuestion(Question):
         choice, costs, weights = self.trial, iteration.costs, iteration.image.weights
         if choice.challenger and weights is not None:
             overhead = 0.0
-            if self._uses_clock:
+            if self._costs.uses_clock:
                 overhead = self._predictors.of(choice.challenger).training_share(self._facts.thread_count)
             said = choice.judge(weights, iteration.next_sample, overhead)
             if said:

@@ -32,25 +32,21 @@ class NetworkQuestion(Question):
     predictors : LearnedPredictors
     costs : MethodCosts
     gate : Gate
-    rung : str
-        The network's method.
     guiding : GuidingQuestion
         Nothing is trained before that is settled.
     method : MethodQuestion
     is_alone : bool
         Whether no methods are compared, so that the gate alone says whether the network is asked.
-    uses_clock : bool
-        Whether the image may depend on the clock.
     """
 
     def __init__(
         self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, predictors: LearnedPredictors,
-        costs: MethodCosts, gate: Gate, rung: str, guiding: GuidingQuestion, method: MethodQuestion, *,
-        is_alone: bool, uses_clock: bool,
+        costs: MethodCosts, gate: Gate, guiding: GuidingQuestion, method: MethodQuestion, *, is_alone: bool,
     ) -> None:
         self._facts, self._standing, self._regions, self._predictors = facts, standing, regions, predictors
-        self._costs, self._gate, self._rung, self._guiding, self._method = costs, gate, rung, guiding, method
-        self._is_alone, self._uses_clock = is_alone, uses_clock
+        self._costs, self._gate, self._guiding, self._method = costs, gate, guiding, method
+        self._is_alone = is_alone
+        self._rung = predictors.networks[0][0]
 
     @property
     def is_over(self) -> bool:
@@ -81,7 +77,7 @@ class NetworkQuestion(Question):
             in_use = self._method.trial.rung
             if METHODS[in_use].resamples and in_use != self._rung:
                 promised /= self._promise(in_use, self._predictors.of(in_use), held, iteration)
-            if self._uses_clock:
+            if self._costs.uses_clock:
                 promised /= 1.0 + gate.predictor.training_share(self._facts.thread_count)
         gate.judge(iteration.next_sample, promised)
         if self._guiding.is_settled:
