@@ -14,14 +14,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import LearningRests
-from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
+from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import Part
-from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.guiding.records.of_unit import UnitRecords
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
@@ -68,7 +68,7 @@ class Course:
     follow : callable (Guidance) -> None
         Is told what tasks go by that are handed out after the call; no task is out meanwhile.
     light_clusters : bool (C,), optional
-        As `Learner` takes it.
+        As of `RenderFacts`.
     request : LearningRequest
     samples : int, optional
         Where to stop, before the number of the settings.
@@ -102,7 +102,6 @@ class Course:
         self.changed = threading.Condition()
         self.ended_by = ""
         self.has_image = False
-        self.learner: Learner | CacheLearner | UnguidedLearner | None = None
         self.guidance: Guidance | None = None
         tiles = FrameTiles(frame)
         self.tiles: Sequence[Tile] = tiles
@@ -123,19 +122,14 @@ class Course:
         #: All pixels in other units, where guiding can be tried on a part of them.
         self._frame_tiles = tiles
         self._trial_tiles: TrialTiles | None = None
-        if settings.is_guided:
-            trial_share = 1.0
-            if pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1:
-                self._trial_tiles = TrialTiles(frame)
-                trial_share = self._trial_tiles.trial_pixels / pixel_count
-            self.learner = Learner(
-                settings, thread_count, pixel_count, tiles.largest, request, light_clusters, trial_share,
-                film.layout.has_media and self.strata == 1,
-            )
-        elif settings.radiance_cache != "OFF":
-            self.learner = CacheLearner(settings, pixel_count, tiles.largest, rules=request.rules)
-        elif settings.learns_roulette or light_clusters is not None:
-            self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters, request.rules)
+        trial_share = 1.0
+        if settings.is_guided and pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1:
+            self._trial_tiles = TrialTiles(frame)
+            trial_share = self._trial_tiles.trial_pixels / pixel_count
+        self.learner: Learner | None = make_learner(
+            settings, thread_count, pixel_count, tiles.largest, request, light_clusters, trial_share,
+            has_media=film.layout.has_media and self.strata == 1,
+        )
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
@@ -162,7 +156,7 @@ class Course:
     def begin(self) -> None:
         """The first task is about to be traced: time runs from here on."""
         self._time_left.begin()
-        if isinstance(self.learner, Learner):
+        if self.learner is not None:
             self.learner.begin()
 
     @property
@@ -367,7 +361,6 @@ class Course:
         units = [records for tile in range(len(self.tiles)) for records in self._units.get(tile, ())]
         self._units = {}
         if is_last:
-            assert isinstance(learner, Learner)
             learner.take_last(units)
             return
         assert following is not None
@@ -379,11 +372,11 @@ class Course:
         learns = not has_rested and (learner.wants_last or not self._is_short(*following))
         if learns:
             assert self.guidance is not None
-            learned = learner.learn(
-                units, self.guidance.record_threshold / 2**32, self.film.sums,
-                (self.film.height, self.film.width), costs, following, is_whole=iterations.is_whole,
+            traced = Traced(
+                units, self.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
+                costs, following, iterations.is_whole,
             )
-            self._go_by(learned)
+            self._go_by(learner.learn(traced))
         with self.changed:
             if learner.is_over:
                 # Nobody waits for anybody from here on, but for a look at the picture.
@@ -393,7 +386,7 @@ class Course:
             parts = self._parts_of(*following)
             other_parts: Sequence[Part] = ()
             first_other = 0
-            if learns and self._learned is None and isinstance(learner, Learner) and learner.other_parts:
+            if learns and self._learned is None and learner.other_parts:
                 assert self._trial_tiles is not None
                 tiles, other_parts = self._trial_tiles, learner.other_parts
                 first_other = self._trial_tiles.trial_count
@@ -405,7 +398,7 @@ class Course:
         of what it teaches."""
         return self._time_left.is_limited and first > 0 and count <= SHORTEST_PASS
 
-    def _parts_of(self, first: int, count: int) -> list[Part]:
+    def _parts_of(self, first: int, count: int) -> Sequence[Part]:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
         assert self.learner is not None
         rested, self._learned = self._learned, None
@@ -448,7 +441,7 @@ class CourseJob:
         return self._course.film_lock
 
     @property
-    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
+    def learner(self) -> Learner | None:
         """What learns."""
         return self._course.learner
 

@@ -10,11 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
-from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
-from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.course import Course, CourseJob
@@ -42,7 +40,7 @@ class AnyJob(Protocol):
         """For whoever reads the film meanwhile."""
 
     @property
-    def learner(self) -> Learner | CacheLearner | UnguidedLearner | None:
+    def learner(self) -> Learner | None:
         """What learns."""
 
     @property

@@ -18,7 +18,6 @@ from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import Part
@@ -374,7 +373,7 @@ class Session:
             on_progress(replace(job.progress(), remaining=0.0))
         learner = job.learner
         learned = None
-        if keep and isinstance(learner, Learner):
+        if keep and learner is not None:
             learned = afterwards.attempt(
                 "Learned field", "keeping it", lambda: learner.learned(self.light_digest), "the next render learns anew"
             )

@@ -29,7 +29,7 @@ from benchmarks.images import Float32Array
 from benchmarks.stability import evaluate, measure_case, method_settings, render_case
 from benchmarks.stability_cases import CASES, Case, describe_case, find_cases
 from benchmarks.stability_figures import LEAST_BIAS, Picture
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.methods import METHODS, SOURCES
 from engine.settings import RenderSettings
 from tests.helpers.training import require_torch
@@ -143,9 +143,9 @@ def problems(case: Case, methods: Sequence[str]) -> list[str]:
 
 def draw_networks_at_random(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have networks parameters drawn at random: no worker to wait for, and worse than any that was trained."""
-    make = learning.make_source_model
+    make = sets.make_source_model
     monkeypatch.setattr(
-        learning, "make_source_model",
+        sets, "make_source_model",
         lambda settings: Untrained(settings, 4.0) if SOURCES[settings.source].is_network else make(settings),
     )  # fmt: skip
     ask(BadNetwork("random"), monkeypatch)

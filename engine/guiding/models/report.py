@@ -51,14 +51,14 @@ class GuidingReport:
     started_from: str = ""
     #: What it could have started from, but guiding did not pay there; '' if there was nothing of the kind.
     lost_before: str = ""
-    #: The method in use at the end, and why (`engine.guiding.policy.choice`).
+    #: The method in use at the end, and why (`engine.guiding.policy.questions.method`).
     chosen: str = ""
     trials: list[str] = field(default_factory=list)
     #: Share of the regions that are guided.
     guided_share: float = float("nan")
     #: The same of media; NaN where there are none.
     guided_media_share: float = float("nan")
-    #: What is guided in scenes with media (`engine.guiding.policy.media_trial`), '' without.
+    #: What is guided in scenes with media (`engine.guiding.policy.questions.media`), '' without.
     guides: str = ""
     #: Share of the regions that sample the lights that they have learned to see; NaN: there is nothing to choose.
     lights_share: float = float("nan")

@@ -41,14 +41,22 @@ class MethodCosts:
     uses_clock : bool
         Whether the image may depend on the clock.
     rules : Rules
+
+    Attributes
+    ----------
+    uses_clock : bool
     """
 
     def __init__(
         self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool, rules: Rules = RULES
     ) -> None:
         self._rules = rules
+        self.begin(candidates, uses_clock=uses_clock)
+
+    def begin(self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool) -> None:
+        """Begin with costs of candidates by method, and with or without the clock."""
         self._candidates = dict(candidates)
-        self._uses_clock = uses_clock
+        self.uses_clock = uses_clock
 
     def candidates(self, method: str) -> CandidateCosts:
         """Costs of candidates in rays."""
@@ -56,7 +64,7 @@ class MethodCosts:
 
     def unit(self, costs: UnitCosts, arm: int, method: str) -> float:
         """Cost of a unit that one of a comparison's arms rendered: seconds, or rays where no clock may be asked."""
-        if self._uses_clock:
+        if self.uses_clock:
             return costs.seconds
         cost = costs.ray_count + self._rules.guided_cost * costs.guided_vertices
         cost += self.candidates(method).per_candidate * costs.resampled_candidates
@@ -64,7 +72,7 @@ class MethodCosts:
 
     def measure(self, method: str, costs: IterationCosts) -> None:
         """Take the costs of an iteration that `method` alone rendered, where the clock may be asked."""
-        if not self._uses_clock:
+        if not self.uses_clock:
             return
         single_vertices = costs.guided_vertices - costs.several_vertices
         if min(costs.several_vertices, single_vertices) < max(self._rules.least_measured * costs.guided_vertices, 1.0):

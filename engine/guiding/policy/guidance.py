@@ -89,6 +89,16 @@ class Guidance:
         challenger = None if self.challenger is None else self.challenger.with_pixel_weight(pixel_weight)
         return replace(self, pixel_weight=pixel_weight, challenger=challenger)
 
+    def with_regions(
+        self, field: VmmField, probability: np.ndarray, light_share: np.ndarray, benefit: np.ndarray,
+        allocation: Allocation, pixel_weight: np.ndarray | None, *, guides_media: bool,
+    ) -> Guidance:
+        """The same, guided by the mixture field and what its regions have learned."""
+        return replace(
+            self, field=field, probability=probability, light_share=light_share, benefit=benefit,
+            allocation=allocation, pixel_weight=pixel_weight, guides_media=guides_media,
+        )
+
     def with_roulette(self, reflected: ReflectedField, pixel_weight: np.ndarray | None) -> Guidance:
         """The same, with roulette by what surfaces send back."""
         challenger = None if self.challenger is None else self.challenger.with_roulette(reflected, pixel_weight)

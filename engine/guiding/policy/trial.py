@@ -20,7 +20,7 @@ import numpy as np
 from engine.guiding.policy.rules import RULES, Rules
 from engine.kernels.sample_moments import add_moments, add_values, add_weighted
 from engine.ris.orca import pixel_weights, sample_variance
-from engine.state.unit import CURRENT, PLAIN
+from engine.state.unit import CHALLENGER, CURRENT, PLAIN
 
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 1
@@ -103,6 +103,12 @@ def compared_parts(first: int, count: int) -> list[Part]:
     """Parts of an iteration, of four samples or more, that renders a few of them unguided."""
     plain = max(count // 4, 2)  # a variance takes two
     return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
+
+
+def halves(first: int, count: int) -> list[Part]:
+    """Parts of an iteration that renders half of its samples as a challenger has it."""
+    half = count // 2
+    return [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
 
 
 class SampleMoments:

@@ -16,7 +16,7 @@ from engine.builder.camera import shutter_table
 from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights
 from engine.builder.motion import MOST_KEYS, corners_in_motion, interpolation_keys, is_in_motion
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.kernels.camera import sample_table
 from engine.kernels.motion import (
     direction_to_object,
@@ -318,7 +318,7 @@ def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves
         seen.append(settings.mixture_u)
         return Untrained(settings, 4.0)
 
-    monkeypatch.setattr(learning, "make_source_model", make)
+    monkeypatch.setattr(sets, "make_source_model", make)
     description = emitter_scene()
     if not is_moving:
         description.instances.motion.clear()

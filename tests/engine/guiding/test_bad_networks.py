@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.rules import Rules
+from engine.guiding.policy.sets import make_learner
 from engine.methods import METHODS
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
@@ -65,7 +65,7 @@ class Counting(Predictor):
 def test_who_asks_for_candidates_gets_a_network_at_once(asked, monkeypatch):
     monkeypatch.setattr(Counting, "begun_count", 0)
     monkeypatch.setitem(PREDICTORS, "NETWORK", Counting)
-    Learner(RenderSettings(guiding_method="NEURAL_RIS", **asked), 1, 100).close()
+    make_learner(RenderSettings(guiding_method="NEURAL_RIS", **asked), 1, 100).close()
     assert Counting.begun_count == (1 if asked else 0)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.guiding.records.vertices import allocate_vertex_records, compensate
 from engine.guiding.sources import network_design
 from engine.methods import SOURCES
@@ -64,21 +64,21 @@ def test_trees_leave_the_mean_unchanged(method, plain):
 @pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 20.0])
 @pytest.mark.parametrize("method", NETWORK_SOURCES)
 def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plain, monkeypatch):
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, scale))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, scale))
     # By the vertex, or by region.
     check_mean(means(method, network_selection=scale == 1.0 and method != "FLOW"), plain)
 
 
 @pytest.mark.parametrize("lobes", ["VMF", *(pytest.param(name, marks=pytest.mark.slow) for name in ("NASG", "SG"))])
 def test_lobes_are_interchangeable(lobes, plain, monkeypatch):
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
     check_mean(means("NPM", mixture_lobes=lobes), plain)
 
 
 @pytest.mark.parametrize("source", ["SDTREE", "NASG", "FLOW"])
 def test_any_source_can_be_resampled(source, plain, monkeypatch):
     if source in NETWORK_SOURCES:
-        monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+        monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
     report = render("VMM_RIS", 1, scene=pit_scene, source_field=source, candidate_count=3, **LONGEST).report
     assert report.guiding.candidates_per_vertex == pytest.approx(3.0)
     check_mean(means("VMM_RIS", source_field=source, candidate_count=3), plain)
@@ -144,7 +144,7 @@ def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
     mixture = render("VMM", 0, **settings).passes["Combined"]
     images = []
     for silence in (99, 3):
-        monkeypatch.setattr(learning, "make_source_model", lambda settings, n=silence: Late(settings, 1.0, n))
+        monkeypatch.setattr(sets, "make_source_model", lambda settings, n=silence: Late(settings, 1.0, n))
         images.append(render(method, 0, **settings).passes["Combined"])
     # The methods' kernels are compiled apart and round apart, so that a few paths take another turn.
     same = [np.isclose(image, mixture, rtol=1e-3).all(axis=-1).mean() for image in images]
@@ -153,7 +153,7 @@ def test_the_mixture_field_guides_until_there_is_a_network(method, monkeypatch):
 
 def test_a_network_that_does_not_pay_is_given_up(monkeypatch):
     """What stood in for it guides again, and is tried in its turn."""
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Late(settings, 20.0, 4))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Late(settings, 20.0, 4))
     settings = {"scene": pit_scene, "samples": 255, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
     result = render("NPM", 0, **settings)
     report = result.report.guiding

@@ -24,7 +24,7 @@ from engine.guiding.networks.mixture.guide import (
 from engine.guiding.networks.mixture.inference import make_mixture_network
 from engine.guiding.networks.mixture.shape import MixtureShape, initial_parameters
 from engine.guiding.networks.radiance import Snapshot
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.guiding.records.training_rows import ROW_RADIANCE, ROW_U
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.guiding.sources import network_design
@@ -252,7 +252,7 @@ def test_a_mixture_that_sees_the_wavelength_is_unbiased(
         seen.append((settings.u_dimension, settings.mixture_u))
         return Untrained(settings, scale)
 
-    monkeypatch.setattr(learning, "make_source_model", make)
+    monkeypatch.setattr(sets, "make_source_model", make)
     images = rendered(behind_glass(roughness), range(6), samples=255, guiding_trial=False, **settings)
     bias = find_bias(images, reference(roughness))
     assert not bias.is_biased and bias.detectable < 0.03, bias
@@ -292,7 +292,7 @@ def test_wavelengths_have_their_share_in_the_density_of_the_whole_path(
     guiding: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Were the shares left as they are at the camera, the first of these pictures would be 1.9% too bright (z = 15)."""
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: OfWavelengthAlone(settings, 10.0))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: OfWavelengthAlone(settings, 10.0))
     settings = {"mixture_u": "FREQUENCY", "guiding_trial": False, "learn_guiding_probability": False, "use_nee": False}
     images = rendered(groove(), range(6), samples=127, **settings, **guiding)
     bias = find_bias(images, rendered(groove(), range(10, 16), samples=128))
@@ -309,7 +309,7 @@ def test_without_wavelengths_asked_for_the_guide_knows_none(
         seen.append((settings.u_dimension, settings.mixture_u))
         return Untrained(settings, 4.0)
 
-    monkeypatch.setattr(learning, "make_source_model", make)
+    monkeypatch.setattr(sets, "make_source_model", make)
     rendered(
         behind_glass(0.3), range(1), samples=16, guiding_method="NPM", mixture_u="PLANES", u_dimension=dimension,
         guiding_trial=False,

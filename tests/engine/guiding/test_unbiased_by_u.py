@@ -25,7 +25,7 @@ import pytest
 
 from benchmarks import metrics
 from engine.guiding.models.regions import RegionModels
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.guiding.records.vertices import VertexRecords
 from engine.render import session, tracer
 from engine.render.session import Session
@@ -111,7 +111,7 @@ def mislead(method: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         ask(BadNetwork(kind), monkeypatch)
     else:
         assert kind == "random"
-        monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+        monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
 
 
 def guided(method: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 import engine.render.denoising as denoising
 from engine.denoise import library
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.conductor import Conductor
 from engine.render.afterwards import Afterwards
 from engine.render.course import Course
 from engine.render.session import Session
@@ -65,15 +65,15 @@ def test_a_denoiser_that_fails_in_any_way_leaves_the_sampled_picture(
 @pytest.mark.parametrize("step", ["close", "learned", "report"])
 def test_what_was_learned_may_be_lost_but_not_the_picture(monkeypatch: Any, step: str) -> None:
     if step == "close":
-        real = Learner.close
+        real = Conductor.close
 
-        def close(self: Learner) -> None:
+        def close(self: Conductor) -> None:
             real(self)
             fail()
 
-        monkeypatch.setattr(Learner, "close", close)
+        monkeypatch.setattr(Conductor, "close", close)
     else:
-        owner, name = (GuidingReport, "describe") if step == "report" else (Learner, "learned")
+        owner, name = (GuidingReport, "describe") if step == "report" else (Conductor, "learned")
         monkeypatch.setattr(owner, name, fail)
     result = render(guiding_method="VMM", guiding_trial=False, samples=16)
     assert any("ZeroDivisionError: of the test" in problem for problem in problems(result))

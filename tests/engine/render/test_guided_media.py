@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.regions import RegionModels
-from engine.guiding.policy import learning
-from engine.guiding.policy.media_trial import BOTH, MEDIA, SURFACES, MediaTrial
+from engine.guiding.policy import sets
+from engine.guiding.policy.questions.media import MediaTrial
 from engine.guiding.policy.trial import GuidingTrial
+from engine.guiding.policy.way import BOTH, MEDIA, SURFACES
 from engine.scene.description import Light, SceneDescription
 from tests.helpers.media_renders import is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, varying
@@ -75,7 +76,7 @@ def test_the_furnace_stays_white_by_networks(method):
 @pytest.mark.parametrize("method", ["NPM", "NASG"])
 def test_the_furnace_stays_white_by_networks_that_know_nothing(method, monkeypatch):
     """Their parameters are drawn at random, and wild: no other is as wrong."""
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
     means = means_by_seed(furnace(False), **guided(method, samples=255))
     assert is_mean(means, np.ones(3))
     assert not is_mean(1.02 * means, np.ones(3))
@@ -84,7 +85,7 @@ def test_the_furnace_stays_white_by_networks_that_know_nothing(method, monkeypat
 @pytest.mark.slow
 def test_mixtures_that_see_the_wavelength_keep_the_mean(monkeypatch):
     """Each wavelength scatters by another mixture, a wild one: the shares of the path's wavelengths must follow."""
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
     scene = furnace(False)
     # Out of sight, so that there are wavelengths to tell apart.
     monkeypatch.setattr(SceneDescription, "has_dispersion", True)
@@ -137,8 +138,8 @@ def test_media_and_surfaces_are_tried_apart_only_where_much_is_left(samples, sto
 def test_guiding_one_of_the_two_alone_keeps_the_mean(scope, monkeypatch):
     begin = MediaTrial.__init__
 
-    def begin_with(trial, pixel_count):
-        begin(trial, pixel_count)
+    def begin_with(trial, *arguments):
+        begin(trial, *arguments)
         trial.guided = scope
 
     monkeypatch.setattr(MediaTrial, "__init__", begin_with)

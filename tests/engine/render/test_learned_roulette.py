@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.policy.roulette_learning import RouletteModel
+from engine.guiding.policy.learnables.roulette import RouletteModel
 from engine.scene.description import World
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, trial_rules, z_score

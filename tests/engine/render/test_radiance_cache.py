@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.fields.cells.field import empty_cells
-from engine.guiding.policy.cache_learning import CacheLearner
+from engine.guiding.policy.learnables.cache import LearnedCache
 from engine.render import film
 from engine.scene.description import World
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
@@ -45,10 +45,10 @@ def with_measured(cached, sums, variance, shape):
 
 def distort(monkeypatch, how):
     """Have paths end in cells that say something else than they have learned."""
-    complete = CacheLearner.complete
+    complete = LearnedCache.complete
 
-    def distorted(learner, guidance):
-        guidance = complete(learner, guidance)
+    def distorted(cache, guidance, *known):
+        guidance = complete(cache, guidance, *known)
         cells = guidance.cells
         if cells is None:
             return guidance
@@ -57,7 +57,7 @@ def distort(monkeypatch, how):
         wrong.sums[:, :3] = how(cells.sums[:, :3])
         return guidance.with_cells(wrong, guidance.measure_threshold)
 
-    monkeypatch.setattr(CacheLearner, "complete", distorted)
+    monkeypatch.setattr(LearnedCache, "complete", distorted)
 
 
 def test_paths_end_and_rays_are_saved():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bias import find_bias
-from engine.guiding.policy import learning
+from engine.guiding.policy import sets
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.training_rows import ROW_U
 from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
@@ -165,7 +165,7 @@ def reference():
 @pytest.fixture
 def untrained(monkeypatch):
     """A network with parameters drawn at random: no other is as wrong."""
-    monkeypatch.setattr(learning, "make_source_model", lambda settings: Untrained(settings, 4.0))
+    monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
 
 
 @pytest.mark.parametrize("count", [1, 8, 64])

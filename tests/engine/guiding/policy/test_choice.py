@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy import trial
-from engine.guiding.policy.choice import Choice
+from engine.guiding.policy.plain_trial import PlainTrial
+from engine.guiding.policy.questions.method import MethodTrial
 from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.trial import Part
 from engine.state.film import FilmTile, allocate_tile
@@ -18,6 +19,41 @@ from tests.helpers.small_scenes import corner_scene, pit_scene
 #: Of an iteration: so many that variances tell efficiencies to a thousandth.
 SAMPLES = 1 << 14
 WEIGHTS = np.ones(1, np.float32)
+
+
+class Choice:
+    """Guiding compared with unguided rendering, and methods with each other, as their questions do it."""
+
+    def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
+        self.plain = PlainTrial(pixel_count, tries_plain=tries_plain)
+        self.method = MethodTrial(pixel_count, rung)
+        self.parts = [Part(0, 1, CURRENT)]
+        self.trials: list[str] = []
+        self.is_narrow = False
+
+    rung = property(lambda self: self.method.rung)
+    challenger = property(lambda self: self.method.challenger)
+    has_lost = property(lambda self: self.plain.has_lost)
+    efficiency = property(lambda self: self.plain.efficiency)
+    is_paying = property(lambda self: self.plain.is_paying)
+
+    def compare(self, unit, film, cost):
+        self.plain.compare(unit, film, cost, is_aside=False)
+        self.method.compare(unit, film, cost)
+
+    def judge(self, weights, next_sample, overhead, samples_left=np.inf, **how):
+        says = self.plain.judge(weights, next_sample, overhead, samples_left, **how)
+        said = self.method.judge(weights, next_sample, overhead)
+        self.trials += [f"OFF {self.plain.efficiency}"] * says + [said] * bool(said)
+
+    def plan(self, first, count, offers, *, is_last=False, **how):
+        is_free, is_last = not self.challenger, is_last or self.is_narrow
+        parts = self.plain.plan(first, count, is_free=is_free, is_last=is_last, **how)
+        if is_last:
+            self.method.drop()
+        elif not parts and self.plain.is_settled:
+            parts = self.method.plan(first, count, offers)
+        self.parts = parts or [Part(first, count, CURRENT)]
 
 
 def unit_of(part: Part, variance: float) -> tuple[Unit, FilmTile]:

@@ -10,10 +10,9 @@ import pytest
 from engine.guiding.models.predictors import Predictor, TablePredictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.horizon import Horizon
-from engine.guiding.policy.ladder import Ladder
+from engine.guiding.policy.questions.method import Ladder, MethodTrial
 from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import allocate_vertex_records
 from engine.methods import RUNGS
@@ -143,18 +142,18 @@ def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise()
     gate, network, report = gate_of(judges_on=False)
     table = TablePredictor(settings, report, [])
     predictors = {"": Predictor(settings, report, []), "TABLE": table, "NETWORK": network}
-    choice = Choice(1, RUNGS[0], tries_plain=False)
-    ladder = Ladder(settings, RUNGS, predictors, choice)
+    method = MethodTrial(1, RUNGS[0])
+    ladder = Ladder(settings, RUNGS, predictors)
     regions = RegionModels.of_records(allocate_vertex_records(4), 4, 0.5)
     gate.begin(15, 1)
     network.is_ready = True
-    assert ladder.offers(31, False, regions, gate) == []
+    assert ladder.offers(method, 31, False, regions, gate) == []
     for sample in (31, 47, 63):
         gate.judge(sample, 1.5)
-    assert ladder.offers(47, False, regions, gate) == ["NEURAL_RIS", "VMM"]
+    assert ladder.offers(method, 47, False, regions, gate) == ["NEURAL_RIS", "VMM"]
     # Coarser methods come first where they promise to pay.
-    assert ladder.offers(47, True, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]
+    assert ladder.offers(method, 47, True, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]
     # What is being tried stays among them.
-    choice.plan(47, 16, ["NEURAL_RIS", "VMM"])
-    assert choice.challenger == "NEURAL_RIS"
-    assert ladder.offers(63, False, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]
+    method.plan(47, 16, ["NEURAL_RIS", "VMM"])
+    assert method.challenger == "NEURAL_RIS"
+    assert ladder.offers(method, 63, False, regions, gate) == ["VMM_RIS", "NEURAL_RIS", "VMM"]

@@ -3,7 +3,8 @@
 
 import numpy as np
 
-from engine.guiding.policy.media_trial import BOTH, MEDIA, SURFACES, MediaTrial
+from engine.guiding.policy.questions.media import MediaTrial
+from engine.guiding.policy.way import BOTH, MEDIA, SURFACES
 from engine.state.film import allocate_tile
 from engine.state.unit import CHALLENGER, Unit
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.iteration import Traced
+from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import NewestVariance
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import allocate_taught_records
@@ -53,7 +54,8 @@ def records(rng: np.random.Generator) -> VertexRecords:
 def test_allocation_goes_by_the_guided_samples_of_late() -> None:
     """Guiding makes a hundredth of the variance; the first sample, and later unguided ones, had all of it."""
     rng = np.random.default_rng(3)
-    learner = Learner(RenderSettings(guiding_method="VMM", guiding_trial=False, samples=64), 1, PIXELS)
+    learner = make_learner(RenderSettings(guiding_method="VMM", guiding_trial=False, samples=64), 1, PIXELS)
+    assert learner is not None
     sums = allocate_tile(PIXELS, 3)
     whole = np.zeros((PIXELS, 2), np.int32)
     first = 0
@@ -67,7 +69,7 @@ def test_allocation_goes_by_the_guided_samples_of_late() -> None:
             learner.compare(Unit(whole, np.arange(PIXELS), first, count, arm), unit, UnitCosts())
         made = UnitRecords(records(rng), allocate_taught_records(0))
         costs = IterationCosts(Counter(), RAYS * PIXELS * count, PIXELS * count, PIXELS * count, 0, 0)
-        guidance = learner.learn([made], 0.1, sums, SIZE, costs, (first + count, count))
+        guidance = learner.learn(Traced([made], 0.1, sums, SIZE, costs, (first + count, count)))
         first += count
     learner.close()
     mean = (sums.radiance / sums.weight[:, None]).reshape(*SIZE, 3)

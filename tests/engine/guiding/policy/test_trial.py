@@ -6,8 +6,8 @@ import pytest
 
 from engine.guiding.policy import trial
 from engine.guiding.policy.iterations import iteration_weight
-from engine.guiding.policy.learning import Learner
 from engine.guiding.policy.rules import RULES
+from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import ComparedValues, GuidingTrial, SampleMoments, parts, tried_weight
 from engine.render.film import Film
 from engine.ris.orca import pixel_weights
@@ -179,7 +179,7 @@ def test_a_part_of_the_pixels_goes_on_being_tried_where_that_costs_nothing():
 @pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}])
 def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(asked):
     settings = RenderSettings(guiding_method="VMM", samples=64, **asked)
-    learner = Learner(settings, 1, 100)
+    learner = make_learner(settings, 1, 100)
     for first in (0, 1, 4, 32):
         assert learner.weight(first, CURRENT) == iteration_weight(first, settings)
         assert learner.weight(first, PLAIN) == 0.5 * iteration_weight(first, settings)
@@ -188,7 +188,7 @@ def test_where_nothing_is_compared_or_asked_for_weights_go_by_the_samples_seen(a
 
 def test_unguided_samples_count_alike():
     """Where guiding is given up little is lost: all but the first weigh one before, during and after the trial."""
-    learner = Learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
+    learner = make_learner(RenderSettings(guiding_method="VMM", samples=64), 1, 100)
     assert [learner.weight(first, arm) for first in (1, 4, 32) for arm in (CURRENT, PLAIN)] == [1.0] * 6
     learner.close()
     assert [tried_weight(first, is_guided=False) for first in (0, 4, 8)] == [0.5, 1.0, 1.0]

@@ -1,82 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Russian roulette learns in the first iterations: which surfaces bring much for what they cost.
-
-`RouletteModel` is a part of the learner of a render, guided (`Learner`) or not (`UnguidedLearner`).
-"""
+"""Is roulette by what was learned worth it, once guiding has lost? Before, it goes by that without being asked."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, ReflectedField
-from engine.guiding.fields.reflected.model import ReflectedModel
-from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.learnables.roulette import LearnedRoulette
+from engine.guiding.policy.questions.face import Question
 from engine.guiding.policy.rules import RULES, Rules
-from engine.guiding.policy.trial import GuidingTrial, Part
-from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
-from engine.ris.orca import image_variance, sample_variance
+from engine.guiding.policy.standing import Standing
+from engine.guiding.policy.trial import GuidingTrial, Part, halves
+from engine.guiding.policy.way import Way
 from engine.state.film import FilmTile
-from engine.state.unit import CHALLENGER, CURRENT, Unit
-
-_REHEARSED_RECORDS = 16
-
-
-class RouletteModel:
-    """What roulette goes by in one render.
-
-    Parameters
-    ----------
-    rules : Rules
-    """
-
-    def __init__(self, rules: Rules = RULES) -> None:
-        self._rules = rules
-        self._cells = ReflectedModel()
-        #: One sample a pixel has no variance: beside that no path would be worth its cost, or any.
-        self._knows_variance = False
-
-    @property
-    def field(self) -> ReflectedField | None:
-        """What is known of surfaces."""
-        return self._cells.field
-
-    def learn(
-        self, records: VertexRecords, row_count: int, sums: FilmTile, weights: np.ndarray, costs: IterationCosts
-    ) -> None:
-        """Take an iteration's records.
-
-        Parameters
-        ----------
-        sums : FilmTile, the image so far
-        weights : float32 (P,), of its pixels (`engine.ris.orca.pixel_weights`)
-        costs : IterationCosts
-        """
-        self._cells.learn(records, row_count)
-        field = self.field
-        if field is None:
-            return
-        weight = np.maximum(sums.weight, 1e-20)[:, None]
-        # The mean is taken from the same samples.
-        left = 1.0 - sums.weight_squared / weight[:, 0] ** 2
-        by_pixel = sample_variance(sums.radiance / weight, sums.square / weight)
-        variance = image_variance(by_pixel / np.where(left > self._rules.roulette_least_left, left, np.nan), weights)
-        self._knows_variance = variance > 0.0
-        vertex_count = costs.closest_count / max(costs.path_count, 1)
-        field.numbers[NUMBER_SCALE] = self._rules.roulette_factor * math.sqrt(vertex_count / max(variance, 1e-20))
-        field.numbers[NUMBER_LEAST] = self._rules.roulette_least
-
-    def complete(self, guidance: Guidance, weights: np.ndarray | None) -> Guidance:
-        """Guidance whose paths end by what is known."""
-        if self.field is None or not self._knows_variance:
-            return guidance
-        return guidance.with_roulette(self.field, weights)
-
-    def rehearse(self) -> None:
-        """Load (or compile) the kernels of learning by learning from nothing in particular."""
-        ReflectedModel().learn(allocate_vertex_records(_REHEARSED_RECORDS), _REHEARSED_RECORDS)
+from engine.state.unit import CHALLENGER, Unit
 
 
 def _add_unit(
@@ -159,10 +100,9 @@ class RouletteTrial:
     ) -> None:
         self._rules = rules
         first, count = samples
-        half = count // 2
-        self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
+        self.parts = halves(first, count)
         # Of fewer nothing can be told.
-        self.is_running = half > 1
+        self.is_running = count // 2 > 1
         self.is_won = True
         #: Whether there is a comparison to judge.
         self.is_known = elsewhere is not None and elsewhere.is_known
@@ -186,3 +126,65 @@ class RouletteTrial:
         # Written so that NaN, nothing compared, loses.
         self.is_won = efficiency >= self._rules.roulette_least_efficiency
         return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"
+
+
+class RouletteQuestion(Question):
+    """Whether roulette goes by what was learned once nothing is guided any more.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    standing : Standing
+        Of guiding.
+    roulette : LearnedRoulette
+    keeps_elsewhere : bool
+        Whether samples of pixels that a trial leaves unguided are kept to judge by.
+    uses_clock : bool
+        Whether units cost seconds; else rays.
+    """
+
+    def __init__(
+        self, facts: RenderFacts, standing: Standing, roulette: LearnedRoulette, *, keeps_elsewhere: bool,
+        uses_clock: bool,
+    ) -> None:
+        self._facts, self._standing, self._roulette, self._uses_clock = facts, standing, roulette, uses_clock
+        self._trial: RouletteTrial | None = None
+        self._elsewhere: RouletteElsewhere | None = None
+        if keeps_elsewhere and facts.pixel_count <= facts.rules.roulette_most_pixels:
+            self._elsewhere = RouletteElsewhere(facts.pixel_count, uses_clock=uses_clock, rules=facts.rules)
+
+    @property
+    def is_comparing(self) -> bool:
+        return self._trial is not None and self._trial.is_running
+
+    def observe(self, unit: Unit, film: FilmTile, cost: float, *, is_aside: bool) -> None:
+        if self._trial is not None and self._trial.is_running:
+            self._trial.compare(unit, film, cost)
+        elif is_aside and self._elsewhere is not None and not self._standing.is_over:
+            self._elsewhere.add(unit, film, cost, is_learned=self._roulette.is_ready)
+
+    def conclude(self, iteration: Iteration) -> None:
+        if self._trial is not None and self._trial.is_running:
+            self._judge(self._trial, iteration)
+
+    def _judge(self, trial: RouletteTrial, iteration: Iteration) -> None:
+        if iteration.image.weights is not None:
+            self._facts.report.trials.append(trial.judge(iteration.image.weights, iteration.next_sample))
+
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+        if not self._standing.is_over or self._trial is not None:
+            return ()
+        trial = self._trial = RouletteTrial(
+            self._facts.pixel_count, iteration.next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere,
+            rules=self._facts.rules,
+        )
+        if trial.is_known:
+            self._judge(trial, iteration)
+        return trial.parts if trial.is_running else ()
+
+    def way(self, way: Way) -> Way:
+        is_won = self._trial is None or (self._trial.is_won and not self._trial.is_running)
+        return replace(way, ends_by_learned=is_won)
+
+    def challenge(self, way: Way) -> Way:
+        return replace(way, ends_by_learned=True)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which question an iteration answers: those that come first in the list have precedence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from engine.guiding.policy.iteration import Iteration, guided_share
+from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.trial import Part
+from engine.guiding.policy.way import Way
+from engine.state.film import FilmTile
+from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
+
+
+class Agenda:
+    """A render's questions.
+
+    Parameters
+    ----------
+    questions : sequence of Question
+        In the order of their precedence.
+
+    Attributes
+    ----------
+    questions : list of Question
+    parts : list of Part
+        Of the iteration in work.
+    way : Way
+        How its paths go.
+    challenger : Way or None
+        How those of the arm CHALLENGER go, if there are any.
+    """
+
+    def __init__(self, questions: Sequence[Question]) -> None:
+        self.questions = list(questions)
+        self.parts = [Part(0, 1, CURRENT)]
+        self.way = Way()
+        self.challenger: Way | None = None
+        self._take_ways(None)
+
+    def _take_ways(self, asking: Question | None) -> None:
+        """Say how paths go, given the question that the iteration is for."""
+        way = Way()
+        for question in self._open:
+            way = question.way(way)
+        self.way = way
+        has_challenger = asking is not None and any(part.arm == CHALLENGER for part in self.parts)
+        self.challenger = asking.challenge(way) if asking is not None and has_challenger else None
+
+    @property
+    def _open(self) -> list[Question]:
+        return [question for question in self.questions if not question.is_over]
+
+    @property
+    def other_parts(self) -> list[Part]:
+        """Parts of the units that have no pixels of a trial; empty: all units have the same parts."""
+        return [part for question in self._open for part in question.other_parts]
+
+    @property
+    def pixel_share(self) -> float:
+        """Share of the pixels that have guided samples in the iteration in work, if any have."""
+        return min((question.pixel_share for question in self._open), default=1.0)
+
+    @property
+    def guided_share(self) -> float:
+        """Share of the samples of the iteration in work, of these pixels, that are guided."""
+        return guided_share(self.parts)
+
+    def way_of(self, arm: int) -> Way:
+        """How the paths of an arm go."""
+        return self.challenger if arm == CHALLENGER and self.challenger is not None else self.way
+
+    def observe(self, unit: Unit, film: FilmTile, cost: float) -> None:
+        """Take a finished unit's sums and its cost; no two threads at once."""
+        # Parts of pixels that are guided begin guided.
+        is_aside = unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample
+        for question in self._open:
+            question.observe(unit, film, cost, is_aside=is_aside)
+
+    def conclude(self, iteration: Iteration) -> None:
+        """Draw conclusions from an iteration."""
+        for question in self.questions:
+            # One may end those after it.
+            if not question.is_over:
+                question.conclude(iteration)
+
+    def plan(self, iteration: Iteration) -> None:
+        """Divide the next iteration for the first question that wants to compare in it."""
+        asking = None
+        parts: Sequence[Part] = ()
+        is_waiting = False
+        for question in self.questions:
+            if question.is_over:
+                continue
+            is_kept = any(other.is_comparing for other in self._open if other is not question)
+            wanted = question.plan(iteration, is_free=not (asking or is_waiting or is_kept))
+            if wanted and asking is None:
+                asking, parts = question, wanted
+            is_waiting = is_waiting or not question.is_settled
+        self.parts = list(parts) or [Part(*iteration.next_range, CURRENT)]
+        self._take_ways(asking)

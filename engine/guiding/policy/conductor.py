@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Between the iterations of a render: records -> learnables -> evidence -> questions -> guidance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from engine.guiding.policy.agenda import Agenda
+from engine.guiding.policy.costs import MethodCosts
+from engine.guiding.policy.evidence import Evidence
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iteration import Traced
+from engine.guiding.policy.keeping import FieldKeeper
+from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.recording import Recording
+from engine.guiding.policy.standing import Standing
+from engine.guiding.policy.trial import Part
+from engine.guiding.policy.way import Way
+from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.vertices import allocate_vertex_records
+from engine.guiding.saved.learned import LearnedField
+from engine.state.film import FilmTile
+from engine.state.unit import Unit, UnitCosts
+
+#: Records that kernels of learning are rehearsed on.
+_REHEARSED_RECORDS = 256
+
+
+class Conductor:
+    """The learner of a render (`engine.guiding.policy.learner`): what it learns and asks is made in `sets`.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    standing : Standing
+        Of guiding.
+    learnables : sequence of Learnable
+        In the order in which they learn; each may read what those before it have learned.
+    agenda : Agenda
+    evidence : Evidence
+    costs : MethodCosts
+    recording : Recording
+    rest : callable (paths_per_sample) -> Recording, optional
+        What records once guiding has been given up.
+    keeper : FieldKeeper, optional
+        None: nothing outlives the render.
+    """
+
+    def __init__(
+        self, facts: RenderFacts, standing: Standing, learnables: Sequence[Learnable], agenda: Agenda,
+        evidence: Evidence, costs: MethodCosts, recording: Recording, rest: Callable[[int], Recording] | None = None,
+        keeper: FieldKeeper | None = None,
+    ) -> None:
+        self._facts, self._standing, self.learnables, self.agenda = facts, standing, list(learnables), agenda
+        self._evidence, self._costs, self._keeper = evidence, costs, keeper
+        self._recording, self._rest = recording, rest
+        self.notices, self.report = facts.notices, facts.report
+        self._learning_seconds = 0.0
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        return self.agenda.parts
+
+    @property
+    def other_parts(self) -> Sequence[Part]:
+        return self.agenda.other_parts
+
+    @property
+    def is_over(self) -> bool:
+        return self._recording.is_over
+
+    @property
+    def wants_last(self) -> bool:
+        return self._keeper is not None and self._keeper.wants_last(self.agenda)
+
+    def weight(self, first_sample: int, arm: int) -> float:
+        is_part = bool(self.agenda.other_parts)
+        return self._evidence.weights.of(first_sample, arm, is_guided=self.agenda.way.is_guided, is_part=is_part)
+
+    def begin(self) -> None:
+        self._evidence.horizon.begin()
+        for question in self.agenda.questions:
+            question.begin()
+
+    def narrow(self, pixel_count: int, expected_paths: float) -> None:
+        self._recording.budget.paths_per_sample = pixel_count
+        self._evidence.horizon.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
+        for question in self.agenda.questions:
+            question.narrow(pixel_count, self._evidence.horizon.expected_samples)
+
+    def rehearse(self) -> None:
+        rng = np.random.default_rng(0)
+        records = allocate_vertex_records(_REHEARSED_RECORDS, self._facts.settings.channel_count)
+        direction = rng.normal(size=(_REHEARSED_RECORDS, 3))
+        records.position[:] = rng.random((_REHEARSED_RECORDS, 3))
+        records.direction[:] = direction / np.linalg.norm(direction, axis=1)[:, None]
+        records.normal[:] = (0.0, 0.0, 1.0)
+        for column in (records.radiance, records.pdf, records.distance, records.roughness):
+            column[:] = 1.0
+        for learnable in self.learnables:
+            learnable.rehearse(Rehearsal(records, _REHEARSED_RECORDS))
+        for question in self.agenda.questions:
+            question.rehearse(self._facts.settings.channel_count)
+
+    def first(self) -> Guidance:
+        return self._guidance(self._recording.first())
+
+    def compare(self, unit: Unit, film: FilmTile, costs: UnitCosts) -> None:
+        self._evidence.observe(unit, film, self.agenda)
+        self.agenda.observe(unit, film, self._costs.unit(costs, unit.arm, self.agenda.way_of(unit.arm).rung))
+
+    def learn(self, traced: Traced) -> Guidance:
+        started = time.perf_counter()
+        iteration = self._evidence.iteration(traced, self.agenda, self._learning_seconds)
+        self.agenda.conclude(iteration)
+        if self._notes_loss():
+            self._evidence.take_back()
+        if not iteration.is_early:
+            self._recording.count(iteration)
+            for learnable in self.learnables:
+                if not learnable.is_over:
+                    learnable.learn(iteration)
+        self.agenda.plan(iteration)
+        self._notes_loss()
+        if not iteration.is_early:
+            self._learning_seconds = time.perf_counter() - started
+        return self._guidance(self._recording.next(iteration, self.agenda))
+
+    def _notes_loss(self) -> bool:
+        """End what guided paths need, if guiding has just been given up; returns whether it has."""
+        if not self._standing.is_over or self._rest is None:
+            return False
+        self._recording, self._rest = self._rest(self._recording.budget.paths_per_sample), None
+        for learnable in self.learnables:
+            learnable.stop()
+        return True
+
+    def _guidance(self, recording: Guidance) -> Guidance:
+        """What the next iteration goes by, given what records."""
+        guidance, challenger = self._complete(recording, self.agenda.way), self.agenda.challenger
+        if challenger is None:
+            return guidance
+        return replace(guidance, challenger=self._complete(recording, challenger))
+
+    def _complete(self, guidance: Guidance, way: Way) -> Guidance:
+        for learnable in self.learnables:
+            guidance = learnable.complete(guidance, way, self._evidence.image)
+        return guidance
+
+    def take_last(self, units: Sequence[UnitRecords]) -> None:
+        if self._keeper is not None:
+            self._keeper.take_last(units, self.agenda)
+
+    def learned(self, light_digest: str) -> LearnedField | None:
+        return None if self._keeper is None else self._keeper.learned(light_digest, self._recording)
+
+    def close(self) -> None:
+        self._facts.executor.shutdown(wait=True)
+        for learnable in self.learnables:
+            learnable.close()

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What directions are drawn from, where that is not the mixture field."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from engine.guiding.models.source_model import SourceModel
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.regions import LearnedRegions
+from engine.guiding.policy.standing import Standing
+from engine.guiding.policy.way import ImageState, Way
+
+
+class LearnedSource(Learnable):
+    """Learns a field that directions are drawn from.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    standing : Standing
+    regions : LearnedRegions
+    model : SourceModel
+    """
+
+    def __init__(
+        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, model: SourceModel
+    ) -> None:
+        self._facts, self._standing, self._regions, self._model = facts, standing, regions, model
+        self._is_given_up = False
+        self._takes_over = False
+
+    @property
+    def is_over(self) -> bool:
+        return self._standing.is_over or self._is_given_up
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether nothing can be guided yet for want of it."""
+        return self._model.field is None and not self._model.has_stand_in
+
+    @property
+    def has_stand_in(self) -> bool:
+        """Whether it guides, and the mixture field can do so instead."""
+        return not self.is_over and self._model.has_stand_in and self._model.field is not None
+
+    def has_taken_over(self) -> bool:
+        """Whether it has begun to guide where its stand-in did, since this was last asked."""
+        found, self._takes_over = self._takes_over, False
+        return found
+
+    def learn(self, iteration: Iteration) -> None:
+        if self._regions.models is None:
+            return
+        facts, model, started = self._facts, self._model, time.perf_counter()
+        had_field = model.field is not None
+        model.learn(
+            iteration.records, iteration.row_count, iteration.samples, iteration.traced.recorded_share,
+            facts.executor, facts.thread_count,
+        )
+        if not model.is_asynchronous:
+            facts.report.field_seconds += (time.perf_counter() - started) * facts.thread_count
+        self._takes_over = model.has_stand_in and model.field is not None and not had_field
+        self._describe()
+        facts.notices.extend(model.notices)
+        model.notices.clear()
+
+    def _describe(self) -> None:
+        self._facts.report.source, self._facts.report.source_seconds = self._model.describe(), self._model.seconds
+
+    def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
+        if not way.is_guided or self._is_given_up:
+            return guidance
+        return replace(guidance, source=self._model.field)
+
+    def rehearse(self, rehearsal: Rehearsal) -> None:
+        self._model.rehearse(rehearsal.records, rehearsal.row_count, self._facts.executor)
+
+    def give_up(self, next_sample: int) -> None:
+        """Leave guiding to the stand-in from a sample on."""
+        self.stop()
+        self._is_given_up = True
+        self._facts.report.source_stopped_at = next_sample
+
+    def stop(self) -> None:
+        if not self._is_given_up:
+            self._model.close()
+            self._describe()

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Is guiding worth it? It is compared with unguided rendering, at first, and again later on unless there is no doubt.
+
+Where it loses, less is guided if that may pay, else nothing (docs/decisions/trial-and-choice.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from engine.guiding.policy import trial
+from engine.guiding.policy.cautious import CautiousTrial
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.iterations import is_narrow
+from engine.guiding.policy.learnables.regions import LearnedRegions
+from engine.guiding.policy.learnables.source import LearnedSource
+from engine.guiding.policy.plain_trial import PlainTrial
+from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.media import MediaQuestion
+from engine.guiding.policy.questions.method import MethodQuestion
+from engine.guiding.policy.standing import Standing
+from engine.guiding.policy.trial import Part
+from engine.guiding.policy.way import MEDIA, SURFACES, Way
+from engine.guiding.saved.learned import LOST
+from engine.state.film import FilmTile
+from engine.state.unit import PLAIN, Unit
+
+
+class GuidingQuestion(Question):
+    """Whether anything is guided.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    standing : Standing
+        Of guiding: this says when it is given up.
+    regions : LearnedRegions
+    source : LearnedSource or None
+        What directions are drawn from, if not the mixture field.
+    method : MethodQuestion
+    media : MediaQuestion
+    cautious : CautiousTrial or None
+        Where guiding is tried cautiously.
+    uses_clock : bool
+        Whether the image may depend on the clock.
+    trial_share : float
+        Share of the pixels that guiding is tried on until it has been found to pay.
+
+    Attributes
+    ----------
+    trial : PlainTrial
+    """
+
+    def __init__(
+        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, source: LearnedSource | None,
+        method: MethodQuestion, media: MediaQuestion, cautious: CautiousTrial | None, *, uses_clock: bool,
+        trial_share: float,
+    ) -> None:
+        self._facts, self._standing, self._regions, self._source = facts, standing, regions, source
+        self._method, self._media, self._cautious = method, media, cautious
+        self._uses_clock, self._trial_share = uses_clock, trial_share
+        self._is_narrow = False
+        self._is_guiding = regions.models is not None and not (source is not None and source.is_missed)
+        self.trial = PlainTrial(
+            facts.pixel_count, tries_plain=facts.settings.guiding_trial, rules=facts.rules
+        )
+        self.other_parts: Sequence[Part] = ()
+
+    @property
+    def is_over(self) -> bool:
+        return self._standing.is_over
+
+    @property
+    def is_settled(self) -> bool:
+        return self.trial.is_settled
+
+    @property
+    def verdict(self) -> str:
+        """What comparing has said so far, one of `engine.guiding.saved.VERDICTS`."""
+        return LOST if self._standing.is_over else self.trial.verdict
+
+    @property
+    def pixel_share(self) -> float:
+        return self._trial_share if self.other_parts else 1.0
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
+        has_source = self._source is not None and not self._source.is_over
+        is_tried = self._facts.settings.guiding_trial and not has_source
+        is_promising = self._cautious is not None and self._cautious.is_promising
+        return is_tried and not (self.trial.is_paying or is_promising)
+
+    def narrow(self, pixel_count: int, expected_samples: float) -> None:
+        self._is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
+        if pixel_count < self._facts.pixel_count:
+            # Units are divided by which pixels go on.
+            self._trial_share = 1.0
+
+    def way(self, way: Way) -> Way:
+        return replace(way, is_guided=self._is_guiding)
+
+    def observe(self, unit: Unit, film: FilmTile, cost: float, *, is_aside: bool) -> None:
+        self.trial.compare(unit, film, cost, is_aside=is_aside)
+
+    def conclude(self, iteration: Iteration) -> None:
+        overhead = 0.0
+        if self._uses_clock:
+            # What learning costs is compared with what guiding all pixels would.
+            learning = iteration.learning_seconds * self._facts.thread_count
+            overhead = learning / max(iteration.seconds, 1e-9)
+        next_sample, weights = iteration.next_sample, iteration.image.weights
+        assert weights is not None
+        says = self.trial.judge(
+            weights, next_sample, overhead, iteration.samples_left, is_part=bool(self.other_parts),
+            is_cautious=self._cautious is not None,
+        )
+        report, efficiency = self._facts.report, self.trial.efficiency
+        if says:
+            report.trials.append(f"{self._method.trial.rung} over OFF {efficiency:.2f} at sample {next_sample}")
+        report.efficiency = efficiency
+        self.other_parts = ()
+        if not self.trial.has_lost:
+            return
+        if self._source is not None and self._source.has_stand_in:
+            self._source.give_up(next_sample)
+            # What stands in for it has long been learning: no more benefit of the doubt.
+            self.trial.restart(trial.LAST_DOUBT)
+        else:
+            self._lose(iteration)
+
+    def _lose(self, iteration: Iteration) -> None:
+        """Guide less, where that may pay; else give guiding up."""
+        is_short = trial.is_short(iteration.next_sample, iteration.samples_left, self._facts.rules)
+        if not is_short and self._media.fall_back():
+            self.trial.restart(trial.LAST_DOUBT)
+            return
+        self._standing.is_over = True
+        self._facts.report.stopped_at = iteration.next_sample
+        self._facts.report.chosen = "OFF"
+
+    def _weigh_promises(self, iteration: Iteration) -> None:
+        """Give up where a comparison shows guiding to lose and regions promise nothing of what would be guided now."""
+        cautious, efficiency = self._cautious, self.trial.efficiency
+        if cautious is None or self._regions.models is None:
+            return
+        while not self.is_over and self.is_doubtful and cautious.is_hopeless(self._promised, efficiency):
+            self._lose(iteration)
+        cautious.weigh(self._promised, efficiency)
+
+    @property
+    def _promised(self) -> tuple[float, ...]:
+        """What regions promise of guiding what would be guided now, by kind of vertex."""
+        surfaces, media = self._regions.promises
+        return {SURFACES: (surfaces,), MEDIA: (media,)}.get(self._media.trial.guided, (surfaces, media))
+
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+        if self._source is not None and self._source.has_taken_over():
+            # What was tried so far was the mixture field.
+            self.trial.restart(trial.BEFORE_FIRST)
+        self._weigh_promises(iteration)
+        if self.is_over:
+            return ()
+        knows_something = self._is_guiding = self._regions.models is not None
+        parts = self.trial.plan(
+            *iteration.next_range, knows_something=knows_something, is_whole=iteration.traced.is_whole,
+            is_last=self._is_narrow or iteration.is_next_last, is_free=is_free,
+        )
+        self.other_parts = ()
+        if knows_something and self._trial_share < 1.0 and self.is_doubtful and not self.is_settled:
+            self.other_parts = [Part(*iteration.next_range, PLAIN)]
+        return parts
+
+    def rehearse(self, channel_count: int) -> None:
+        trial.rehearse(channel_count)

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many paths record, for how long, and by what their contributions are weighed: guidance that holds nothing yet."""
+
+from __future__ import annotations
+
+from engine.guiding.policy.agenda import Agenda
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.iterations import RecordBudget
+from engine.guiding.policy.learnables.lights import LightsAlone, LightsOfRegions
+from engine.guiding.policy.learnables.roulette import LearnedRoulette
+from engine.guiding.policy.learnables.source import LearnedSource
+from engine.guiding.policy.questions.guiding import GuidingQuestion
+from engine.guiding.policy.rules import RULES, Rules
+from engine.guiding.policy.standing import Standing
+from engine.settings import RenderSettings
+
+
+class Recording:
+    """How many paths record.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    budget : RecordBudget
+
+    Attributes
+    ----------
+    budget : RecordBudget
+    is_over : bool
+        Whether there is nothing to learn any more, so that the render need not go in iterations.
+    """
+
+    def __init__(self, facts: RenderFacts, budget: RecordBudget) -> None:
+        self._facts, self.budget = facts, budget
+        self.is_over = False
+
+    def count(self, iteration: Iteration) -> None:
+        """Take how many records came of an iteration."""
+        self._count(iteration, iteration.row_count)
+
+    def _count(self, iteration: Iteration, row_count: int) -> None:
+        self._facts.report.record_count += row_count
+        if row_count:
+            self.budget.count(row_count + iteration.costs.dropped_records, iteration.path_count)
+
+    def first(self) -> Guidance:
+        """Guidance of the first iteration."""
+        return Guidance(self._facts.settings, self.budget.threshold(1))
+
+    def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
+        """Guidance of the iteration that the agenda has planned, after another; says whether it is over."""
+        return Guidance(self._facts.settings, self.budget.threshold(iteration.next_range[1]))
+
+
+class GuidedRecording(Recording):
+    """How many guided paths record.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    budget : RecordBudget
+    guiding : GuidingQuestion
+        Few are wanted while that is in doubt.
+    first_samples : int
+        A pixel, that are recorded before anything is learned.
+    source : LearnedSource or None
+        What directions are drawn from, if not the mixture field: networks learn from all that there is.
+    """
+
+    def __init__(
+        self, facts: RenderFacts, budget: RecordBudget, guiding: GuidingQuestion, first_samples: int,
+        source: LearnedSource | None,
+    ) -> None:
+        super().__init__(facts, budget)
+        self._guiding, self._first_samples, self._source = guiding, first_samples, source
+        #: Whether records are wanted however little is left of the render.
+        self._needs_all = source is not None or facts.settings.radiance_cache != "OFF"
+
+    def first(self) -> Guidance:
+        self.budget.is_frugal = self._guiding.is_doubtful
+        return Guidance(self._facts.settings, self.budget.threshold(self._first_samples))
+
+    def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
+        settings, budget = self._facts.settings, self.budget
+        if iteration.is_early:
+            weights = None if self._facts.light_clusters is None else iteration.image.weights
+            return Guidance(settings, int(iteration.traced.recorded_share * 2**32), pixel_weight=weights)
+        if not self._needs_all:
+            left = iteration.samples_left - iteration.next_range[1]
+            budget.samples_left = 0.0 if iteration.is_next_last else max(left, 1.0)
+        if self._source is not None and self._source.is_over:
+            # From the next iteration on: what stands in for the source has learned from all of this one.
+            self._needs_all = settings.radiance_cache != "OFF"
+        budget.is_frugal = self._guiding.is_doubtful
+        samples = iteration.next_range[1] * agenda.guided_share
+        return Guidance(settings, budget.threshold(samples, agenda.pixel_share))
+
+
+class UnguidedRecording(Recording):
+    """How many paths record where roulette or lights are learned, and nothing is guided: for a few samples a pixel.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    paths_per_sample : int
+        Pixels that are rendered.
+    lights : LightsAlone, LightsOfRegions or None
+    roulette : LearnedRoulette or None
+        Whose paths have to record.
+    after_guiding : bool
+        Whether guiding has been given up before: then only what pays is learned on.
+    """
+
+    def __init__(
+        self, facts: RenderFacts, paths_per_sample: int, lights: LightsAlone | LightsOfRegions | None,
+        roulette: LearnedRoulette | None, *, after_guiding: bool,
+    ) -> None:
+        super().__init__(
+            facts,
+            unguided_budget(
+                facts.settings, paths_per_sample, facts.unit_pixels, learns_lights=lights is not None,
+                rules=facts.rules,
+            ),
+        )
+        self._lights, self._roulette, self._after_guiding = lights, roulette, after_guiding
+
+    def first(self) -> Guidance:
+        # What a sample brings to a pixel is judged by the pixel's value, which nobody knows: no lights are learned yet.
+        return Guidance(self._facts.settings, 0 if self._roulette is None else self.budget.threshold(1))
+
+    def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
+        settings, rules = self._facts.settings, self._facts.rules
+        lights_pay = self._lights is not None and self._lights.pays
+        goes_on = learns_after(iteration.next_sample, lights_pay=lights_pay, rules=rules)
+        if self._after_guiding:
+            is_comparing = agenda.challenger is not None
+            has_use = self._facts.request.sink is None and sum(iteration.next_range) < settings.samples
+            has_roulette = self._roulette is not None and self._roulette.is_ready and agenda.way.ends_by_learned
+            goes_on = goes_on and has_use and (has_roulette or lights_pay) and not is_comparing
+            self.is_over = not (goes_on or is_comparing)
+        else:
+            self.is_over = not goes_on
+        threshold = self.budget.threshold(iteration.next_range[1]) if goes_on else 0
+        weights = None if self._after_guiding else iteration.image.weights
+        return Guidance(settings, threshold, pixel_weight=weights)
+
+
+class CacheRecording(Recording):
+    """How many paths teach the radiance cache, where nothing is guided.
+
+    Parameters
+    ----------
+    facts : RenderFacts
+    budget : RecordBudget
+    standing : Standing
+        Of the cache.
+    """
+
+    def __init__(self, facts: RenderFacts, budget: RecordBudget, standing: Standing) -> None:
+        super().__init__(facts, budget)
+        self._standing = standing
+
+    def count(self, iteration: Iteration) -> None:
+        self._count(iteration, sum(len(unit.taught.program) for unit in iteration.traced.units))
+
+    def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
+        self.is_over = self._standing.is_over
+        rules = self._facts.rules
+        threshold = 0 if self.is_over else self.budget.threshold(iteration.next_range[1])
+        if iteration.next_sample >= rules.cache_early_samples:
+            threshold = min(threshold, int(rules.cache_measured_share * 2**32))
+        return Guidance(self._facts.settings, threshold)
+
+
+def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:
+    """Whether more is to be learned without guiding once so many samples a pixel have been rendered.
+
+    Parameters
+    ----------
+    samples : int
+    lights_pay : bool
+        Whether lights are sampled by what was learned.
+    rules : Rules
+    """
+    return samples < (rules.lights_samples if lights_pay else rules.learned_samples)
+
+
+def unguided_budget(
+    settings: RenderSettings, paths_per_sample: int, unit_pixels: int, *, learns_lights: bool, rules: Rules = RULES
+) -> RecordBudget:
+    """How many records iterations take that guide nothing; parameters are those of `RecordBudget`."""
+    wanted = rules.unguided_records
+    if learns_lights:
+        wanted = min(int(rules.unguided_records_share * paths_per_sample * settings.samples) + 1, wanted)
+    return RecordBudget(paths_per_sample, unit_pixels, wanted, rules)

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a render learns and asks: guided, with a radiance cache alone, or of roulette and lights alone.
+
+The order of learnables is that in which they learn, the order of questions their precedence. A new one of either is a
+line in its list.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+
+from engine.guiding.models.report import GuidingReport
+from engine.guiding.policy.agenda import Agenda
+from engine.guiding.policy.cautious import CautiousTrial
+from engine.guiding.policy.conductor import Conductor
+from engine.guiding.policy.costs import MethodCosts
+from engine.guiding.policy.evidence import Evidence
+from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.gate import Gate
+from engine.guiding.policy.horizon import Horizon
+from engine.guiding.policy.iterations import RecordBudget
+from engine.guiding.policy.keeping import FieldKeeper
+from engine.guiding.policy.learnables.cache import LearnedCache
+from engine.guiding.policy.learnables.face import Learnable
+from engine.guiding.policy.learnables.lights import LightsAlone, LightsOfRegions
+from engine.guiding.policy.learnables.predictors import LearnedPredictors
+from engine.guiding.policy.learnables.regions import LearnedRegions
+from engine.guiding.policy.learnables.roulette import LearnedRoulette
+from engine.guiding.policy.learnables.sink import Handed
+from engine.guiding.policy.learnables.source import LearnedSource
+from engine.guiding.policy.questions.cache import CacheQuestion
+from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.guiding import GuidingQuestion
+from engine.guiding.policy.questions.media import MediaQuestion
+from engine.guiding.policy.questions.method import Ladder, MethodQuestion
+from engine.guiding.policy.questions.network import NetworkQuestion
+from engine.guiding.policy.questions.roulette import RouletteQuestion
+from engine.guiding.policy.recording import CacheRecording, GuidedRecording, Recording, UnguidedRecording
+from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
+from engine.guiding.policy.sample_weights import GrowingWeights, SampleWeights, TrialWeights
+from engine.guiding.policy.standing import Standing
+from engine.guiding.policy.trial import ComparedValues, NewestVariance
+from engine.guiding.saved.learned import LOST, LearnedField
+from engine.guiding.sources import make_source_model
+from engine.methods import METHODS, rungs_of
+from engine.settings import RenderSettings
+
+
+def make_learner(
+    settings: RenderSettings, thread_count: int, pixel_count: int, unit_pixels: int | None = None,
+    request: LearningRequest = NOTHING_ASKED, light_clusters: npt.NDArray[np.bool_] | None = None,
+    trial_share: float = 1.0, *, has_media: bool = False,
+) -> Conductor | None:
+    """What learns in a render by these settings; None: nothing does. Parameters are those of `RenderFacts`."""
+    report = GuidingReport(method=settings.guiding_method if settings.is_guided else "OFF")
+    facts = RenderFacts(
+        settings, thread_count, pixel_count, unit_pixels or pixel_count, request, light_clusters, trial_share,
+        has_media, report, executor=ThreadPoolExecutor(thread_count, thread_name_prefix="learn"),
+    )
+    if settings.is_guided:
+        return _Guided(facts).conductor()
+    if settings.radiance_cache != "OFF":
+        return _cached(facts)
+    return _unguided(facts) if settings.learns_roulette or light_clusters is not None else None
+
+
+def _unguided(facts: RenderFacts) -> Conductor:
+    """Learns which paths to end and which lights to sample. A few samples a pixel teach enough."""
+    roulette = LearnedRoulette(facts, facts.rules.learned_samples) if facts.settings.learns_roulette else None
+    lights = None if facts.light_clusters is None else LightsAlone(facts)
+    learnables: list[Learnable | None] = [roulette, lights]
+    recording = UnguidedRecording(facts, facts.pixel_count, lights, roulette, after_guiding=False)
+    return _without_guiding(facts, learnables, [], SampleWeights(), recording)
+
+
+def _cached(facts: RenderFacts) -> Conductor:
+    """Learns a radiance cache."""
+    standing = Standing()
+    learnables: list[Learnable | None] = [LearnedCache(facts, standing)]
+    questions: list[Question] = [CacheQuestion(facts, standing)]
+    weights = GrowingWeights(facts.settings, rules=facts.rules)
+    return _without_guiding(
+        facts, learnables, questions, weights, CacheRecording(facts, _budget(facts), standing)
+    )
+
+
+def _without_guiding(
+    facts: RenderFacts, learnables: list[Learnable | None], questions: list[Question], weights: SampleWeights,
+    recording: Recording,
+) -> Conductor:
+    standing = Standing(is_over=True)
+    horizon = Horizon(facts.settings, facts.pixel_count, uses_clock=False, rules=facts.rules)
+    evidence = Evidence(horizon, facts.settings.samples, weights, standing)
+    return Conductor(
+        facts, standing, [one for one in learnables if one is not None], Agenda(questions), evidence,
+        MethodCosts({}, uses_clock=False, rules=facts.rules), recording,
+    )
+
+
+def _budget(facts: RenderFacts) -> RecordBudget:
+    return RecordBudget(facts.pixel_count, facts.unit_pixels, rules=facts.rules)
+
+
+class _Guided:
+    """What a guided render learns and asks, while it is put together."""
+
+    def __init__(self, facts: RenderFacts) -> None:
+        settings, request, report = facts.settings, facts.request, facts.report
+        start = request.start
+        if start is not None and start.verdict == LOST and settings.guiding_trial:
+            # What guided badly would do so again until a trial ends it.
+            report.lost_before = str(start)
+            start = None
+        self.facts, self.start, self.standing, self.cache_standing = facts, start, Standing(), Standing()
+        self.rungs = rungs_of(settings.method)
+        report.chosen = self.rungs[0]
+        model = make_source_model(settings) if request.source is None else request.source
+        # Costs need what predicts, and regions go by costs.
+        self.costs = MethodCosts({}, uses_clock=False, rules=facts.rules)
+        self.regions = LearnedRegions(facts, self.standing, self.costs)
+        self.predictors = LearnedPredictors(facts, self.standing, self.regions, self.rungs)
+        self.source = None if model is None else LearnedSource(facts, self.standing, self.regions, model)
+        # Where all that learns does so between iterations, and samples are given, the image depends on no clock.
+        learns_beside = bool(self.predictors.networks) or (model is not None and model.is_asynchronous)
+        self.uses_clock = (learns_beside or settings.time_limit > 0.0) and not settings.deterministic
+        self.costs.begin(
+            {rung: self.predictors.of(rung).candidate_costs for rung in self.rungs}, uses_clock=self.uses_clock
+        )
+        self.has_cache = settings.radiance_cache != "OFF"
+        #: Whether a sample weighs by whether it is guided, not by the samples seen before.
+        self.weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
+        # Samples elsewhere have to count as much as those that are guided, and nobody may ask for all records.
+        is_apart = self.weighs_arms and model is None and request.sink is None and not self.has_cache
+        self.trial_share = facts.trial_share if is_apart else 1.0
+        self.cautious = CautiousTrial(facts.rules) if facts.has_media and is_apart else None
+        self.horizon = self._horizon()
+
+    def _horizon(self, caution: float = 1.0) -> Horizon:
+        facts = self.facts
+        return Horizon(
+            facts.settings, facts.pixel_count, uses_clock=self.uses_clock, caution=caution, rules=facts.rules
+        )
+
+    def _gate(self, ladder: Ladder) -> Gate | None:
+        """What decides about the network, if there may be one and allocation judges resampling."""
+        networks, rules = self.predictors.networks, self.facts.rules
+        if not networks or not ladder.counts_worth:
+            return None
+        horizon = self._horizon(rules.auto_caution if ladder.is_auto else 1.0)
+        # AUTO compares what is kept by rendered samples.
+        return Gate(networks[0][1], self.facts.report, horizon, judges_on=not ladder.is_auto, rules=rules)
+
+    def conductor(self) -> Conductor:
+        """All of it together."""
+        facts, standing, regions, predictors = self.facts, self.standing, self.regions, self.predictors
+        settings, rules = facts.settings, facts.rules
+        resumed: set[str] = set()
+        if self.start is not None:
+            regions.resume(self.start)
+            assert regions.models is not None
+            resumed = predictors.resume(self.start.state, regions.models.mixture.region_count)
+        ladder = Ladder(settings, self.rungs, predictors.by_name, rules)
+        gate = self._gate(ladder)
+        roulette = LearnedRoulette(facts) if settings.learns_roulette else None
+        lights = None if facts.light_clusters is None else LightsOfRegions(facts, standing, regions)
+        method = MethodQuestion(
+            facts, standing, regions, predictors, self.costs, ladder, gate
+        )
+        media = MediaQuestion(facts, standing, regions)
+        guiding = GuidingQuestion(
+            facts, standing, regions, self.source, method, media, self.cautious, uses_clock=self.uses_clock,
+            trial_share=self.trial_share,
+        )
+        learnables: list[Learnable | None] = [
+            regions,
+            roulette,
+            LearnedCache(facts, self.cache_standing) if self.has_cache else None,
+            predictors,
+            self.source,
+            None if facts.request.sink is None else Handed(facts.request.sink, standing, regions),
+            lights,
+        ]
+        questions: list[Question | None] = [
+            guiding,
+            method,
+            None if gate is None else NetworkQuestion(
+                facts, standing, regions, predictors, self.costs, gate, guiding, method, is_alone=not ladder.is_auto
+            ),
+            media,
+            None if roulette is None else RouletteQuestion(
+                facts, standing, roulette, keeps_elsewhere=self.trial_share < 1.0, uses_clock=self.uses_clock
+            ),
+            CacheQuestion(facts, self.cache_standing) if self.has_cache else None,
+        ]  # fmt: skip
+        evidence = self._evidence()
+        first_samples = 1 if self.cautious is None else rules.cautious_samples
+        recording = GuidedRecording(facts, _budget(facts), guiding, first_samples, self.source)
+
+        def rest(paths_per_sample: int) -> Recording:
+            if not self.has_cache:
+                return UnguidedRecording(facts, paths_per_sample, lights, roulette, after_guiding=True)
+            budget = RecordBudget(paths_per_sample, facts.unit_pixels, rules=rules)
+            return CacheRecording(facts, budget, self.cache_standing)
+
+        if self.start is not None:
+            self._resume(self.start, guiding, method, recording, resumed, is_auto=ladder.is_auto)
+        first = predictors.of(self.rungs[0])
+        # Who asks for a number of candidates gets what predicts at once.
+        if gate is None and not ladder.is_auto and not first.has_begun:
+            first.begin(1)
+        return Conductor(
+            facts, standing, [one for one in learnables if one is not None],
+            Agenda([one for one in questions if one is not None]), evidence, self.costs, recording, rest,
+            FieldKeeper(facts, evidence, regions, predictors, guiding, method, self.cautious),
+        )
+
+    def _evidence(self) -> Evidence:
+        """What samples say, and weigh."""
+        facts, settings, rules = self.facts, self.facts.settings, self.facts.rules
+        weights: SampleWeights
+        if self.weighs_arms:
+            weights = TrialWeights(settings, is_cautious=self.cautious is not None, rules=rules)
+        else:
+            weights = GrowingWeights(settings, 0.0 if self.start is None else self.start.samples, rules)
+        outlives = facts.request.keeps or facts.request.sink is not None or self.has_cache
+        evidence = Evidence(
+            self.horizon, math.inf if outlives else settings.samples, weights, self.standing,
+            NewestVariance(facts.pixel_count, rules), ComparedValues(facts.pixel_count) if self.weighs_arms else None,
+            self.cautious,
+        )
+        if self.start is not None:
+            evidence.resume(self.start, facts.pixel_count)
+        return evidence
+
+    def _resume(
+        self, start: LearnedField, guiding: GuidingQuestion, method: MethodQuestion, recording: Recording,
+        resumed: set[str], *, is_auto: bool,
+    ) -> None:
+        """Begin with what another render has found out."""
+        recording.budget.records_per_path = start.records_per_path
+        guiding.trial.resume(start.verdict, start.efficiency)
+        is_known = start.rung in self.rungs and METHODS[start.rung].predictor in {"", *resumed}
+        if is_auto and is_known:
+            method.trial.rung = start.rung
+        self.facts.report.started_from = str(start)
