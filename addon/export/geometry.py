@@ -163,9 +163,13 @@ def _add_attributes(
 
 
 def _add_undeformed(context: ExportContext, mesh: bpy.types.Mesh, exported: Mesh) -> None:
-    """Where vertices are not where they were before deformation, or may not be while the shutter is open."""
+    """Where vertices were before deformation.
+
+    Of what is not deformed this is where they are. It is added too: a place within the mesh that is found back from the
+    world's space is off by rounding, so that patterns of cells speckle on faces that lie between two cells.
+    """
     undeformed = read_undeformed(mesh)
     moved = np.abs(undeformed - exported.vertices).max(initial=0.0)
     # Blender stores them relative to the texture space: what is left of rounding is no deformation.
-    if context.is_blurred or not moved <= 1e-5 * np.abs(undeformed).max(initial=0.0):
-        exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed)
+    is_deformed = context.is_blurred or not moved <= 1e-5 * np.abs(undeformed).max(initial=0.0)
+    exported.attributes[UNDEFORMED] = Attribute("POINT", undeformed if is_deformed else exported.vertices)

@@ -116,10 +116,10 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
             out[row, c] = 0.0
         return pdf, 0, 1.0, 1.0
     label = RAY_TRANSMIT if is_refracted else RAY_REFLECT
+    if param[lane, picked, BUMP] != 0.0 and (kind > LAST_DIFFUSE or is_refracted):
+        # A specular or translucent lobe's own sample passes where other directions are rejected (`bump_shadowing`).
+        pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
     if kind <= LAST_DIFFUSE:
         return pdf, label | RAY_DIFFUSE, 1.0, 1.0
-    if param[lane, picked, BUMP] != 0.0:
-        # A specular lobe's own sample passes where other directions are rejected (`bump_shadowing`).
-        pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, picked, -1.0, out, row)
     roughness = math.sqrt(param[lane, picked, ALPHA_X] * param[lane, picked, ALPHA_Y])
     return pdf, label | RAY_GLOSSY, roughness, param[lane, picked, ETA] if is_refracted else 1.0

@@ -64,9 +64,14 @@ def bump_shadowing(param, lane, i, n, wi, is_diffuse, is_sampled):
     """Factor in [0, 1] on a bumped lobe: 0 where light would leak through, a soft terminator for diffuse lobes.
 
     A direction on one side of the bumped normal and on the other of the smooth one is rejected, except for a
-    specular lobe's own sample. Masking of Conty Estevez, Lecocq and Stein 2019, "A Microfacet-Based Shadowing Function
+    specular lobe's own sample. What a lobe itself has sent through the surface, a translucent one's sample too, is
+    neither rejected nor softened (Cycles).
+
+    Masking of Conty Estevez, Lecocq and Stein 2019, "A Microfacet-Based Shadowing Function
     to Solve the Bump Terminator Problem", in the unidirectional Smith form that Cycles uses.
     """
+    if is_sampled and dot(n, wi) < 0.0:
+        return 1.0
     ns = (param[lane, i, SMOOTH_N], param[lane, i, SMOOTH_N + 1], param[lane, i, SMOOTH_N + 2])
     cos_i = dot(ns, wi)
     cos_d = dot(ns, n)

@@ -534,6 +534,15 @@ def test_undeformed_coordinates_of_a_deformed_mesh(scene: Any) -> None:
     assert not np.allclose(mesh.vertices, undeformed, atol=1e-2)
 
 
+def test_undeformed_coordinates_of_a_still_mesh_are_its_own(scene: Any) -> None:
+    """To the last bit; found back from the world's space they would be off."""
+    square = add_square()
+    assert "__undeformed" not in export().meshes[0].attributes
+    add_material(square, ("ShaderNodeTexCoord", {}), output="Generated")
+    mesh = export().meshes[0]
+    np.testing.assert_array_equal(mesh.attributes["__undeformed"].data, mesh.vertices)
+
+
 def test_bad_meshes_do_not_stop_the_export(scene: Any) -> None:
     nan = add_square("NaN")
     nan.data.vertices[0].co.x = float("nan")

@@ -259,6 +259,16 @@ def test_bumped_lobes_do_not_leak_light_through_the_surface() -> None:
     assert (softened < plain).all() and (softened > 0.0).all()
 
 
+def test_what_a_bumped_lobe_sends_through_the_surface_is_not_softened() -> None:
+    """As in Cycles: of a translucent one light samples are, and its own samples are not."""
+    lobes = Lobes(Case(TRANSLUCENT), wo=UP, n=vector(0.8, 0.0, 0.6))
+    pdfs, directions, _labels, values = lobes.sample(sobol(6))
+    is_valid = pdfs > 0.0
+    assert is_valid.sum() > 32
+    np.testing.assert_allclose(values[is_valid], np.repeat(pdfs[is_valid, None], 3, axis=1), rtol=1e-6)
+    assert lobes.evaluate(directions[is_valid])[1].sum() < 0.9 * values[is_valid].sum()
+
+
 def test_specular_normals_are_lifted_until_the_mirror_direction_leaves() -> None:
     wo = at_cosine(0.15)
     lobes = Lobes(Case(PRINCIPLED, {"metallic": 1.0, "roughness": 0.0}), wo=wo, n=vector(-0.5, 0.0, 0.8))

@@ -30,8 +30,12 @@ _OTHERS = {"BECKMANN", "ASHIKHMIN_SHIRLEY"}
 _AXES = {"ShaderNodeTangent": ("Z",)}
 #: Inputs with the least and the largest value that means the same to both. Of less detail than none Cycles makes no
 #: number. Curves of constants are Blender's own work, which clips them. Layers of a weight of thousands make fireflies.
+#: With an index of 1 a Fresnel node's output is what is left of rounding, and so is the direction of a normal that is
+#: linked to it; far from 1 most pairs of directions that rough glass is asked about are such as no facet connects
+#: (docs/differences.md). Media that take away less than nothing mean nothing.
 _LIMITS = {
-    "Detail": (0.0, 15.0), "Coat Weight": (0.0, 3.0), "Sheen Weight": (0.0, 3.0),
+    "Detail": (0.0, 15.0), "Coat Weight": (0.0, 3.0), "Sheen Weight": (0.0, 3.0), "IOR": (1.05, 3.0),
+    "Absorption Coefficients": (0.0, 1e3), "Scatter Coefficients": (0.0, 1e3),
     ("ShaderNodeFloatCurve", "Value"): (0.0, 1.0),
 }  # fmt: skip
 #: Before Blender 5.3 Cycles attenuates the emission below coat and sheen for rays that the camera sends, and not for
@@ -141,12 +145,13 @@ class GraphMaker:
                 if socket.type == "RGBA" and node.outputs[0].type == "SHADER":
                     source = _clamped(tree, source, "ShaderNodeMix")
                 elif limits:
-                    source = _clamped(tree, source, "ShaderNodeClamp", limits)
+                    kind = "ShaderNodeVectorMath" if socket.type == "VECTOR" else "ShaderNodeClamp"
+                    source = _clamped(tree, source, kind, limits)
                 tree.links.new(source, socket)
             elif hasattr(socket, "default_value") and self._numbers.random() < 0.6:
                 self._set(socket)
                 if limits:
-                    socket.default_value = min(max(socket.default_value, limits[0]), limits[1])
+                    socket.default_value = _within(socket.default_value, limits)
 
     def _set(self, socket: Any) -> None:
         if socket.type == "VALUE":
@@ -167,8 +172,25 @@ class GraphMaker:
         return self._numbers.choice((self._numbers.random(), self._numbers.uniform(0.0, 3.0)))
 
 
+def _within(value: Any, limits: tuple[float, float]) -> Any:
+    """A number, or a vector's numbers, within limits."""
+    if isinstance(value, float):
+        return min(max(value, limits[0]), limits[1])
+    return [_within(number, limits) for number in value]
+
+
 def _clamped(tree: Any, source: Any, kind: str, limits: tuple[float, float] = (0.0, 1.0)) -> Any:
-    """What a node makes of a value so that it stays within limits: a Mix node of colours, a Clamp node of numbers."""
+    """What a node makes of a value so that it stays within limits.
+
+    A Mix node does so of colours, a Clamp node of numbers, two Vector Math nodes of vectors.
+    """
+    if kind == "ShaderNodeVectorMath":
+        for operation, limit in zip(("MAXIMUM", "MINIMUM"), limits, strict=True):
+            node = tree.nodes.new(kind)
+            node.operation, node.inputs[1].default_value = operation, (limit,) * 3
+            tree.links.new(source, node.inputs[0])
+            source = node.outputs[0]
+        return source
     node = tree.nodes.new(kind)
     if kind == "ShaderNodeMix":
         node.data_type, node.clamp_result = "RGBA", True
