@@ -43,6 +43,8 @@ lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports --no-cache
+	$(PYTHON) -m tools.code_sizes
+	$(PYTHON) -m tools.page_names
 
 bench: .venv/installed ## Speed against accuracy beside Cycles, on a page of charts (a quarter hour)
 	$(PYTHON) -m benchmarks reference $(BENCH_SCENES) --rival VMM --samples 64 --seeds 4 --pixels 36864 \

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The Blender side of NeuralGuide: `import addon; addon.register()` in any process that has `bpy`."""
+"""The Blender side of NeuralGuide: hooks of the render engine, panels, operators, passes and the command line."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def dispersion_of(
     Parameters
     ----------
     graph : NodeGraph or None
-        Of the material, as exported.
+        Graph of the material, as exported.
     notice : function
         Told what is not as the material says: the problem, and what is shown instead.
 

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import freestyle, material_preview, passes, sequence
+from . import figures, freestyle, material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
-from .progress import TerminalBar, format_count, format_duration, status_line
+from .progress import TerminalBar, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
@@ -84,8 +84,6 @@ def forget_outcomes(*_args: Any) -> None:
 
 #: Notices shown since the render job began, so that each is shown once, however many frames have it.
 _shown_notices: set[Notice] = set()
-#: What the log says of kernels by now.
-_said_of_kernels = ""
 
 
 class NeuralGuideRenderEngine(bpy.types.RenderEngine):
@@ -366,8 +364,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         # The picture is Blender's now: nothing that fails from here on may cost it.
         for doing, work in (
             ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
-            ("saying how the render went", lambda: self._report_result(depsgraph, report, cancelled)),
-            ("naming what is in mattes", lambda: self._stamp_mattes(depsgraph.view_layer_eval, description)),
+            ("saying how the render went", lambda: self._report_result(depsgraph, report)),
+            ("naming what is in mattes", lambda: figures.stamp_mattes(self, depsgraph.view_layer_eval, description)),
         ):
             self._attempt(doing, work, "the picture is whole")
 
@@ -492,72 +490,18 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     logger.warning(text)
                 self.report({"WARNING"}, text)
 
-    def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any, cancelled: bool) -> None:
+    def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
-        from engine.render.report import ENDINGS
-
         self._show(report.notices)
-        name = depsgraph.view_layer_eval.name
-        ray_count = sum(report.rays.values())
-        megabytes = report.peak_memory / 2**20
-        logger.info(
-            f"{name}, frame {depsgraph.scene.frame_current}: {'cancelled after' if cancelled else 'finished in'} "
-            f"{format_duration(time.monotonic() - self._started)}, {ENDINGS[report.ended_by].lower()}, "
-            f"{report.sample_count:.4g} samples, "
-            f"{format_count(ray_count)}rays, {format_count(ray_count / max(report.render_seconds, 1e-6))}rays/s, "
-            f"peak memory {megabytes:.0f} MiB"
-        )
-        if report.denoise_seconds:
-            logger.info(f"denoised in {format_duration(report.denoise_seconds)}")
-        for line in report.guiding.lines:
-            logger.info(line)
-        self._say_kernels(report.kernels)
+        layer_name = depsgraph.view_layer_eval.name
+        figures.log_figures(layer_name, depsgraph.scene.frame_current, time.monotonic() - self._started, report)
         if report.reject_count:
             text = f"{report.reject_count} samples were NaN or infinite and were left out"
             logger.warning(text)
             self.report({"WARNING"}, text)
+        megabytes = report.peak_memory / 2**20
         self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
-        notices = [*self._notices, *report.notices]
-        for field, value in (
-            ("ended_by", ENDINGS[report.ended_by]),
-            ("samples", f"{report.sample_count:.6g}"),
-            ("render_time", f"{report.render_seconds:.3f}"),
-            ("denoise_time", f"{report.denoise_seconds:.3f}"),
-            ("build_time", f"{report.build_seconds:.3f}"),
-            ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
-            ("kernels", report.kernels),
-            ("rays", str(ray_count)),
-            ("rejects", str(report.reject_count)),
-            ("rejected_records", str(report.record_reject_count)),
-            ("dropped_records", str(report.record_drop_count)),
-            ("guiding", "; ".join(report.guiding.lines)),
-            ("peak_memory_mib", f"{megabytes:.0f}"),
-            ("notices", "; ".join(f"{item.subject}: {item.problem}" for item in notices)[:4000]),
-        ):
-            # Only the full result's fields reach the file, not those of the part being rendered.
-            self.get_result().stamp_data_add_field(f"neuralguide.{name}.{field}", value)
-
-    @staticmethod
-    def _say_kernels(said: str) -> None:
-        """Say where kernels came from, the first time and whenever there are more."""
-        global _said_of_kernels
-        if said != _said_of_kernels:
-            _said_of_kernels = said
-            logger.info(said)
-
-    def _stamp_mattes(self, layer: bpy.types.ViewLayer, description: SceneDescription) -> None:
-        """Write into the file's metadata whose ids are in Cryptomattes."""
-        from engine.scene.cryptomatte import matte_metadata
-
-        instances = description.instances
-        names = {
-            "CryptoObject": instances.name,
-            "CryptoMaterial": [material.name for material in description.materials],
-            "CryptoAsset": instances.asset or (),
-        }
-        for kind in passes.requested_mattes(layer):
-            for field, value in matte_metadata(f"{layer.name}.{kind}", names[kind]).items():
-                self.get_result().stamp_data_add_field(field, value)
+        figures.stamp_figures(self, layer_name, report, [*self._notices, *report.notices])
 
     def _should_cancel(self) -> bool:
         return self.test_break() or any(hook() for hook in cancel_hooks)

@@ -109,7 +109,7 @@ def _lock(file: int) -> bool:
         return True
     try:
         if sys.platform == "linux":
-            # Of this open file: other locks go when any file of the process at the same path is closed.
+            # The lock is this open file's: other kinds go when any file of the process at the same path is closed.
             lock = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
             fcntl.fcntl(file, fcntl.F_OFD_SETLK, lock)
         else:

@@ -101,7 +101,7 @@ class FieldPlan:
     ----------
     depsgraph : Depsgraph
     settings : RenderSettings
-        Of the layer.
+        Settings of the layer.
     """
 
     def __init__(self, depsgraph: bpy.types.Depsgraph, settings: RenderSettings) -> None:

@@ -119,7 +119,7 @@ def layer_is_denoised(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, i
     Parameters
     ----------
     is_denoised : bool
-        Of the scene.
+        Whether the scene is denoised.
     """
     return is_denoised and (not follows_cycles(scene) or view_layer.cycles.use_denoising)
 

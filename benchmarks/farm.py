@@ -112,7 +112,7 @@ def render_costs() -> dict[str, float]:
     """What a guided render costs a path, a pixel of a task and a round, and what is sent of it."""
     from engine.cluster.work import pack_guidance, pack_traced, unpack_traced
     from engine.guiding.policy.guidance import Guidance
-    from engine.guiding.policy.iterations import RECORDS_PER_ITERATION
+    from engine.guiding.policy.rules import RULES
     from engine.guiding.policy.trial import Part
     from engine.render.course import Course
     from engine.render.film import Film
@@ -151,7 +151,7 @@ def render_costs() -> dict[str, float]:
     return {
         "path_seconds": sum(report.stage_seconds.values()) / report.path_count,
         "pixel_seconds": pixel_seconds,
-        "learning_seconds": report.guiding.field_seconds / report.guiding.record_count * RECORDS_PER_ITERATION,
+        "learning_seconds": report.guiding.field_seconds / report.guiding.record_count * RULES.records_per_iteration,
         "pixel_bytes": sum(column.nbytes for column in sums if column is not None) / count,
         "record_bytes": sum(column.nbytes for column in vertices) / max(len(vertices[3]), 1),
         "guidance_bytes": float(len(pack_guidance(result.guidance))),

@@ -17,7 +17,8 @@ import numpy as np
 from engine.cluster.crew import TICKETS
 from engine.cluster.job import MOST_PATHS
 from engine.cluster.ranges import tiles_in_range
-from engine.guiding.policy.iterations import RECORDS_PER_ITERATION, iteration_lengths
+from engine.guiding.policy.iterations import iteration_lengths
+from engine.guiding.policy.rules import RULES
 from engine.render.schedule import sample_ranges
 from engine.render.tiles import TILE_SIZE
 
@@ -73,7 +74,7 @@ class Frame:
 
     def round_bytes(self, costs: Costs) -> float:
         """Bytes that come in with a task of all tiles."""
-        records = RECORDS_PER_ITERATION * costs.record_bytes if self.is_guided else 0.0
+        records = RULES.records_per_iteration * costs.record_bytes if self.is_guided else 0.0
         return self.width * self.height * costs.pixel_bytes + records
 
 

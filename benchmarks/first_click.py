@@ -53,6 +53,36 @@ def _render(blend: Path, engine: str, frame: int, threads: int) -> Float32Array:
     return read_exr(image)[0]
 
 
+def click_pictures(
+    source: SceneSource,
+    samples: int,
+    seed_count: int,
+    *,
+    out: Path,
+    engines: Sequence[str] = ENGINES,
+    pixels: int = 0,
+    threads: int = 0,
+) -> dict[str, list[Float32Array]]:
+    """Pictures of a scene by engine, one a seed.
+
+    Raises
+    ------
+    RuntimeError
+        If a render failed.
+    """
+    scene = open_scene(source, pixels)
+    folder = out / source.name
+    folder.mkdir(parents=True, exist_ok=True)
+    images: dict[str, list[Float32Array]] = {engine: [] for engine in engines}
+    for seed in range(1, seed_count + 1):
+        blend = folder / f"seed{seed}.blend"
+        save_scene(scene, blend, samples, seed)
+        for engine in engines:
+            images[engine].append(_render(blend, engine, scene.frame_current, threads or environment.thread_count()))
+        blend.unlink()
+    return images
+
+
 def compare_first_clicks(
     source: SceneSource, samples: int, seed_count: int, *, out: Path, pixels: int = 0, threads: int = 0
 ) -> ParityResult:
@@ -63,16 +93,7 @@ def compare_first_clicks(
     RuntimeError
         If a render failed.
     """
-    scene = open_scene(source, pixels)
-    folder = out / source.name
-    folder.mkdir(parents=True, exist_ok=True)
-    images: dict[str, list[Float32Array]] = {engine: [] for engine in ENGINES}
-    for seed in range(1, seed_count + 1):
-        blend = folder / f"seed{seed}.blend"
-        save_scene(scene, blend, samples, seed)
-        for engine in ENGINES:
-            images[engine].append(_render(blend, engine, scene.frame_current, threads or environment.thread_count()))
-        blend.unlink()
+    images = click_pictures(source, samples, seed_count, out=out, pixels=pixels, threads=threads)
     theirs, ours = (images[engine] for engine in ENGINES)
     # What few samples are worth is another question: some are spent on finding out what pays.
     return compare(source.name, ours, theirs, samples, source.note(), source.allowance(), error_ratio_limit=math.inf)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo: a room rendered by NeuralGuide and by Cycles in the same seconds, and by how much they are off."""
+"""Renders a room with NeuralGuide and with Cycles in the same seconds, and says how far each is off."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""NeuralGuide's path tracer: knows nothing of Blender, speaks `scene.description` at its door."""
+"""The path tracer: it takes a scene description, returns passes, and knows nothing of Blender."""

@@ -49,7 +49,7 @@ class Setting:
     name : str
         In `RenderSettings`, and in `scene.neuralguide` or `scene.neuralguide.experiment`.
     default : bool, int, float or str
-        Of a program, and of a scene unless `scene_default` says otherwise. Its type is the setting's.
+        Default of a program, and of a scene unless `scene_default` says otherwise. Its type is the setting's.
     label : str
         As panels show it.
     sentence : str
@@ -57,7 +57,7 @@ class Setting:
     section : str
         Panel and heading under which it is found; those of `EXPERIMENT_SECTIONS` hold what is for experiments.
     scene_default : bool, int, float or str, optional
-        Of a scene in Blender. Where Cycles has the setting it is Cycles' default.
+        Default of a scene in Blender. Where Cycles has the setting it is Cycles' default.
     minimum, maximum : float, optional
         Limits, themselves allowed.
     scene_minimum : float, optional

@@ -78,6 +78,16 @@ def test_the_index_of_decisions_has_them_all() -> None:
     assert not sections - listed, "docs/decisions/README.md lacks these sections"
 
 
+def test_decisions_come_before_their_figures() -> None:
+    late = [
+        f"{page.name}: {part.partition(chr(10))[0]}"
+        for page in _files("docs/decisions/*.md")
+        for part in re.split(r"^## ", page.read_text("utf-8"), flags=re.MULTILINE)[1:]
+        if (figures := part.find("**Figure")) >= 0 and not 0 <= part.find("**Decision.**") < figures
+    ]
+    assert late == []
+
+
 def test_links_point_at_what_exists() -> None:
     pages = _files("*.md")
     assert len(pages) > 20

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m tools.blender_page` writes docs/blender.md: which of Cycles' settings work, by the panel they are in.
 
-`tools.cycles_settings` says what becomes of each setting. Labels are those of the Blender that runs; a test sees that
+`tools.cycles_settings` says what each setting means here. Labels are those of the Blender that runs; a test sees that
 no setting is missing there, and that what is said to work is read by the add-on.
 """
 
@@ -19,7 +19,7 @@ _HEAD = """\
 # Cycles' interface: what works, what does not
 
 NeuralGuide shows Cycles' own panels and reads Cycles' own settings, so that a scene made for Cycles renders as it is.
-This page says for each of these settings what becomes of it. `python -m tools.blender_page` writes it.
+This page says what each of these settings means here. `python -m tools.blender_page` writes it.
 [differences.md](differences.md) says where pictures differ although a setting works.
 
 - **works**: it means what it means in Cycles.
@@ -52,18 +52,20 @@ def settings_of(properties: Any) -> list[str]:
     return [item.identifier for item in properties if item.identifier not in ("rna_type", "name")]
 
 
-def _row(owner: str, row: Row, properties: Any) -> str:
-    label = properties[row.name].name if row.name in properties else row.name
-    return f"| {label} | `{owner}.{row.name}` | {row.verdict} | {row.note} |"
+def _label(row: Row, properties: Any) -> str:
+    return f"{properties[row.name].name} (`{row.name}`)" if row.name in properties else f"`{row.name}`"
 
 
 def _panels() -> Iterator[str]:
+    """For each panel its settings, those together of which the same is said."""
     known = owners()
     for title, owner, rows in PANELS:
         shown = [row for row in rows if row.name in known[owner] or row.is_newer]
         yield f"\n## {title}\n"
-        yield "| setting | property | here | |\n|---|---|---|---|"
-        yield from (_row(owner, row, known[owner]) for row in shown)
+        yield f"`{owner}`:\n"
+        for verdict, note in dict.fromkeys((row.verdict, row.note) for row in shown):
+            alike = [_label(row, known[owner]) for row in shown if (row.verdict, row.note) == (verdict, note)]
+            yield f"- **{verdict}**: {', '.join(alike)}" + (f": {note}" if note else "") + "."
 
 
 def page() -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What becomes of each of Cycles' settings, by the panel in which Blender shows it."""
+"""What each of Cycles' settings means here, by the panel in which Blender shows it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _rows(verdict: str, names: str, note: str = "", is_newer: bool = False) -> I
     return (Row(name, verdict, note, is_newer) for name in names.split())
 
 
-_GUIDING = "NeuralGuide guides by its own settings (panel Guiding)"
+_GUIDING = "see the panel Guiding"
 #: Of volumes that are the same everywhere, which are rendered without steps.
 _VOLUMES = "rays are followed without bias, and need no steps"
 _SAMPLING = "noise alone: distances are picked among those of both kinds"

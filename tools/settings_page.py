@@ -28,9 +28,8 @@ and `addon/declared_settings.py`.
 - With *Use Cycles' Settings* (`use_cycles_settings`) off all of ours count, and Cycles' do not.
   `bpy.ops.neuralguide.copy_cycles_settings()` sets ours to what Cycles' are now.
 - Where the Cycles add-on is off ours count. Their defaults are Cycles' defaults.
-- Files keep their pictures. In a file that was saved with settings of ours by a version that did not read Cycles'
-  settings, *Use Cycles' Settings* is off. Settings for experiments that a file holds under their former names are
-  moved to `scene.neuralguide.experiment`, with their animation, when it is opened.
+- Files keep their pictures: *Use Cycles' Settings* is off in a file that an older version saved with settings of ours.
+  Settings under former names are moved to `scene.neuralguide.experiment`.
 - What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is
   said once a render.
 
@@ -72,13 +71,11 @@ several directions and take one (they resample). Networks do not pay on a proces
 between those of training if much changes from one of these to the next ([figures](results/sequences.md)).
 
 - It needs a neural mixture: `guiding_method` or `experiment.source_field` is `'NPM'`, `'NPM_PRODUCT'` or `'NASG'`.
-  Other methods, frames outside of the animation and scenes in which nothing is animated do without it, and say so.
-- When the first frame of the animation is rendered, up to 32 frames are exported and visited, for
-  `sequence_samples` samples a pixel in all. Samples of training are in no picture.
-- `experiment.mixture_u` is how the network tells frames apart. With `'NONE'` they share one mixture.
-- Frames that are rendered later in the same process (by `-a`, by `-f` or from the window) use what was learned. It
-  is trained anew for another file, other settings, or a frame that was changed since.
-- Each view layer has a field of its own.
+  Other methods and scenes in which nothing is animated do without it, and say so.
+- With the first frame up to 32 frames are exported and visited, for `sequence_samples` samples a pixel in all, which
+  are in no picture. `experiment.mixture_u` is how the network tells frames apart.
+- Later frames of the same process use what was learned. It is trained anew for another file, other settings, or a
+  frame that was changed since. Each view layer has a field of its own.
 """,
     "Learned Field": """\
 What a render learns is mixtures, how often to guide and to sample lights, and the table of `'TABLE_RIS'`. Networks and
@@ -86,13 +83,12 @@ SD-trees are learned anew. A render that starts from it is guided from its first
 ([figures](results/learned-fields.md)).
 
 - It fits any view, size, number of samples and method, as long as lights, materials, geometry and the world are the
-  same. Where they are not, or guiding did not pay in the render that it is of, the render learns anew; of a file that
-  does not fit it says so.
-- The image is unbiased whatever a file holds, and has noise of its own: the random numbers depend on what was learned.
-- With `keep_learned` each view layer goes on from its last render, frame by frame and from one F12 to the next, until
-  another file is opened. With `deterministic` a render does not use what is in memory; it uses a file.
-- `save_field` replaces the file after each render, by what the view layer that was rendered last has learned. A file
-  that cannot be read is left alone.
+  same. Otherwise, or where guiding did not pay in the earlier render, the render learns anew.
+- The image is unbiased whatever a file holds, and has noise of its own.
+- With `keep_learned` each view layer goes on from its last render until another file is opened. With `deterministic` a
+  render uses a file only.
+- `save_field` replaces the file after each render by what the last view layer has learned. A file that cannot be read
+  is left alone.
 - `bpy.ops.neuralguide.save_learned_field(filepath=...)` and `load_learned_field` are the panel's buttons.
 - On the command line: `python -m addon scene.blend --set save_field=on --field scene.ngfield -f 1`, then
   `python -m addon scene.blend --field scene.ngfield -f 1`.
@@ -127,21 +123,14 @@ _ELSEWHERE = """\
   of materials whose Glass, Refraction or Principled node transmits: an Abbe number or Cauchy's coefficients
   (`material.neuralguide.dispersion`, `abbe_number`, `cauchy_a`, `cauchy_b`). The node's IOR stays that of the d line,
   587.6 nm.
-- **Motion blur** is Blender's own: *Render Properties > Motion Blur*, and each object's switch and steps where
-  Cycles has them. The rolling shutter is read from Cycles' settings (`scene.cycles.rolling_shutter_type`,
-  `rolling_shutter_duration`).
+- **Motion blur** is Blender's own, with each object's switch and steps where Cycles has them, and Cycles' rolling
+  shutter.
 - **Threads** are Blender's own (*Performance*) unless `threads` is set.
-- **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, Object Index, Material
-  Index, Emission, Environment, Ambient Occlusion, Shadow Catcher, those of diffuse, glossy and transmitted light
-  (Direct, Indirect, Color), and one of each light group of the layer. Objects and the world say which group they
-  belong to (`object.lightgroup`, `world.lightgroup`). Those of `view_layer.neuralguide` are Albedo, Sample Count,
-  Variance, Candidate Count and Guiding Benefit.
-- **Passes of data** are Blender's too: Mist (its distances are in the world's *Mist Pass* panel), UV, Vector, the
-  view layer's *Shader AOV*s, and *Cryptomatte* of objects, materials and assets. *Alpha Threshold* says which surface
-  passes of one surface show. Cryptomatte needs a multilayer EXR of 32 bits; for programs that read files of one part
-  only, turn *Interleave* on.
-- **View layers** have Blender's own rules: Environment, Surfaces and Motion Blur of *Filter*; material and world of
-  *Override*; holdout, indirect only and exclusion of collections.
+- **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, indices, Emission, Environment,
+  Ambient Occlusion, Shadow Catcher, light taken apart, light groups, Mist, UV, Vector, Shader AOVs and Cryptomatte (a
+  multilayer EXR of 32 bits; turn *Interleave* on for programs that read one part only). Those of
+  `view_layer.neuralguide` are Albedo, Sample Count, Variance, Candidate Count and Guiding Benefit.
+- **View layers** have Blender's own rules: *Filter*, *Override*, holdout, indirect only and exclusion.
 """
 
 _GONE = """\
@@ -167,37 +156,42 @@ def _value(value: Any) -> str:
 
 
 def _values(setting: Setting) -> str:
-    if setting.choices:
-        return "one of those below"
-    if isinstance(setting.default, bool):
-        return "on, off"
+    """The default, and what else there is."""
+    default = _value(scene_default(setting))
+    if setting.choices or isinstance(setting.default, bool):
+        return default
     if isinstance(setting.default, str):
         return "a path; `//` is the .blend's folder"
-    return f"{setting.limits} [{setting.unit}]" if setting.unit else setting.limits
+    return f"{default}; {setting.limits}" + (f" [{setting.unit}]" if setting.unit else "")
 
 
 def _table(section: str) -> Iterator[str]:
     settings = settings_of(section)
     is_shared = any(setting.name in SHARED_SETTINGS for setting in settings)
-    yield "| setting | label | default | values |" + (" Cycles' |" if is_shared else "") + " meaning |"
-    yield "|---|---|---|---|" + ("---|" if is_shared else "") + "---|"
+    yield "| setting | default; values |" + (" Cycles' |" if is_shared else "") + " meaning |"
+    yield "|---|---|" + ("---|" if is_shared else "") + "---|"
     for setting in settings:
-        cells = [f"`{setting.name}`", setting.label, _value(scene_default(setting)), _values(setting)]
+        cells = [f"`{setting.name}`: {setting.label}", _values(setting)]
         if is_shared:
             cells.append(f"`{'.'.join(SHARED_SETTINGS[setting.name])}`" if setting.name in SHARED_SETTINGS else "")
         yield "| " + " | ".join([*cells, f"{setting.sentence}."]) + " |"
 
 
-def _choices(section: str) -> Iterator[str]:
+def _choices(section: str, listed: dict[object, str]) -> Iterator[str]:
+    """Lists of choices; where an earlier setting has the same ones, its name. `listed` holds the earlier settings."""
     for setting in settings_of(section):
         if setting.choices:
+            earlier = listed.setdefault(tuple(setting.choices), setting.name)
+            if earlier != setting.name:
+                yield f"\n`{setting.name}`: as `{earlier}`."
+                continue
             yield f"\n`{setting.name}`:\n"
             for choice in setting.choices:
                 yield f"- `'{choice.name}'` ({choice.label}): {choice.sentence}."
 
 
-def _section(section: str) -> str:
-    lines = [f"### {section}\n", *_table(section), *_choices(section)]
+def _section(section: str, listed: dict[object, str]) -> str:
+    lines = [f"### {section}\n", *_table(section), *_choices(section, listed)]
     if section in _NOTES:
         lines += ["", _NOTES[section].rstrip("\n")]
     return "\n".join(lines) + "\n"
@@ -205,15 +199,17 @@ def _section(section: str) -> str:
 
 def page() -> str:
     """The whole page."""
+    listed: dict[object, str] = {}
     return "\n".join([
         _HEAD,
         "## For users: `scene.neuralguide`\n",
+        "Before the semicolon stands the default; the choices of a setting are listed below its table.",
         "The column *Cycles'* says which of the scene's properties counts instead while the scene follows Cycles.\n",
-        *(_section(section) for section in SECTIONS),
+        *(_section(section, listed) for section in SECTIONS),
         _ELSEWHERE,
         f"## For experiments: `scene.neuralguide.{EXPERIMENT}`\n",
         "Hardly anybody needs to change these. Benchmarks and reproductions of papers set them.\n",
-        *(_section(section) for section in EXPERIMENT_SECTIONS),
+        *(_section(section, listed) for section in EXPERIMENT_SECTIONS),
         _GONE,
     ])  # fmt: skip
 

@@ -86,7 +86,7 @@ TOPICS = (
     ),
     Topic(
         "Rendering, guiding and memory",
-        ("engine/render", "engine/guiding/models", "engine/accel.py", "engine/denoise"),
+        ("engine/render", "engine/guiding/models", "engine/accel", "engine/denoise"),
         "Read what is done instead. Where the render stops, do what the sentence says, make the scene smaller, or look "
         "into `neuralguide.log` beside the kernel cache.",
     ),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's evaluated scene to `engine.scene.description.SceneDescription`."""
+"""Turns Blender's evaluated scene into an `engine.scene.description.SceneDescription`."""
 
 from .context import ExportCache, ExportCancelled, ExportContext, StudioLight, Window
 from .frames import export_frames

@@ -40,11 +40,11 @@ class ImageExporter:
     _missing: int | None = None
     #: Full names of the images so far.
     _names: set[str] = field(default_factory=set)
-    #: Of the pixels so far, in memory and in files [bytes].
+    #: Size of the pixels so far, in memory and in files [bytes].
     _in_memory: int = 0
     _in_files: int = 0
     _memory: ImageMemory = field(default_factory=ImageMemory)
-    #: Of images that Blender has decoded for this export and is left with [bytes].
+    #: Size of images that Blender has decoded for this export and keeps [bytes].
     _left: int = 0
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
@@ -212,7 +212,7 @@ def _read_pixels(
     Parameters
     ----------
     alpha_mode : str
-        Of the image, where it is not that which Blender reads it by.
+        Alpha mode of the image, where Blender reads it by another.
     is_multiplied : bool
         Whether colours that Blender has left alone count as multiplied by alpha.
     """
@@ -271,7 +271,7 @@ def _divisor(pixels: Float32Array) -> Float32Array:
 
 
 def _decoded_size(image: bpy.types.Image) -> int:
-    """Of Blender's copy of the pixels [bytes]."""
+    """Size of Blender's copy of the pixels [bytes]."""
     if not image.has_data:
         return 0
     width, height = image.size

@@ -166,7 +166,7 @@ def _read_ids(cloud: bpy.types.PointCloud) -> Int32Array:
 def _points_of(ids: Int32Array, numbers: Int32Array) -> Rows:
     """Row of `ids` of each number, -1 where there is none.
 
-    Of several equal ids the first keeps its number. Blender draws others for the rest: as instances come in the order
+    The first of several equal ids keeps its number. Blender draws others for the rest: as instances come in the order
     of the points, so do these.
     """
     known, first = np.unique(ids, return_index=True)

@@ -245,7 +245,7 @@ def _classify(
             owner=owner,
             visibility=visibility,
             pass_index=shown.pass_index,
-            # Of instances that of their instancer, which `shown` has only where Python had not met what is instanced.
+            # The instancer's colour, which `shown` has only where Python had not met what is instanced.
             color=tuple(parent.color),
             is_holdout=is_holdout,
             terminator_offset=context.finite(
@@ -261,17 +261,24 @@ def _classify(
             vertex_groups=tuple(shown.vertex_groups.keys()) if reads_attributes else (),
         )
     )
-    if context.is_blurred:
-        kinds[-1].motion_step_count = motion_step_count(shown, parent)
-        kinds[-1].use_deform_motion = uses_deform_motion(shown, parent)
-        kinds[-1].is_particle = item.particle_system is not None
-    elif context.wants_vectors:
-        # As Cycles: the frames before and after, whatever is blurred.
-        kinds[-1].motion_step_count = VECTOR_STEPS
-        kinds[-1].use_deform_motion = True
+    _set_motion(context, kinds[-1], item, parent)
     if context.wants_assets:
         kinds[-1].asset = _topmost(shown).name
     return len(kinds) - 1
+
+
+def _set_motion(
+    context: ExportContext, kind: Appearance, item: bpy.types.DepsgraphObjectInstance, parent: bpy.types.Object
+) -> None:
+    """Say when an object is looked at, if it may move."""
+    if context.is_blurred:
+        kind.motion_step_count = motion_step_count(item.object, parent)
+        kind.use_deform_motion = uses_deform_motion(item.object, parent)
+        kind.is_particle = item.particle_system is not None
+    elif context.wants_vectors:
+        # As Cycles: the frames before and after, whatever is blurred.
+        kind.motion_step_count = VECTOR_STEPS
+        kind.use_deform_motion = True
 
 
 def _topmost(shown: bpy.types.Object) -> bpy.types.Object:
@@ -355,7 +362,7 @@ def _read_properties(context: ExportContext, result: Appearances) -> None:
         return
     paths = np.empty(len(result.kind) * PATH_LENGTH, np.int32)
     context.depsgraph.object_instances.foreach_get("persistent_id", paths)
-    # Of what is not shown too: where numbers are drawn their order counts.
+    # What is not shown has identifiers too: where numbers are drawn their order counts.
     made_by = [0 if kind.instancer is None else kind.instancer.as_pointer() for kind in kinds]
     maker_of = np.array([*made_by, 0], np.uint64)[result.kind]
     for address, maker in makers.items():

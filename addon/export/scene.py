@@ -57,7 +57,7 @@ def export_scene(
     window : Window, optional
         What a window shows, without motion blur, as Cycles has it; camera and frame are the window's business.
     updated : frozenset of int, optional
-        Of a window: addresses of all original datablocks that may have changed since the last export with `cache`.
+        For a window: addresses of all original datablocks that may have changed since the last export with `cache`.
     texture_memory : int, optional
         Memory for pixels of images, before they lie in files [bytes]; None: all that they need.
 
@@ -182,11 +182,10 @@ def _set_working_space(context: ExportContext) -> np.ndarray | None:
     return to_xyz
 
 
-def _export_instances(
-    context: ExportContext, materials: MaterialExporter, appearances: Appearances
-) -> tuple[list[Mesh], Instances, np.ndarray]:
-    """Meshes, instances, and the rows of `appearances` that these are."""
-    kinds = appearances.kinds
+def _export_meshes(
+    context: ExportContext, materials: MaterialExporter, kinds: list[Appearance]
+) -> tuple[list[Mesh], list[int]]:
+    """Meshes, and for each of `kinds` the number of its own, -1 = none."""
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
     shapes = [kind.gas.mesh if kind.gas is not None else kind.mesh or kind.volume for kind in kinds]
@@ -224,7 +223,15 @@ def _export_instances(
             rows[address] = len(meshes)
             meshes.append(mesh)
         mesh_of_kind.append(rows[address])
+    return meshes, mesh_of_kind
 
+
+def _export_instances(
+    context: ExportContext, materials: MaterialExporter, appearances: Appearances
+) -> tuple[list[Mesh], Instances, np.ndarray]:
+    """Meshes, instances, and the rows of `appearances` that these are."""
+    kinds = appearances.kinds
+    meshes, mesh_of_kind = _export_meshes(context, materials, kinds)
     slots: list[int] = []
     kind_mesh = np.array([*mesh_of_kind, -1], np.int32)
     kind_offset = np.zeros(len(kinds) + 1, np.int32)

@@ -34,7 +34,7 @@ def _graph(image: int, studio: StudioLight, color: tuple[float, ...]) -> NodeGra
     image : int
         Index of the studio light's image, -1 if it cannot be read.
     color : (red, green, blue)
-        Of the world without nodes.
+        Colour of the world without nodes.
     """
     plain = (*color, 1.0)
     strength = (studio.strength,) * 3 + (1.0,)

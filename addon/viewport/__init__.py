@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendered shading: what has changed goes to a process that renders, pictures come back and are drawn."""
+"""Rendered shading: sends what has changed to a process that renders, and draws the pictures that come back."""

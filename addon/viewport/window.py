@@ -57,7 +57,7 @@ def frame_in_window(corners: Float32Array, plane: Plane, *, is_perspective: bool
     Parameters
     ----------
     corners : float32 (4, 3)
-        Of the frame in the camera's space (`Camera.view_frame`).
+        Corners of the frame in the camera's space (`Camera.view_frame`).
     """
     points = np.asarray(corners, np.float64)
     flat = points[:, :2] / -points[:, 2:] if is_perspective else points[:, :2]

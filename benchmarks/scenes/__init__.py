@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small scenes built by script, one per thing to compare; `builtin:NAME` wherever a scene is asked for.
+"""Builds small scenes by script, one for each thing to compare: `builtin:NAME` names one.
 
 Importing this package fills the registry; `bpy` is needed only to build.
 """

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene description becomes arrays that kernels read, light tree and Embree scenes included."""
+"""Turns a scene description into the arrays that kernels read, with the light tree and the Embree scenes."""

@@ -24,7 +24,7 @@ _APART = 2.0**-17
 _TOUCHING = 0.5
 #: Vertices of a mesh that are looked at, and pairs of boundaries and instances.
 _MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
-#: Of each corner of a box, whether it is the low (0) or the high side (1) along each axis.
+#: Corners of a box: whether each is on the low (0) or the high side (1) along each axis.
 _BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 

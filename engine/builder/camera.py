@@ -59,19 +59,12 @@ def build_camera(
     ValueError
         For an unknown camera kind, a camera without a usable transform or lens, or an image without pixels.
     """
-    if camera.kind not in _KINDS:
-        raise ValueError(f"camera type {camera.kind!r}: choose one of {', '.join(_KINDS)}")
-    if frame.width < 1 or frame.height < 1:
-        raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
-    if not np.isfinite(camera.transform).all():
-        raise ValueError("the camera's transform is NaN or infinite: check its constraints and drivers")
+    _check(camera, frame)
     kind = _KINDS[camera.kind]
     row = np.zeros(CAMERA_WIDTH, np.float64)
     row[:12] = _without_scale(camera.transform)[:3].reshape(-1)
     motion = row[None, :12].astype(np.float32)
     if camera.motion is not None:
-        if not np.isfinite(camera.motion).all():
-            raise ValueError("the camera moves to NaN or infinity: check its keyframes and drivers")
         motion = interpolation_keys(np.stack([_without_scale(step) for step in camera.motion]).astype(np.float32))
 
     x_ratio = frame.width * frame.pixel_aspect_x
@@ -122,6 +115,17 @@ def build_camera(
         raise ValueError("the camera has a setting that is NaN or infinity: check its keyframes and drivers")
     table = filter_table(pixel_filter, filter_width)
     return CameraArrays(row.astype(np.float32), table, motion, shutter_table(shutter_curve))
+
+
+def _check(camera: Camera, frame: Frame) -> None:
+    if camera.kind not in _KINDS:
+        raise ValueError(f"camera type {camera.kind!r}: choose one of {', '.join(_KINDS)}")
+    if frame.width < 1 or frame.height < 1:
+        raise ValueError(f"the image is {frame.width} x {frame.height}: set a resolution of at least 1 x 1")
+    if not np.isfinite(camera.transform).all():
+        raise ValueError("the camera's transform is NaN or infinite: check its constraints and drivers")
+    if camera.motion is not None and not np.isfinite(camera.motion).all():
+        raise ValueError("the camera moves to NaN or infinity: check its keyframes and drivers")
 
 
 def _without_scale(transform: Float32Array) -> np.ndarray:

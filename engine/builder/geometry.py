@@ -9,7 +9,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from engine.accel import Accelerator, MeshHierarchies
+from engine.accel.accelerator import Accelerator
+from engine.accel.hierarchies import MeshHierarchies
 from engine.array_types import Float32Array, Int64Array
 from engine.builder.motion import MOST_KEYS, keys_of_motions
 from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
@@ -123,7 +124,7 @@ class GeometryCache:
         return moved
 
 
-def _instances_key(instances: Instances) -> object:
+def _instances_key(instances: Instances, properties_key: object) -> object:
     """What of instances geometry depends on: all."""
     apart = ("name", "motion", "asset", "properties")
     columns = [getattr(instances, item.name) for item in fields(instances) if item.name not in apart]
@@ -131,7 +132,7 @@ def _instances_key(instances: Instances) -> object:
         tuple(instances.name),
         tuple(None if column is None else np.ascontiguousarray(column).tobytes() for column in columns),
         tuple((index, steps.shape, steps.tobytes()) for index, steps in sorted(instances.motion.items())),
-        _properties_key(instances),
+        properties_key,
     )
 
 
@@ -210,6 +211,7 @@ def build_geometry(
     meshes, instances = description.meshes, description.instances
     keys = cache.mesh_keys = cache.mesh_versions.of(meshes)
     names = tuple(attribute_names)
+    properties_key = _properties_key(instances)
 
     def build() -> tuple[GeometryArrays, list[Notice]]:
         motion_notices: list[Notice] = []
@@ -230,13 +232,13 @@ def build_geometry(
         cache.slot_counts = shapes.slot_counts
         kept = cache.shapes.version if any(k is not None for k in shapes.kept_triangles) else 0
         attributes = cache.attributes.get(
-            (keys, kept, names, _properties_key(instances)),
+            (keys, kept, names, properties_key),
             lambda: build_attributes(meshes, shapes.kept_triangles, names, instances.properties),
         )
         found = motion_notices + shape_notices
         return _assemble(instances, motions, placed, shapes, attributes, default_program, found), found
 
-    arrays, found = cache.geometry.get((keys, names, default_program, _instances_key(instances)), build)
+    arrays, found = cache.geometry.get((keys, names, default_program, _instances_key(instances, properties_key)), build)
     notices += found
     return arrays
 

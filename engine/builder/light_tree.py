@@ -327,7 +327,7 @@ def _fill_nodes(bounds, child, nodes, boxes, cones, group_count):
         below = child[group, k]
         if below == 0:
             continue
-        radius_squared = 0.0
+        radius_squared = np.float64(0.0)
         if below < 0:
             e = ~below
             for c in range(6):
@@ -354,7 +354,7 @@ def _fill_nodes(bounds, child, nodes, boxes, cones, group_count):
                     boxes[node, c] = min(boxes[node, c], boxes[first + i, c])
                     boxes[node, c + 3] = max(boxes[node, c + 3], boxes[first + i, c + 3])
                 _merge_cones(cones, node, first + i)
-            spread = 0.0
+            spread = np.float64(0.0)
             for i in range(GROUP_SIZE):
                 squared = 0.0
                 for c in range(3):

@@ -296,7 +296,7 @@ def _meet_voxels(
 ) -> None:
     """Raise what was found by cell to what is at voxels: between them there is nothing larger.
 
-    Of programs that read several grids, or want the values in between, points at random find the rest.
+    Points at random find the rest for programs that read several grids, or want the values in between.
     """
     for to_index, block, corners, voxels in _voxels_to_meet(filled.grids):
         to_object = np.linalg.inv(to_index.astype(np.float64))
@@ -358,7 +358,7 @@ def _has_short_cells(filled: Filled, cells: np.ndarray) -> bool:
 
 
 def _largest_of_corners(values: np.ndarray) -> np.ndarray:
-    """Of each cell the largest of what is at its corners."""
+    """The largest of the values at each cell's corners."""
     for axis in range(values.ndim):
         count = values.shape[axis] - 1
         values = np.maximum(values.take(range(count), axis), values.take(range(1, count + 1), axis))

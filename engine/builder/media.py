@@ -45,7 +45,7 @@ class SceneMedia:
     def emits(self) -> bool:
         """Whether some medium emits light."""
         emission = self.arrays.media[:, layout.MEDIUM_EMISSION : layout.MEDIUM_EMISSION + 3]
-        # Of media that vary it is not known.
+        # It is not known of media that vary, so these count.
         return self.is_used and (self.varies or bool(emission.any()))
 
     @property
@@ -100,7 +100,7 @@ def build_media(
     slot_counts : int (M,)
         Material slots of every mesh.
     meshes, shaders, tables
-        Of media that vary, to find how dense they are where.
+        Meshes, programs and tables of media that vary, to find how dense these are at each place.
     kept : KeptBounds
         Updated.
     """

@@ -31,7 +31,7 @@ _LARGEST_ERROR, _LARGEST_ERROR_BESIDE_OTHERS = 1e-3, 3e-2
 _MOST_LOOKS = 20_000_000
 #: What else takes time, in the same measure: an instance's box, what a lamp is near, a triangle in the lamp's plane.
 _LOOKS_A_BOX, _LOOKS_AN_INSTANCE, _LOOKS_A_TRIANGLE_IN_PLANE = 10, 10_000, 10
-#: Of instances that have more triangles in a lamp's plane nothing is known either.
+#: Nothing is known either of instances that have more triangles in a lamp's plane.
 _MOST_IN_PLANE = 100_000
 #: Names in a notice.
 _MOST_NAMES = 4
@@ -159,7 +159,7 @@ def _surfaces_of(
     looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
     shadows = has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
     found: list[list[int]] = [[] for _ in quads]
-    # Of lamps in one ceiling only the first looks at all of it.
+    # Only the first of the lamps in one ceiling looks at all of it.
     planes: dict[tuple[float, ...], _Plane] = {}
     looked = 0
     for of_lamp, quad in zip(found, quads, strict=True):
@@ -204,7 +204,7 @@ def find_same_place(
     Parameters
     ----------
     names : sequence of str (I,)
-        Of the instances' objects.
+        Names of the instances' objects.
     is_glass : bool (I,)
         Which instances have a material that bends light.
     """

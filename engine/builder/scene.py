@@ -10,14 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from engine.accel import (
-    MASK_MEDIUM,
-    MASK_SHADOW_OPAQUE,
-    MASK_SHADOW_TRANSPARENT,
-    Accelerator,
-    MeshHierarchies,
-    build_accelerator,
-)
+from engine.accel.accelerator import Accelerator, build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
@@ -49,7 +44,7 @@ from engine.state.geometry import (
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
 
-#: Of an instance, what hierarchies depend on.
+#: The columns of an instance on which hierarchies depend.
 _ACCELERATOR_COLUMNS = [INSTANCE_MESH, INSTANCE_VISIBILITY, INSTANCE_FLAGS, INSTANCE_FIRST_KEY, INSTANCE_KEY_COUNT]
 
 

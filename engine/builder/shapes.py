@@ -157,7 +157,7 @@ def build_shapes(
     ----------
     meshes : sequence of Mesh
     placements : sequence of Placement or None
-        Of meshes that are to be stored in world space; None: in object space.
+        Placement of a mesh that is to be stored in world space; None: in object space.
     notices : list of Notice
         What was left out is appended.
     """
@@ -262,7 +262,7 @@ def build_attributes(
     ----------
     meshes : sequence of Mesh
     kept_triangles : sequence
-        Of `build_shapes`.
+        Triangles that `build_shapes` has kept.
     attribute_names : sequence of str
         Attribute slots in the order the shader programs number them.
     properties : mapping

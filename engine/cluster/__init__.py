@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One frame on several machines: workers hold the built scene, and render ranges of its samples."""
+"""Renders one frame on several machines: workers hold the built scene and render ranges of its samples."""

@@ -56,7 +56,7 @@ class Crew:
         self._patience = patience
         self._workers: dict[str, _Worker] = {}
         self._next_ticket = 0
-        #: Of workers that had answered before [s per path], and of first answers, with the building of the scene [s].
+        #: Speeds of workers that had answered before [s per path]; the longest first answer, the scene built in it [s].
         self._speeds: list[float] = []
         self._longest_first = 0.0
 

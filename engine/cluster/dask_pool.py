@@ -87,7 +87,7 @@ class DaskPool:
         self._come: queue.SimpleQueue[tuple[int, Answer]] = queue.SimpleQueue()
         self._fetching = ThreadPoolExecutor(_FETCHES, thread_name_prefix="fetch")
         self._submitted = 0
-        #: Of the tickets of this pool's many renders, which all count from 0: first key.
+        #: First key of each render of this pool: tickets of every render count from 0.
         self._keys: dict[int, int] = {}
 
     @property
@@ -97,7 +97,7 @@ class DaskPool:
 
     @property
     def process_ids(self) -> dict[str, int]:
-        """Of the workers that were started here, by their address."""
+        """Process identifiers of the workers that were started here, by their address."""
         known: dict[str, int] = self._client.run(_process_id)
         return known
 
@@ -281,7 +281,7 @@ def open_pool(address: str, threads: int = 0, silence: float = _SILENCE) -> Dask
     address : str
         'local:N' for N workers on this machine; 'tcp://HOST:PORT' or 'tls://HOST:PORT' of a scheduler.
     threads : int
-        Of each worker on this machine, 0: its share of the processors.
+        Threads of each worker on this machine, 0: its share of the processors.
     silence : float
         Time [s] after which a worker hangs that is not heard of.
 
@@ -334,7 +334,7 @@ def run_worker(
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        Address of the scheduler.
     host, trusts_network
         As `engine.cluster.encryption.listening_host` takes them.
     name : str, optional

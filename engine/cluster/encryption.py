@@ -71,7 +71,7 @@ def check_encryption(address: str, role: str) -> None:
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        Address of the scheduler.
     role : {'client', 'worker'}
 
     Raises
@@ -107,7 +107,7 @@ def listening_host(address: str, host: str | None, *, trusts_network: bool) -> s
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        Address of the scheduler.
     host : str or None
         Address or name of this machine to listen on; None: the one that this machine reaches the scheduler from.
     trusts_network : bool

@@ -19,10 +19,10 @@ class LocalWorkers:
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        Address of the scheduler.
     count : int
     threads : int
-        Of each, 0: its share of the processors.
+        Threads of each, 0: its share of the processors.
     certificate, key : str
         By which the scheduler and workers know each other. They go through a pipe: others see a process's arguments.
 

@@ -12,10 +12,8 @@ from engine.builder.scene import Scene
 from engine.cluster.job import PATIENCE, ClusterJob
 from engine.cluster.pool import Pool
 from engine.cluster.work import digest_of
-from engine.guiding.models.record_sink import RecordSink
-from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.saved.learned import LearnedField
+from engine.guiding.policy.request import LearningRequest
 from engine.render.course import Course
 from engine.render.film import Film
 from engine.render.report import Progress
@@ -73,8 +71,7 @@ class ClusterSession(Session):
 
     def _job(
         self, scene: Scene, settings: RenderSettings, film: Film, _ray_observer: Callable[..., None] | None,
-        source: TrainedSource | None, sink: RecordSink | None, start: LearnedField | None, keep: bool,
-        samples: int | None,
+        request: LearningRequest, samples: int | None,
     ) -> ClusterJob:
         # Seconds of different machines do not compare: costs are counted in rays, and networks are trained between
         # iterations.
@@ -88,8 +85,8 @@ class ClusterSession(Session):
 
         tracer = self._take_tracer(scene, settings, film.layout)
         course = Course(
-            scene.description.frame, film, settings, self.thread_count, follow, tracer.light_clusters, source, sink,
-            start, keep, samples,
+            scene.description.frame, film, settings, self.thread_count, follow, tracer.light_clusters, request,
+            samples,
         )
         job = ClusterJob(self._pool, self._digest, course, self._patience)
         jobs.add(job)

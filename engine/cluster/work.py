@@ -28,7 +28,7 @@ from engine.render.session import Session
 from engine.render.tiles import FrameTiles
 from engine.render.traced import Pixels, TracedTiles, split_records
 from engine.settings import RenderSettings
-from engine.state.film import FilmLayout, FilmTile, allocate_tile
+from engine.state.film import FilmLayout, allocate_tile
 from engine.state.lanes import RGB
 from engine.state.unit import UnitCosts
 
@@ -116,7 +116,7 @@ def unpack_traced(packed: tuple[Any, ...], layout: FilmLayout) -> TracedTiles:
     """The opposite of `pack_traced`."""
     row_count, columns, costs, counts, vertices, taught = packed
     zeros = allocate_tile(row_count, RGB, layout)
-    sums = FilmTile(*(zero if one is None else one for zero, one in zip(zeros, columns, strict=True)))
+    sums = type(zeros)(*(zero if one is None else one for zero, one in zip(zeros, columns, strict=True)))
     units = [UnitCosts(float(row[0]), *(int(count) for count in row[1:])) for row in costs]
     if counts is None:
         return TracedTiles(sums, units, None)

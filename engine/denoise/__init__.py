@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Taking the noise out of finished pictures: `filter.denoise`."""
+"""Takes the noise out of finished pictures."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the renderer learns about incident light, and how it is asked."""
+"""Learns the incident light while a render runs, and samples directions by it."""

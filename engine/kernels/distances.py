@@ -127,7 +127,7 @@ def _phase_towards(closures, lane, cosine):
 
 @kernel
 def _least_extinction(channels, coefficients):
-    """Of the channels that are scattered [m^-1]."""
+    """Least extinction of the channels that are scattered [m^-1]."""
     least = coefficients[EXTINCTION, 0]
     for c in range(1, len(channels)):
         if coefficients[SCATTERING, c] > 0.0:
@@ -147,10 +147,10 @@ def choose_distance(
     closures : Closures
         The lane's phase functions.
     coefficients : float32 (COEFFICIENT_ROWS, channels)
-        Of the media; see `weigh_distances` for the rows that are written.
+        Coefficients of the media; see `weigh_distances` for the rows that are written.
     throughput : float32 (L, C)
     node : int
-        Of the emitter in the light tree, < 0: it is at infinity.
+        Node of the emitter in the light tree, < 0: it is at infinity.
     fills_all : bool
         The media reach to the emitter.
     u_candidates, u_pick : float32 in [0, 1)

@@ -4,9 +4,14 @@
 Rounded after each product and each sum, as numpy does: no flag lets LLVM join them.
 """
 
+from enum import Enum
+from typing import Any
+
 import numpy as np
 
-from engine.runtime.jit import kernel
+from engine.runtime.jit import kernel, written_kernel
+from engine.state.columns import columns_of
+from engine.state.film import FilmTile, Merge
 
 
 @kernel(fastmath=False)
@@ -27,32 +32,61 @@ def _add_numbers(target, pixels, numbers, factor):
 
 
 @kernel(fastmath=False)
-def add_sums(film, pixels, tile, factor):
-    """Add rows of `tile` to pixels of `film`, both `FilmTile`, times a factor; all columns but points and mattes.
-
-    Parameters
-    ----------
-    pixels : int64 (N,), each once
-    factor : float32
-        Weight of each of the samples.
-    """
-    squared = factor * factor
-    _add_rows(film.radiance, pixels, tile.radiance, factor)
-    _add_rows(film.square, pixels, tile.square, factor)
-    _add_rows(film.features, pixels, tile.features, factor)
-    _add_rows(film.residual, pixels, tile.residual, factor)
-    _add_rows(film.half, pixels, tile.half, factor)
-    _add_rows(film.denoising, pixels, tile.denoising, factor)
-    _add_rows(film.light, pixels, tile.light, factor)
-    _add_rows(film.caught, pixels, tile.caught, factor)
-    _add_rows(film.data, pixels, tile.data, factor)
-    _add_numbers(film.alpha, pixels, tile.alpha, factor)
-    _add_numbers(film.residual_square, pixels, tile.residual_square, squared)
-    _add_numbers(film.square_gain, pixels, tile.square_gain, factor)
-    _add_numbers(film.ended, pixels, tile.ended, factor)
-    _add_numbers(film.half_weight, pixels, tile.half_weight, factor)
+def _add_counts(target, pixels, counts):
     for k in range(len(pixels)):
-        pixel, count = pixels[k], np.float64(tile.count[k])
-        film.weight[pixel] = np.float32(np.float64(film.weight[pixel]) + count * np.float64(factor))
-        film.weight_squared[pixel] = np.float32(np.float64(film.weight_squared[pixel]) + count * np.float64(squared))
-        film.count[pixel] += tile.count[k]
+        target[pixels[k]] += counts[k]
+
+
+@kernel(fastmath=False)
+def _add_weights(target, pixels, counts, factor):
+    for k in range(len(pixels)):
+        weight = np.float64(target[pixels[k]]) + np.float64(counts[k]) * np.float64(factor)
+        target[pixels[k]] = np.float32(weight)
+
+
+#: Call that adds a column, by how it is merged; None: the film does it (`engine.render.film`).
+_CALLS: dict[Enum | None, str | None] = {
+    Merge.SUM: "{add}(film.{name}, pixels, tile.{name}, factor)",
+    Merge.SQUARED_SUM: "{add}(film.{name}, pixels, tile.{name}, squared)",
+    Merge.TOTAL: "{add}(film.{name}, pixels, tile.{name}, factor)",
+    Merge.COUNT: "_add_counts(film.{name}, pixels, tile.{name})",
+    Merge.WEIGHT: "_add_weights(film.{name}, pixels, tile.count, factor)",
+    Merge.SQUARED_WEIGHT: "_add_weights(film.{name}, pixels, tile.count, squared)",
+    Merge.FIRST: None,
+    Merge.MATTES: None,
+}
+
+
+#: Of classes of sums that have been merged.
+_ADDERS: dict[type[FilmTile], Any] = {}
+
+
+def sums_adder(table: type[FilmTile]) -> Any:
+    """A kernel that adds rows of sums to pixels of a film: all columns but those of the first sample and mattes.
+
+    Returns
+    -------
+    kernel (film, pixels, tile, factor)
+        Of two `table`, the pixels of the rows as int64 (N,), each once, and the weight of each of the samples as
+        float32.
+
+    Raises
+    ------
+    TypeError
+        If a column does not say how it is merged: its pass would be black.
+    """
+    if table not in _ADDERS:
+        _ADDERS[table] = _write_adder(table)
+    return _ADDERS[table]
+
+
+def _write_adder(table: type[FilmTile]) -> Any:
+    lines = ["def add_sums(film, pixels, tile, factor):", "    squared = factor * factor"]
+    for name, declared in columns_of(table).items():
+        if declared.merge not in _CALLS:
+            raise TypeError(f"{table.__name__}.{name} does not say how it is merged")
+        call = _CALLS[declared.merge]
+        if call is not None:
+            add = "_add_numbers" if len(declared.shape) == 1 else "_add_rows"
+            lines.append("    " + call.format(name=name, add=add))
+    return written_kernel("add_sums", lines, globals(), fastmath=False)

@@ -56,7 +56,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     Parameters
     ----------
     scene : SceneView; work : Work
-    sample : tuple, as `sample_light` returns it
+    sample : LightSample
     bsdf_pdf : float32 [sr^-1], density of scattering in its direction
     u : float32 in [0, 1), for the roulette on dim light samples, and for the program
     world_group : int, light group of the world
@@ -69,17 +69,15 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     """
     lights, geometry, program_temperature = scene.lights, scene.geometry, scene.shaders.program_temperature
     paths, samples = work.paths, work.samples
-    (
-        pdf, emitter, kind, wi, distance, q, q_ng, a, b, instance, triangle, program, radiance, visibility, cast_shadow,
-        _max_bounces, use_mis, back, _pmf,
-    ) = sample  # fmt: skip
+    emitter, kind, wi, distance = sample.emitter, sample.kind, sample.wi, sample.distance
+    instance, triangle, program = sample.instance, sample.triangle, sample.program
     store(samples.direction, lane, wi)
-    samples.pdf[lane] = pdf
+    samples.pdf[lane] = sample.pdf
     samples.bsdf_pdf[lane] = bsdf_pdf
     samples.terminate[lane] = u
-    samples.visibility[lane] = visibility
+    samples.visibility[lane] = sample.visibility
     for c in range(RGB):
-        samples.radiance[lane, c] = radiance[c]
+        samples.radiance[lane, c] = sample.radiance[c]
     if len(paths.channels) > RGB:
         # For `upsample_lights`; programs are looked at where they have run.
         temperature = 0.0
@@ -97,7 +95,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
         elif kind != LIGHT_BACKGROUND:
             group = lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_LIGHT_GROUP]
         work.passes.group[lane] = group
-    flags = (LIGHT_CASTS_SHADOW if cast_shadow else 0) | (LIGHT_USES_MIS if use_mis else 0)
+    flags = (LIGHT_CASTS_SHADOW if sample.cast_shadow else 0) | (LIGHT_USES_MIS if sample.use_mis else 0)
     if instance < 0:
         flags |= LIGHT_IS_LAMP
         if kind != LIGHT_BACKGROUND and lights.lamp_table[lights.emitters[emitter, EMITTER_LAMP], LAMP_FLAGS] & (
@@ -111,8 +109,9 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     samples.distance[lane] = distance
     # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
     if distance < FAR:
-        slant = max(abs(dot(q_ng, wi)), 0.004)
-        extent = max(abs(q[0]), abs(q[1]), abs(q[2]), distance)
+        point = sample.point
+        slant = max(abs(dot(sample.ng, wi)), 0.004)
+        extent = max(abs(point[0]), abs(point[1]), abs(point[2]), distance)
         samples.offset[lane] = (extent * _ERROR + paths.offset[lane]) / slant
     else:
         samples.offset[lane] = 0.0
@@ -122,12 +121,12 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
         out = work.light_points.real
         # Normals face the receiver, as everywhere; the flag says whether that is the back.
         for c in range(3):
-            out[lane, POINT_P + c] = q[c] if distance < FAR else wi[c]
+            out[lane, POINT_P + c] = sample.point[c] if distance < FAR else wi[c]
             out[lane, POINT_WO + c] = -wi[c]
-            out[lane, POINT_NG + c] = q_ng[c]
-            out[lane, POINT_NS + c] = q_ng[c]
-        out[lane, POINT_U] = a
-        out[lane, POINT_V] = b
+            out[lane, POINT_NG + c] = sample.ng[c]
+            out[lane, POINT_NS + c] = sample.ng[c]
+        out[lane, POINT_U] = sample.u
+        out[lane, POINT_V] = sample.v
         out[lane, POINT_RAY_LENGTH] = distance
         out[lane, POINT_RADIUS] = 0.0
         out[lane, POINT_RANDOM] = u
@@ -137,7 +136,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
         integer[lane, POINT_TRIANGLE] = triangle
         integer[lane, POINT_PROGRAM] = program
         integer[lane, POINT_RAY_FLAGS] = (paths.flags[lane] & ~1) | RAY_EMISSION
-        integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if back else 0
+        integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if sample.shows_back else 0
         store_depths(paths, lane, paths.transparent_depth[lane], work.light_points, lane)
         integer[lane, POINT_LIGHT] = -1 if instance >= 0 else 0
     samples.flags[lane] = flags

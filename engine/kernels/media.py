@@ -99,9 +99,9 @@ def sum_coefficients(scene, paths, lanes, lane, row, is_endless):
     ----------
     scene : SceneView; paths : PathState; lanes : MediaLanes
     lane, row : int
-        Of the path, whose wavelengths count, and of `lanes`.
+        Lane of the path, whose wavelengths count, and row of `lanes`.
     is_endless : bool
-        Of a ray that leaves the scene, which only the world's medium is on.
+        Whether the ray leaves the scene, so that only the world's medium is on it.
     """
     media, sums = scene.media.media, lanes.coefficients
     for c in range(len(paths.channels)):

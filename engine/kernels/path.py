@@ -18,7 +18,6 @@ from engine.state.lanes import (
     POINT_NS,
     POINT_P,
     POINT_RADIUS,
-    RAY_CAMERA,
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_GLOSSY,
@@ -60,14 +59,12 @@ def real_3(points, lane, column):
 
 @kernel
 def go_on(paths, lane, origin):
-    """Let the ray begin anew at `origin`, behind what it has met: it stays the same ray, and the camera's ends where
-    the camera sees no farther."""
+    """Let the ray begin anew at `origin`, behind what it has met: it stays the same ray, and ends where it would have
+    ended."""
     distance = paths.hit_distance[lane]
     paths.mis_distance[lane] += distance
     paths.radius[lane] += distance * paths.spread[lane]
-    is_cameras = paths.flags[lane] & RAY_CAMERA
-    left = paths.mis_pdf[lane] - paths.mis_distance[lane]
-    paths.hit_distance[lane] = max(left, 0.0) if is_cameras else INFINITY
+    paths.hit_distance[lane] = max(paths.reach[lane] - paths.mis_distance[lane], 0.0)
     paths.flags[lane] &= ~RAY_STARTS_ON
     store(paths.origin, lane, origin)
 
@@ -105,7 +102,7 @@ def _set_ray(paths, points, lane, origin, wi, pdf, unguided_pdf):
     """
     store(paths.origin, lane, origin)
     store(paths.direction, lane, wi)
-    paths.hit_distance[lane] = INFINITY
+    paths.hit_distance[lane] = paths.reach[lane] = INFINITY
     paths.radius[lane] = points.real[lane, POINT_RADIUS]
     paths.mis_pdf[lane] = pdf
     paths.unguided_pdf[lane] = unguided_pdf

@@ -76,7 +76,7 @@ def store_depths(paths, lane, transparent_depth, points, row):
         The path's own, or that of its shadow ray.
     points : ShadePoints
     row : int
-        Of `points`.
+        Row of `points`.
     """
     integer = points.integer
     integer[row, POINT_PATH_DEPTH] = paths.depth[lane]

@@ -3,6 +3,8 @@
 
 import math
 
+import numpy as np
+
 from engine.kernels.clamping import Unguided, clamped_share, clamps, found_alone, weighted_inverse
 from engine.kernels.lights import tree_share
 from engine.kernels.spectrum import to_rgb
@@ -46,7 +48,7 @@ def weigh_found(options, lights, paths, lane, emitter, leaves_dim, pdf):
     emitter : int
         Row of `lights.emitters`.
     leaves_dim : bool
-        See `sample_light`.
+        As in `Receiver`.
     pdf : float32 [sr^-1]
         With which light sampling proposes it; 0: never.
 
@@ -148,7 +150,7 @@ def add_sampled(options, paths, passes, lane, shadows, row):
     group = NO_GROUP
     if passes.parts.shape[0] > 0:
         group = passes.group[lane]
-    depth = paths.depth[lane]
+    depth = np.int64(paths.depth[lane])
     unguided = Unguided(shadows.own[row], shadows.other[row], shadows.share[row])
     left = clamped_share(options, paths.channels, shadows.radiance, row, depth, unguided)
     add_radiance(paths, passes, lane, shadows.radiance, row, depth, left * shadows.weight[row], group)

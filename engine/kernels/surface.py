@@ -61,7 +61,7 @@ _LEAST_COSINE = np.float32(1e-4)
 #: How far a ray starts off a surface where it must: in steps of float32, but near zero, where these are tiny [m].
 _STEPS = np.float32(256.0)
 _NEAR_ZERO, _STEP_NEAR_ZERO = np.float32(1.0 / 32.0), np.float32(1.0 / 65536.0)
-#: Of float32: by how much of their sum the edges' numbers may be on the wrong side for Embree.
+#: Rounding of float32: the share of their sum by which edges' numbers may be on the wrong side for Embree.
 _ROUNDING = np.float32(2.0**-23)
 
 

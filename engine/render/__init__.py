@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a loaded scene to an image: the session, its threads, the tracer, the film."""
+"""Renders a loaded scene into passes: session, schedule, threads, tracer, film."""

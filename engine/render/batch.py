@@ -9,17 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.accel import RayScratch
+from engine.accel.scratch import RayScratch
 from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.records.of_unit import UnitRecords
-from engine.guiding.records.taught import TAUGHT_ROWS, TaughtRecords, allocate_taught_records
-from engine.guiding.records.vertices import RECORD_ROWS, VertexRecords, allocate_log, allocate_vertex_records
+from engine.guiding.records.taught import TAUGHT_ROWS, allocate_taught_records
+from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.settings import RenderSettings
+from engine.state.columns import copy_of, rows_of
 from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile, allocate_tile
 from engine.state.lanes import (
     LANE_COUNT,
@@ -224,8 +225,9 @@ class Batch:
     def take_records(self) -> UnitRecords:
         """What the unit in work has recorded, in arrays of its own."""
         counts = self.work.counts
-        vertices = VertexRecords(*(column[: counts[RECORDS]].copy() for column in self.records))
-        return UnitRecords(vertices, TaughtRecords(*(column[: counts[TAUGHT]].copy() for column in self.work.taught)))
+        return UnitRecords(
+            copy_of(rows_of(self.records, 0, counts[RECORDS])), copy_of(rows_of(self.work.taught, 0, counts[TAUGHT]))
+        )
 
     def follow(self, arm: Arm) -> GuidanceView:
         """Draw directions from what an iteration has learned.

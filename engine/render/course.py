@@ -14,17 +14,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from engine.guiding.models.record_sink import RecordSink
-from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import LearningRests
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.unguided_learning import UnguidedLearner
 from engine.guiding.records.of_unit import UnitRecords
-from engine.guiding.saved.learned import LearnedField
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.film import Film
@@ -44,7 +42,8 @@ from engine.render.tiles import FrameTiles, Tile, TrialTiles
 from engine.render.time_left import SHORTEST_PASS, TimeLeft
 from engine.scene.description import Frame, Notice
 from engine.settings import RenderSettings
-from engine.state.film import FilmTile, rows_of
+from engine.state.columns import rows_of
+from engine.state.film import FilmTile
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
 
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.
@@ -70,8 +69,7 @@ class Course:
         Is told what tasks go by that are handed out after the call; no task is out meanwhile.
     light_clusters : bool (C,), optional
         As `Learner` takes it.
-    source, sink, start, keeps
-        See `Session.render`.
+    request : LearningRequest
     samples : int, optional
         Where to stop, before the number of the settings.
 
@@ -95,8 +93,7 @@ class Course:
     def __init__(
         self, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
         follow: Callable[[Guidance], None], light_clusters: npt.NDArray[np.bool_] | None = None,
-        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, samples: int | None = None,
+        request: LearningRequest = NOTHING_ASKED, samples: int | None = None,
     ) -> None:
         self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
         self.film, self.settings = film, settings
@@ -132,13 +129,13 @@ class Course:
                 self._trial_tiles = TrialTiles(frame)
                 trial_share = self._trial_tiles.trial_pixels / pixel_count
             self.learner = Learner(
-                settings, thread_count, pixel_count, tiles.largest, source, sink, start, keeps, light_clusters,
-                trial_share, film.layout.has_media and self.strata == 1,
+                settings, thread_count, pixel_count, tiles.largest, request, light_clusters, trial_share,
+                film.layout.has_media and self.strata == 1,
             )
         elif settings.radiance_cache != "OFF":
-            self.learner = CacheLearner(settings, pixel_count, tiles.largest)
+            self.learner = CacheLearner(settings, pixel_count, tiles.largest, rules=request.rules)
         elif settings.learns_roulette or light_clusters is not None:
-            self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters)
+            self.learner = UnguidedLearner(settings, pixel_count, tiles.largest, light_clusters, request.rules)
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
@@ -148,7 +145,7 @@ class Course:
         self._units: dict[int, list[UnitRecords]] = {}
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
         self._learned: Guidance | None = None
-        self._rests = LearningRests(pixel_count)
+        self._rests = LearningRests(pixel_count, request.rules)
         self._before = Statistics()
         self._finished_paths = 0
         self._total_paths = float(pixel_count * samples)

@@ -15,13 +15,14 @@ from typing import TypeAlias
 import numpy as np
 
 from engine.guiding.models.residual import with_relative_residual, with_residual
-from engine.kernels.film_sums import add_sums
+from engine.kernels.film_sums import sums_adder
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
 from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
 from engine.scene.description import PassSettings
 from engine.settings import RenderSettings
+from engine.state.columns import columns_of, rows_of
 from engine.state.film import (
     DENOISING_ALBEDO,
     DENOISING_DEPTH,
@@ -40,6 +41,7 @@ from engine.state.film import (
     PLAIN_LAYOUT,
     FilmLayout,
     FilmTile,
+    Merge,
     allocate_tile,
 )
 
@@ -124,6 +126,13 @@ class Film:
     ) -> None:
         self.width, self.height, self.layout = width, height, layout
         self.sums = allocate_tile(width * height, channel_count, layout)
+        declared = columns_of(type(self.sums))
+        has_rows = {name for name, values in self.sums._asdict().items() if len(values)}
+        #: Columns that it has by how they are merged.
+        self._merged = {
+            merge: [name for name in declared if name in has_rows and declared[name].merge == merge] for merge in Merge
+        }
+        self._add_sums = sums_adder(type(self.sums))
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
@@ -132,17 +141,25 @@ class Film:
         """
         sums, factor = self.sums, np.float32(weight)
         pixels = np.ascontiguousarray(pixels, np.int64)
-        if self.layout.use_features:
-            first = sums.count[pixels] == 0
-            sums.points[pixels[first]] = tile.points[: len(pixels)][first]
-        add_sums(sums, pixels, tile, factor)
-        if len(sums.mattes):
-            self._merge_mattes(pixels, tile.mattes, np.arange(len(pixels)), np.full(len(pixels), factor))
+        self._keep_first(pixels, tile)
+        self._add_sums(sums, pixels, tile, factor)
+        for name in self._merged[Merge.MATTES]:
+            self._merge_mattes(
+                name, pixels, getattr(tile, name), np.arange(len(pixels)), np.full(len(pixels), factor)
+            )
 
-    def _merge_mattes(self, pixels: np.ndarray, mattes: np.ndarray, rows: np.ndarray, factors: np.ndarray) -> None:
+    def _keep_first(self, pixels: np.ndarray, tile: FilmTile) -> None:
+        """What a unit says of the first sample, for pixels that have none yet; call it before `count` is merged."""
+        for name in self._merged[Merge.FIRST]:
+            first = self.sums.count[pixels] == 0
+            getattr(self.sums, name)[pixels[first]] = getattr(tile, name)[: len(pixels)][first]
+
+    def _merge_mattes(
+        self, name: str, pixels: np.ndarray, mattes: np.ndarray, rows: np.ndarray, factors: np.ndarray
+    ) -> None:
         """Add rows of mattes to those of pixels, each with its factor; slot by slot."""
-        slots = self.layout.data.options.matte_slots
-        merge_mattes(self.sums.mattes, pixels.astype(np.int64), mattes, rows, slots, factors.astype(np.float32))
+        target, slots = getattr(self.sums, name), self.layout.data.options.matte_slots
+        merge_mattes(target, pixels.astype(np.int64), mattes, rows, slots, factors.astype(np.float32))
 
     @property
     def nbytes(self) -> int:
@@ -206,8 +223,7 @@ class Film:
         images: dict[str, np.ndarray] = {}
         for first in range(0, self.height, rows):
             last = min(first + rows, self.height)
-            part = slice(first * self.width, last * self.width)
-            sums = self.sums._replace(**{name: column[part] for name, column in self.sums._asdict().items()})
+            sums = rows_of(self.sums, first * self.width, last * self.width)
             for name, image in self._images(sums, (last - first, self.width), names, exposure).items():
                 if name not in images:
                     images[name] = np.empty((self.height, *image.shape[1:]), np.float32)

@@ -10,13 +10,11 @@ from typing import Protocol
 
 import numpy as np
 
-from engine.guiding.models.record_sink import RecordSink
-from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.cache_learning import CacheLearner
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.unguided_learning import UnguidedLearner
-from engine.guiding.saved.learned import LearnedField
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.course import Course, CourseJob
@@ -93,26 +91,21 @@ class Job(CourseJob):
     film : Film
     settings : RenderSettings
     thread_count : int
-    source, sink, start : optional
-        See `Session.render`.
-    keeps : bool
-        Whether what is learned outlives the render.
+    request : LearningRequest
     samples : int, optional
         Where to stop, before the number of the settings.
     """
 
     def __init__(
         self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
-        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, samples: int | None = None,
+        request: LearningRequest = NOTHING_ASKED, samples: int | None = None,
     ) -> None:
         self.tracer, self.film, self.settings = tracer, film, settings
         self.thread_count = thread_count
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
         self._course = Course(
-            frame, film, settings, thread_count, tracer.follow, tracer.light_clusters, source, sink, start, keeps,
-            samples,
+            frame, film, settings, thread_count, tracer.follow, tracer.light_clusters, request, samples
         )
         self._busy = 0
         #: Read by kernels: not 0 ends them after the round in work.

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from engine.accel import MASK_SHADOW_OPAQUE, RayScratch, trace_closest, trace_occluded
+from engine.accel.masks import MASK_SHADOW_OPAQUE
+from engine.accel.rays import trace_closest, trace_occluded
+from engine.accel.scratch import RayScratch
 from engine.builder.scene import Scene
 from engine.runtime.jit import kernel
 from engine.state.lanes import RAY_DIFFUSE, RAY_GLOSSY, RAY_TRANSMIT

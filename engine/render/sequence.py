@@ -25,7 +25,7 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.networks.mixture.inference import make_mixture_network
 from engine.guiding.networks.mixture.shape import MixtureSettings, MixtureShape, selection_blend
 from engine.guiding.networks.radiance import Snapshot
-from engine.guiding.policy.iterations import RECORDS_PER_ITERATION
+from engine.guiding.policy.rules import RULES
 from engine.guiding.sources import network_design
 from engine.guiding.sources.sequence_field import SequenceField, u_span, with_sequence_u
 from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
@@ -40,7 +40,7 @@ from engine.settings import RenderSettings
 #: only where little changes from one to the next (docs/results/sequences.md).
 MOST_TRAINING_FRAMES = 32
 #: Pixels of a frame that is visited: of larger pictures a smaller copy is traced, since no more records are kept.
-MOST_PIXELS = RECORDS_PER_ITERATION // 4
+MOST_PIXELS = RULES.records_per_iteration // 4
 #: Steps of training for each sample a pixel of a visit; fewer if there are too few records for so many.
 _STEPS_PER_SAMPLE = 16
 #: Steps between two looks at whether to stop.

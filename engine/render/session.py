@@ -19,19 +19,20 @@ from engine.guiding.models.report import GuidingReport
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.request import LearningRequest
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import Part
 from engine.guiding.saved.learned import LearnedField
-from engine.guiding.sources.sequence_field import with_sequence_u
 from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
 from engine.render.film import Film, Images, PassImages, film_layout
 from engine.render.job import AnyJob, Job
-from engine.render.light_passes import group_pass
 from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
+from engine.render.resolution import is_spectral, resolve
 from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
@@ -44,7 +45,6 @@ from engine.scene.digest import light_digest
 from engine.scene.limits import check_film, texture_memory
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
-from engine.state.lanes import RGB
 from engine.state.media import MAX_MEDIA
 from engine.wavefront.columns import CACHED_DEPTHS
 
@@ -80,7 +80,7 @@ def _cache_notices() -> list[Notice]:
     return [Notice("Kernel cache", problem, "the next process compiles the kernels again")] if problem else []
 
 
-def _media_notices(scene: Scene, settings: RenderSettings, counted: Statistics) -> list[Notice]:
+def _media_notices(counted: Statistics) -> list[Notice]:
     found = []
     if counted.medium_drop_count:
         problem = f"paths were in more than {MAX_MEDIA} media at once"
@@ -94,27 +94,7 @@ def _media_notices(scene: Scene, settings: RenderSettings, counted: Statistics) 
     if counted.tracking_end_count:
         problem = f"were too dense, or too large, for {counted.tracking_end_count} rays"
         found.append(Notice("Volumes", problem, "these rays end within them"))
-    if scene.media.is_used and settings.roulette == "LEARNED":
-        found.append(Notice("Roulette", "knows no media", "it goes by the throughput"))
     return found
-
-
-def _is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
-    """Whether paths have wavelengths."""
-    return settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
-
-
-def _with_u(
-    settings: RenderSettings, description: SceneDescription, source: TrainedSource | None = None
-) -> RenderSettings:
-    """Settings in which `u_dimension` is what the scene has of it: without it the rest is learned sooner."""
-    if source is not None:
-        return with_sequence_u(settings, source.u_dimension)
-    has_time = description.is_moving and settings.u_dimension in ("AUTO", "TIME")
-    has_wavelength = (
-        settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
-    )
-    return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
 
 
 class Session:
@@ -128,12 +108,15 @@ class Session:
     expects_moves : bool
         Whether things are moved about between renders, as in a viewport: then what has moved once costs the next move
         little, and rays a little more.
+    rules : Rules
+        What learning goes by.
     """
 
-    def __init__(self, settings: RenderSettings, *, expects_moves: bool = False) -> None:
+    def __init__(self, settings: RenderSettings, *, expects_moves: bool = False, rules: Rules = RULES) -> None:
         collect_nothing_while_compiling()
         self.settings = settings
         self.scene: Scene | None = None
+        self._rules = rules
         self._expects_moves = expects_moves
         self._cache = SceneCache(expects_moves=expects_moves)
         self._tracer: Tracer | None = None
@@ -198,7 +181,7 @@ class Session:
 
         compile_ahead(
             lambda compiling: poll(compiling.sentence, compiling.fraction), is_guided=self.settings.is_guided,
-            is_spectral=_is_spectral(self.settings, description),
+            is_spectral=is_spectral(self.settings, description),
         )
         self._compile_seconds = time.perf_counter() - start
         start = time.perf_counter()
@@ -332,33 +315,22 @@ class Session:
         """
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
-        scene, settings = self.scene, self.settings
-        settings = replace(settings, spectral="ON" if _is_spectral(settings, scene.description) else "OFF")
-        settings = _with_u(settings, scene.description, source)
-        if settings.channel_count > RGB:
-            # Cells know no wavelengths.
-            settings = replace(settings, radiance_cache="OFF")
-        names = frozenset(passes)
-        groups = scene.description.light_groups
-        if names.intersection(map(group_pass, groups)) or scene.has_catchers or scene.media.is_used:
-            # Nor light groups, nor what shadow catchers would have alone, nor what is within media.
-            settings = replace(settings, radiance_cache="OFF")
-        if scene.media.is_used:
-            # What it goes by is of surfaces: collisions with media are none.
-            settings = replace(settings, roulette="THROUGHPUT")
-        start, dropped = self._fitting(start, settings)
-        if start is not None:
-            settings = replace(settings, seed=start.seed(settings.seed))
+        scene, names = self.scene, frozenset(passes)
+        resolution = resolve(
+            self.settings, scene, names, LearningRequest(source, sink, start, keep, self._rules),
+            lambda: self.light_digest,
+        )
+        settings = resolution.settings
         frame = scene.description.frame
         denoising = Denoising(settings, self.thread_count)
         afterwards = Afterwards()
         layout = film_layout(
-            names | denoising.passes, settings, groups, scene.description.passes, has_catchers=scene.has_catchers,
-            has_media=scene.media.is_used, has_varying_media=scene.media.varies,
+            names | denoising.passes, settings, scene.description.light_groups, scene.description.passes,
+            has_catchers=scene.has_catchers, has_media=scene.media.is_used, has_varying_media=scene.media.varies,
         )
         film, strata = _make_film(frame, settings, layout, len(names))
         settings = replace(settings, strata=strata)
-        job = self._job(scene, settings, film, ray_observer, source, sink, start, keep, samples)
+        job = self._job(scene, settings, film, ray_observer, resolution.request, samples)
 
         def images(names: frozenset[str]) -> Images:
             if one_by_one:
@@ -410,21 +382,20 @@ class Session:
             "Report", "writing it", lambda: self._report(job, scene, settings), "figures are missing"
         ) or RenderReport(sample_count=float(film.sums.count.mean()), ended_by=job.ended_by)
         report.denoise_seconds = denoising.seconds
-        report.notices += dropped + denoising.notices + afterwards.notices
+        report.notices += [*resolution.notices, *denoising.notices, *afterwards.notices]
         for name in denoising.passes - names:
             result_passes.pop(name, None)
         return RenderResult(result_passes, report, job.guidance, learned)
 
     def _job(
         self, scene: Scene, settings: RenderSettings, film: Film, ray_observer: Callable[..., None] | None,
-        source: TrainedSource | None, sink: RecordSink | None, start: LearnedField | None, keep: bool,
-        samples: int | None,
+        request: LearningRequest, samples: int | None,
     ) -> AnyJob:
         """Who renders: this process's threads; see `render`."""
         tracer = self._take_tracer(scene, settings, film.layout)
         tracer.ray_observer = ray_observer
         frame = scene.description.frame
-        return Job(tracer, frame, film, settings, self.thread_count, source, sink, start, keep, samples)
+        return Job(tracer, frame, film, settings, self.thread_count, request, samples)
 
     def trace_tiles(
         self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
@@ -472,26 +443,6 @@ class Session:
             self._light_digest = light_digest(self.scene.description)
         return self._light_digest
 
-    def _fitting(
-        self, start: LearnedField | None, settings: RenderSettings
-    ) -> tuple[LearnedField | None, list[Notice]]:
-        """What to start from, if it is of this scene; if not, a notice."""
-        if start is None or not settings.is_guided:
-            return None, []
-        if start.light_digest != self.light_digest:
-            problem = "lights, materials or geometry are not those that it was learned with"
-            return None, [Notice("Learned field", problem, "the render learns anew")]
-        return start, []
-
-    def _unused(self, settings: RenderSettings) -> list[Notice]:
-        """What is asked for and not done."""
-        if self.settings.radiance_cache == settings.radiance_cache:
-            return []
-        problem = "knows no light groups, shadow catchers or media"
-        if settings.channel_count > RGB:
-            problem = "knows no wavelengths"
-        return [Notice("Radiance cache", problem, "paths find all light themselves")]
-
     def _report(self, job: AnyJob, scene: Scene, settings: RenderSettings) -> RenderReport:
         """What happened in a render that is over."""
         total, learner, film = job.statistics(), job.learner, job.film
@@ -509,9 +460,7 @@ class Session:
             guiding.describe_left_out()
         return RenderReport(
             notices=[
-                *scene.notices, *_cache_notices(), *self._unused(settings),
-                *job.notices,
-                *_media_notices(scene, self.settings, total),
+                *scene.notices, *_cache_notices(), *job.notices, *_media_notices(total)
             ],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,

@@ -18,12 +18,16 @@ Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", section 4.2.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from enum import Enum
+
 import numpy as np
 
 from engine.methods import SOURCES
 from engine.render.film import Film
 from engine.settings import RenderSettings
-from engine.state.film import FIRST_DEPTH, PLAIN_LAYOUT, FilmLayout, FilmTile
+from engine.state.columns import columns_of
+from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile, Merge
 from engine.state.unit import ALL_STRATA
 
 #: Samples a pixel of a stratum, on average, and memory of all strata's sums [bytes]: with less, there are fewer strata.
@@ -36,6 +40,16 @@ _FIRST_PASS_SHARE = 0.125
 #: Samples a pixel of a stratum's iterations: the first one is guided by what was learned in the last stratum.
 _FIRST_LENGTH = 2
 _LONGEST_LENGTH = 16
+
+#: A film's sums of those of its strata (strata, P, ...) and their factors, by how the column is merged.
+_COMBINED: dict[Enum | None, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
+    Merge.SUM: lambda sums, factor: (sums * factor).sum(axis=0),
+    Merge.SQUARED_SUM: lambda sums, factor: (sums * factor**2).sum(axis=0),
+    Merge.TOTAL: lambda sums, factor: sums.sum(axis=0),
+    Merge.COUNT: lambda sums, factor: sums.sum(axis=0),
+    Merge.WEIGHT: lambda sums, factor: sums.sum(axis=0),
+    Merge.SQUARED_WEIGHT: lambda sums, factor: (sums * factor * factor).sum(axis=0),
+}
 
 
 def strata_count(settings: RenderSettings, film_bytes: int) -> int:
@@ -88,76 +102,67 @@ class StrataFilm(Film):
             tile = self._by_pixel(tile, len(pixels))
         else:
             self.by_stratum.merge(pixels + self._first[stratum], tile, weight)
-        first = self.sums.count[pixels] == 0
-        if self.layout.use_features:
-            self.sums.points[pixels[first]] = tile.points[: len(pixels)][first]
+        self._keep_first(pixels, tile)
         self._combine(pixels)
         return tile
 
     def _by_pixel(self, tile: FilmTile, pixel_count: int) -> FilmTile:
-        """Sums over the strata of a unit of them all; of points, those of the stratum that has some."""
+        """Sums over the strata of a unit of them all; of what is of the first sample, that of the first stratum that
+        has some. Mattes stay as they are.
+        """
         strata = len(self._first)
-        columns = {
-            name: column[: pixel_count * strata].reshape(pixel_count, strata, *column.shape[1:]).sum(axis=1)
-            for name, column in tile._asdict().items()
-            if len(column) and name not in ("points", "mattes")
-        }
-        if len(tile.points):
-            depths = tile.points[: pixel_count * strata, FIRST_DEPTH].reshape(pixel_count, strata)
-            first = np.argmax(depths != 0.0, axis=1)
-            columns["points"] = tile.points[np.arange(pixel_count) * strata + first]
-        return tile._replace(**{name: np.ascontiguousarray(column) for name, column in columns.items()})
+        columns = {}
+        for name, declared in columns_of(type(tile)).items():
+            values = getattr(tile, name)
+            if not len(values) or declared.merge == Merge.MATTES:
+                continue
+            values = values[: pixel_count * strata].reshape(pixel_count, strata, *values.shape[1:])
+            if declared.merge == Merge.FIRST:
+                is_there = (values != 0).reshape(pixel_count, strata, -1).any(axis=2)
+                values = values[np.arange(pixel_count), np.argmax(is_there, axis=1)]
+            else:
+                values = values.sum(axis=1)
+            columns[name] = np.ascontiguousarray(values)
+        return tile._replace(**columns)
 
     def _combine(self, pixels: np.ndarray) -> None:
         """Sums of pixels from those of their strata: each stratum that has samples counts the same."""
         rows = self._first[:, None] + pixels
-        sums, whole = self.by_stratum.sums, self.sums
-        weight = sums.weight[rows]
-        total = weight.sum(axis=0)
-        is_present = weight > 0.0
-        factor = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))
-        factor /= np.where(is_present, weight, np.float32(1.0))
-        whole.weight[pixels] = total
-        whole.count[pixels] = sums.count[rows].sum(axis=0)
-        whole.alpha[pixels] = (sums.alpha[rows] * factor).sum(axis=0)
-        whole.weight_squared[pixels] = (sums.weight_squared[rows] * factor * factor).sum(axis=0)
-        whole.radiance[pixels] = (sums.radiance[rows] * factor[..., None]).sum(axis=0)
-        whole.square[pixels] = (sums.square[rows] * factor[..., None]).sum(axis=0)
-        if len(whole.residual):
-            whole.residual[pixels] = (sums.residual[rows] * factor[..., None]).sum(axis=0)
-            whole.residual_square[pixels] = (sums.residual_square[rows] * factor**2).sum(axis=0)
-            whole.square_gain[pixels] = (sums.square_gain[rows] * factor).sum(axis=0)
-            whole.ended[pixels] = (sums.ended[rows] * factor).sum(axis=0)
-        if len(whole.half):
-            whole.half[pixels], whole.half_weight[pixels] = self._halves(rows)
-        if len(whole.denoising):
-            whole.denoising[pixels] = (sums.denoising[rows] * factor[..., None]).sum(axis=0)
-        if len(whole.caught):
-            whole.caught[pixels] = (sums.caught[rows] * factor[..., None]).sum(axis=0)
-        if len(whole.light):
-            whole.light[pixels] = (sums.light[rows] * factor[..., None]).sum(axis=0)
-        if self.layout.use_features:
-            whole.features[pixels] = (sums.features[rows] * factor[..., None]).sum(axis=0)
-        if len(whole.data):
-            whole.data[pixels] = (sums.data[rows] * factor[..., None]).sum(axis=0)
-        if len(whole.mattes):
-            whole.mattes[pixels] = 0.0
-            for of_stratum, factors in zip(rows, factor, strict=True):
-                self._merge_mattes(pixels, sums.mattes, of_stratum, factors)
-
-    def _halves(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `radiance` and `weight` are made, of the half of the samples."""
-        sums = self.by_stratum.sums
-        weight = sums.half_weight[rows]
-        total, is_present = weight.sum(axis=0), weight > 0.0
-        factor = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))
-        factor /= np.where(is_present, weight, np.float32(1.0))
-        return (sums.half[rows] * factor[..., None]).sum(axis=0), total
+        factors: dict[str, np.ndarray] = {}
+        for name, declared in columns_of(type(self.sums)).items():
+            whole, parts = getattr(self.sums, name), getattr(self.by_stratum.sums, name)
+            if not len(whole) or declared.merge == Merge.FIRST:
+                continue
+            weight = declared.weight or "weight"
+            if weight not in factors:
+                factors[weight] = _factor_of_strata(getattr(self.by_stratum.sums, weight)[rows])
+            factor = factors[weight]
+            if declared.merge == Merge.MATTES:
+                whole[pixels] = 0.0
+                for of_stratum, of_pixel in zip(rows, factor, strict=True):
+                    self._merge_mattes(name, pixels, parts, of_stratum, of_pixel)
+            else:
+                of_row = factor.reshape(*factor.shape, *[1] * (parts.ndim - 1))
+                whole[pixels] = _COMBINED[declared.merge](parts[rows], of_row)
 
     @property
     def nbytes(self) -> int:
         """Memory of the sums."""
         return super().nbytes + self.by_stratum.nbytes
+
+
+def _factor_of_strata(weight: np.ndarray) -> np.ndarray:
+    """What makes the mean of the strata's means of sums by strata: float32 (strata, P), 0 where one has no sample.
+
+    Parameters
+    ----------
+    weight : float32 (strata, P)
+        Of the samples of each.
+    """
+    total, is_present = weight.sum(axis=0), weight > 0.0
+    factor: np.ndarray = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))
+    factor /= np.where(is_present, weight, np.float32(1.0))
+    return factor
 
 
 class StrataSchedule:

@@ -18,6 +18,7 @@ from engine.render.batch import Batch, Statistics
 from engine.render.tiles import TILE_SIZE
 from engine.render.tracer import Tracer
 from engine.settings import RenderSettings
+from engine.state.columns import rows_of
 from engine.state.film import FilmTile, allocate_tile
 from engine.state.lanes import RGB
 from engine.state.unit import ALL_STRATA, Unit, UnitCosts
@@ -88,7 +89,7 @@ def split_records(together: UnitRecords, counts: Sequence[tuple[int, int]]) -> I
     vertex = taught = 0
     for vertex_count, taught_count in counts:
         yield UnitRecords(
-            type(together.vertices)(*(column[vertex : vertex + vertex_count] for column in together.vertices)),
-            type(together.taught)(*(column[taught : taught + taught_count] for column in together.taught)),
+            rows_of(together.vertices, vertex, vertex + vertex_count),
+            rows_of(together.taught, taught, taught + taught_count),
         )
         vertex, taught = vertex + vertex_count, taught + taught_count

@@ -91,19 +91,13 @@ from engine.wavefront.columns import (
     VERTICES,
 )
 from engine.wavefront.options import make_guiding_options, make_options
-from engine.wavefront.stages import STAGES, stage_arguments
+from engine.wavefront.stages import STAGES, Loop, stage_arguments
 from engine.wavefront.trace_rounds import trace_rounds
 from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneView, UnitView, Work
 
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
 _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
-#: Entries of the scene's header that say which stages are needed.
-_STAGE_FLAGS = [
-    SCENE_WORLD_IS_CONSTANT, SCENE_HAS_EMITTERS, SCENE_HAS_HITTABLE_LIGHTS, SCENE_HAS_TRANSPARENT_SHADOWS,
-    SCENE_IS_SPECTRAL, SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA, SCENE_HAS_MOVING_MEDIA,
-]  # fmt: skip
-
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
@@ -235,15 +229,9 @@ class Tracer:
 
     def is_linked(self, batch: Batch) -> bool:
         """Whether the kernels are those for this render, from an earlier one; if not, `warm_up` links them."""
-        _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
-        needed = (
-            *(bundle._numba_type_ for bundle in (scene, unit, guidance, radiance, work)),
-            batch.is_guided, batch.has_records, batch.uses_cache, batch.predicts, self.layout.use_features,
-            self.layout.use_denoising, self.layout.light_part_count > 0,
-            self.layout.use_occlusion, self.layout.has_catchers,
-            scene.data.options.is_used, scene.data.options.aov_width > 0,
-            *scene.header[_STAGE_FLAGS].tolist(),
-        )
+        loop = self._rehearsed_loop(batch)
+        types = (bundle._numba_type_ for bundle in (loop.scene, loop.unit, loop.guidance, loop.radiance, loop.work))
+        needed = *types, *stage_arguments(loop)
         if needed != self._linked_for:
             self._linked_for = needed
             self._unlink()
@@ -302,18 +290,20 @@ class Tracer:
     def warm_up(self, batch: Batch) -> None:
         """Load (or compile) every kernel that this scene can need."""
         arguments = self._rehearsed_arguments(batch)
-        _, scene, view, guidance, radiance, work, _ = arguments
-        is_linked = self.stages.link(
-            stage_arguments(
-                scene, view, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records,
-                uses_cache=batch.uses_cache, predicts=batch.predicts,
-            )
-        )
+        is_linked = self.stages.link(stage_arguments(self._rehearsed_loop(batch)))
         if hasattr(trace_rounds, "overloads"):
             loop = BoundKernel(trace_rounds)
             loop.bind(*arguments)
             if is_linked:
                 self._compiled_loop = loop
+
+    def _rehearsed_loop(self, batch: Batch) -> Loop:
+        """The same, and what decides which stages may be called."""
+        _, scene, unit, guidance, radiance, work, _ = self._rehearsed_arguments(batch)
+        return Loop(
+            scene, unit, guidance, radiance, work, is_guided=batch.is_guided, records=batch.has_records,
+            uses_cache=batch.uses_cache, predicts=batch.predicts,
+        )
 
     def _rehearsed_arguments(self, batch: Batch) -> tuple:
         """What `trace_rounds` takes, of the types that it takes in this render."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Resampled importance sampling and how many candidates it is worth."""
+"""Resampled importance sampling, and the number of candidates that pays."""

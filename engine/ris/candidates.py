@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array, Uint8Array
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
 from engine.settings import MAX_CANDIDATES as MAX_CANDIDATES
+from engine.state.columns import allocate, column
 from engine.state.lanes import value_width
 
 #: Rows of a thread's batch: a neural query of this many stays in cache.
@@ -19,64 +20,29 @@ MIXTURE_SHARE = np.float32(0.5)
 
 
 class Candidates(Bundle):
-    """N rows.
+    """N rows; some columns are by vertex of the chunk instead."""
 
-    vertex : int64, which of the chunk's vertices proposed it
-    direction : float32 (N, 3), unit, world
-    f_cos : float32 (N, `engine.state.lanes.value_width`), BSDF times cosine [sr^-1]
-    radiance : float32 (N, C), predicted incident radiance; a common factor does not matter
-    source_pdf : float32 [sr^-1], Eq. (7), with the probability of not taking a delta lobe
-    bsdf_pdf, guide_pdf : float32 [sr^-1]
-    target : float32, Eq. (6)
-    roughness, eta : float32; label : int32, as `sample_bsdf` returns them
-    is_valid : uint8, 0 where the BSDF is black
-    lane : int32 (N,), by vertex of the chunk: its lane
-    first : int32 (N,), by vertex of the chunk: its first row
-    position : float32 (N, 3), by vertex of the chunk, world
-    time, hero : float32 (N,), by vertex of the chunk, of its path; without wavelengths no hero is written
-    """
-
-    vertex: np.ndarray
-    direction: Float32Array
-    f_cos: Float32Array
-    radiance: Float32Array
-    source_pdf: Float32Array
-    bsdf_pdf: Float32Array
-    guide_pdf: Float32Array
-    target: Float32Array
-    roughness: Float32Array
-    eta: Float32Array
-    label: Int32Array
-    is_valid: Uint8Array
-    lane: Int32Array
-    first: Int32Array
-    position: Float32Array
-    time: Float32Array
-    hero: Float32Array
+    vertex: Int64Array = column("which of the chunk's vertices proposed it", "N")
+    direction: Float32Array = column("unit, world", "N", 3)
+    f_cos: Float32Array = column("BSDF times cosine (`engine.state.lanes.value_width`) [sr^-1]", "N", "value")
+    radiance: Float32Array = column(
+        "predicted incident radiance; a common factor does not matter", "N", "C", fill=1.0
+    )
+    source_pdf: Float32Array = column("Eq. (7), with the probability of not taking a delta lobe [sr^-1]", "N")
+    bsdf_pdf: Float32Array = column("its part by the BSDF [sr^-1]", "N")
+    guide_pdf: Float32Array = column("and by the guide [sr^-1]", "N")
+    target: Float32Array = column("Eq. (6)", "N")
+    roughness: Float32Array = column("as `sample_bsdf` returns it", "N")
+    eta: Float32Array = column("likewise", "N")
+    label: Int32Array = column("likewise", "N")
+    is_valid: Uint8Array = column("0 where the BSDF is black", "N")
+    lane: Int32Array = column("by vertex: its lane", "N")
+    first: Int32Array = column("by vertex: its first row", "N")
+    position: Float32Array = column("by vertex, world [m]", "N", 3)
+    time: Float32Array = column("by vertex, of its path", "N")
+    hero: Float32Array = column("by vertex, of its path; not written without wavelengths", "N")
 
 
 def allocate_candidates(row_count: int, channel_count: int = 3) -> Candidates:
-    """Zeroed `Candidates`."""
-
-    def scalars(dtype: type = np.float32) -> np.ndarray:
-        return np.zeros(row_count, dtype)
-
-    return Candidates(
-        vertex=scalars(np.int64),
-        direction=np.zeros((row_count, 3), np.float32),
-        f_cos=np.zeros((row_count, value_width(channel_count)), np.float32),
-        radiance=np.ones((row_count, channel_count), np.float32),
-        source_pdf=scalars(),
-        bsdf_pdf=scalars(),
-        guide_pdf=scalars(),
-        target=scalars(),
-        roughness=scalars(),
-        eta=scalars(),
-        label=scalars(np.int32),
-        is_valid=scalars(np.uint8),
-        lane=scalars(np.int32),
-        first=scalars(np.int32),
-        position=np.zeros((row_count, 3), np.float32),
-        time=scalars(),
-        hero=scalars(),
-    )
+    """`Candidates` of which none is filled."""
+    return allocate(Candidates, {"N": row_count, "C": channel_count, "value": value_width(channel_count)})

@@ -74,7 +74,7 @@ def candidate_count(allocation, leaf, throughput_squared, is_recorded, u):
         squared = throughput_squared * allocation.variance_delta[leaf] * allocation.constants[0]
         # NaN (no estimates) and a target worse than the source fail here.
         if squared > 0.0:
-            wanted = math.sqrt(squared)
+            wanted = np.float32(math.sqrt(squared))
             if wanted > allocation.constants[1]:
                 count = min(max(wanted, count), np.float32(MAX_CANDIDATES))
     whole = int(count)

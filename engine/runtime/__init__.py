@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What kernels are made with and run on: compilation, bundles of arrays, the table of stages, Embree."""
+"""Compiles kernels, keeps their machine code, and makes the bundles and tables that they take."""

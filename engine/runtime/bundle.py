@@ -19,6 +19,7 @@ with constant strides: only elements can be read and written.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import operator
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
@@ -35,7 +36,7 @@ from numba.np.arrayobj import make_array, populate_array
 
 #: Words per field in a bundle's table: address, then the shape.
 _FIELD_WORDS = 4
-#: Of a number of a named tuple.
+#: Size of a number of a named tuple.
 _WORD_BYTES = 8
 #: Types of bundles by the class and what decides it of each field.
 _TYPES: dict[tuple[Any, ...], BundleType] = {}
@@ -55,7 +56,9 @@ class Bundle:
     _rows: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
-        cls._fields = tuple(name for name in cls.__annotations__ if not name.startswith("_"))
+        # A subclass has the fields of its base first.
+        classes = (inspect.get_annotations(base) for base in reversed(cls.__mro__))
+        cls._fields = tuple(name for fields in classes for name in fields if not name.startswith("_"))
 
     def __init__(self, *arrays: Any, **named: Any) -> None:
         values = dict(zip(self._fields, arrays, strict=False), **named)
@@ -73,7 +76,7 @@ class Bundle:
 
     @property
     def _address(self) -> int:
-        """Of the table."""
+        """Address of the table."""
         known: int | None = self.__dict__.get("_known_address")
         if known is None:
             # Threads that ask at the same time make a table each, and all use that of the first.

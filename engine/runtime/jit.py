@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, update_wrapper
 from inspect import signature
 from types import FunctionType
@@ -255,9 +255,25 @@ def by_number(kernels: Mapping[int, Any], name: str, module: str) -> Any:
         lines.append(f"        return kernel_{index}({arguments})")
     lines.append(f"    return kernel_{len(runs) - 1}({arguments})")
     namespace: dict[str, Any] = {f"kernel_{index}": chosen for index, (chosen, _numbers) in enumerate(runs)}
-    namespace["__name__"] = module
-    exec(compile("\n".join(lines), str(sys.modules[module].__file__), "exec"), namespace)
-    return kernel(namespace[name], forceinline=True)
+    return written_kernel(name, lines, namespace | {"__name__": module}, forceinline=True)
+
+
+def written_kernel(name: str, lines: Sequence[str], names: Mapping[str, Any], **options: Any) -> Any:
+    """A kernel of source that was written by a program, from a table.
+
+    Parameters
+    ----------
+    name : str
+        The function that the source defines.
+    names : mapping
+        What the source may name, and the `__name__` of the module that it belongs to.
+    **options
+        As `kernel` takes them.
+    """
+    namespace = dict(names)
+    file = str(sys.modules[namespace["__name__"]].__file__)
+    exec(compile("\n".join(lines), file, "exec"), namespace)
+    return kernel(namespace[name], **options)
 
 
 class BoundKernel:

@@ -147,7 +147,7 @@ class Image:
         How stored values become scene-linear: `'LINEAR'` (they are), `'SRGB'` (after filtering, as Cycles does with
         byte images) or `'RAW'` (non-colour data).
     folder : str
-        Of the file that the pixels lie in, as all of the scene's will; '' = they are in memory.
+        Folder of the file in which the pixels lie, and all of the scene's will; '' = they are in memory.
     """
 
     key: Hashable
@@ -204,7 +204,7 @@ class Mesh:
     motion_normals : float32 (S, T, 3, 3) or None
         `corner_normals` at these times; None where every face is flat.
     grids : dict
-        Of volumes, voxels by the name that Attribute nodes have for them; the triangles are a box around them.
+        Voxels of a volume, by the name that Attribute nodes have for them; the triangles are a box around them.
     volume_motion : VolumeMotion or None
         How what is in `grids` moves while the shutter is open; the box is around all of it.
     """
@@ -245,7 +245,7 @@ class Instances:
     #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
     #: 0 = never; None = 0 for all.
     terminator_offset: Float32Array | None = None
-    #: Of the instances that move while the shutter is open, by index: object to world at evenly spaced times from its
+    #: By index, for instances that move while the shutter is open: object to world at evenly spaced times from its
     #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
     motion: dict[int, Float32Array] = field(default_factory=dict)
     #: (N,) names of the topmost parents, for the Cryptomatte of assets; None = `name`.

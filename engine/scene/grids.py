@@ -63,7 +63,7 @@ class VolumeMotion:
     Attributes
     ----------
     velocity : Grid
-        Of three components, in the space of the object.
+        Velocity, three components, in the space of the object.
     still : float
         Time of the shutter, which opens at 0 and closes at 1, at which everything is where its grids say.
     scale : float

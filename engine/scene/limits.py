@@ -11,14 +11,14 @@ import numpy as np
 
 from engine.scene.description import Frame, SceneDescription
 
-#: Of the film's sums, the picture made of them and the host's copy, without passes.
+#: Memory for a pixel: the film's sums, the picture made of them and the host's copy, without passes.
 _BYTES_PER_PIXEL = 80
 #: Where Linux tells how much memory a container may use.
 _LIMIT_FILES = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 #: What building a scene adds to its description at its most [bytes]: a triangle's share of the arrays and of Embree's
 #: hierarchy, an instance, a light.
 _BYTES_PER_TRIANGLE, _BYTES_PER_INSTANCE, _BYTES_PER_LIGHT = 160, 500, 3000
-#: Of a pass, by channel: the engine's image of it and the host's.
+#: Memory for a channel of a pass: the engine's image of it and the host's.
 _BYTES_PER_CHANNEL = 8
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
@@ -86,9 +86,9 @@ def check_film(frame: Frame, sums: int, channels: int) -> None:
     Parameters
     ----------
     sums : int
-        Of a pixel of the film [bytes].
+        Size of a pixel of the film [bytes].
     channels : int
-        Of all passes together.
+        Channels of all passes together.
 
     Raises
     ------

@@ -11,6 +11,7 @@ import mmap
 import os
 import shutil
 import tempfile
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,8 @@ class TexelFile:
         check_room(nbytes, folder)
         try:
             self._file = tempfile.TemporaryFile(prefix="neuralguide-", dir=folder, buffering=0)
+            # Arrays need the mapped memory only, which stays without the file object.
+            weakref.finalize(self, self._file.close)
             self._file.truncate(nbytes)
             self._map = mmap.mmap(self._file.fileno(), nbytes)
         except OSError as error:

@@ -12,7 +12,7 @@ from engine.shaders.table import COLOR, FLOAT, SocketType
 ZERO = Constant((0.0,))
 ONE = Constant((1.0,))
 
-#: Of Rec.709.
+#: Luminance of the channels of Rec.709.
 _LUMINANCE = (0.2126390, 0.7151687, 0.0721923)
 
 

@@ -8,7 +8,7 @@ import math
 from engine.scene.description import Link, Node, NodeGraph
 
 _EMITTERS = ("ShaderNodeEmission", "ShaderNodeBackground")
-#: Of the node [K].
+#: Default of the node [K].
 _DEFAULT_TEMPERATURE = 6500.0
 
 

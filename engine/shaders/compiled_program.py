@@ -70,7 +70,7 @@ class ProgramSource:
     use_transparent_shadow: bool = True
     has_smooth_voxels: bool = False
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    #: Of a graph that gives any.
+    #: AOVs that the graph gives, if any.
     aovs: tuple[AovColumns, ...] = ()
 
 
@@ -97,7 +97,7 @@ class CompiledProgram:
     is_boundary: bool = False
     #: Whether light goes through its surface by being bent.
     refracts: bool = False
-    #: Of a medium that varies, which sees the point as it is, without displacement.
+    #: Instructions of a medium that varies, which sees the point as it is, without displacement.
     medium_instructions: list[Instruction] = field(default_factory=list)
     medium_roots: list[int] = field(default_factory=list)
 

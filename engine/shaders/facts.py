@@ -135,7 +135,7 @@ def _world_image(instructions: Sequence[Instruction], roots: Sequence[int]) -> W
         if isinstance(inner, Constant):
             return None
         source = instructions[inner.instruction]
-    # Of a world both are the direction; with an axis they are looked up beside it.
+    # Both are the direction in a world; with an axis they are looked up beside it.
     if source.opcode not in (ops_input.OP_POSITION, ops_input.OP_GENERATED) or source.immediates[0] != 0:
         return None
     factor = float(np.float32(weight.value[0]) * np.float32(strength.value[0]))

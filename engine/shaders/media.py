@@ -120,7 +120,7 @@ def fournier_forand_parameters(ior: float, backscatter: float) -> tuple[float, f
     Parameters
     ----------
     ior : float
-        Of the particles, over that of water.
+        Refractive index of the particles over that of water.
     backscatter : float
         Share of the light that goes back.
 
@@ -296,7 +296,7 @@ def fold_medium(values: NodeValues, volume: Link) -> Medium | None:
     Parameters
     ----------
     values : NodeValues
-        Of the graph, of its own: what is asked for becomes no part of a program.
+        Values of the graph, made for this alone: what is asked for becomes no part of a program.
     volume : Link
         What is linked to the output.
 

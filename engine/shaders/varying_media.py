@@ -154,7 +154,7 @@ def lower_medium(values: NodeValues, volume: Link) -> list[int]:
     Parameters
     ----------
     values : NodeValues
-        Of the graph, of its own.
+        Values of the graph, made for this alone.
     volume : Link
         What is linked to the output.
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Spectra: observer, wavelengths of paths, spectra of colours and of hot bodies, refraction by wavelength."""
+"""Wavelengths of paths, spectra of colours and of hot bodies, refraction by wavelength."""

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
+from engine.array_types import Float32Array, Int32Array
 from engine.runtime.bundle import Bundle
+from engine.state.columns import allocate, column
 from engine.state.data_passes import NO_DATA, DataLayout
 
 # Columns of the feature sums, written at the first surface that is not transparent.
@@ -53,53 +56,82 @@ CAUGHT_WIDTH = 11
 NO_DEPTH = np.float32(1e10)
 
 
-class FilmTile(Bundle):
-    """Sums over samples, P pixels; also the shape of the whole film.
+class Merge(Enum):
+    """How a column of a unit's sums is added to the film's, and how a film is made of those of its strata.
 
-    radiance, square : float32 (P, C), sum of samples and of their squares
-    alpha : float32 (P,)
-    weight, weight_squared : float32 (P,), sums of the samples' weights and of their squares (of the film; a unit's
-        samples weigh the same)
-    count : int32 (P,)
-    features : float32 (P or 0, FEATURE_WIDTH)
-    points : float32 (P or 0, FIRST_WIDTH), first sample only
-    residual : float32 (P or 0, 2 C), sums of what the radiance cache lacked, as of all paths, by two halves of those
-        that measure it
-    residual_square : float32 (P or 0,), squares of the addends of `residual`, mean over channels
-    square_gain : float32 (P or 0,), by how much the squares of samples would be larger without the cache, as of all
-        paths, mean over channels
-    ended : float32 (P or 0,), sums of what the cache said to paths that measure it, as of all paths, mean over channels
-    half : float32 (P or 0, C), as `radiance`, of about half of the samples (`engine.wavefront.accumulate.is_in_half`)
-    half_weight : float32 (P or 0,), as `weight`, of those
-    denoising : float32 (P or 0, DENOISING_WIDTH), what helps denoisers
-    light : float32 (P or 0, LIGHT_PARTS + 3 * parts), light taken apart
-    caught : float32 (P or 0, CAUGHT_WIDTH), of shadow catchers
-    data : float32 (P or 0, D), passes of data; mattes : float32 (P or 0, M, 2), pairs of Cryptomatte's id and weight
-        (`engine.state.data_passes.DataOptions`)
+    `engine.kernels.film_sums` adds, `engine.render.strata` combines; the value says it for docs/columns.md.
     """
 
-    #: There are as many light groups, AOVs and levels of mattes as the user likes.
-    _dynamic = frozenset({"light", "data", "mattes"})
+    SUM = "added with the samples' weight"
+    SQUARED_SUM = "added with its square"
+    TOTAL = "added with the samples' weight; strata are added up"
+    COUNT = "counted"
+    WEIGHT = "the samples' weight for each of `count`"
+    SQUARED_WEIGHT = "the square of the weight for each of `count`"
+    FIRST = "kept of the first sample"
+    MATTES = "added by id with the samples' weight"
 
-    radiance: np.ndarray
-    square: np.ndarray
-    alpha: np.ndarray
-    weight: np.ndarray
-    weight_squared: np.ndarray
-    count: np.ndarray
-    features: np.ndarray
-    points: np.ndarray
-    residual: np.ndarray
-    residual_square: np.ndarray
-    square_gain: np.ndarray
-    ended: np.ndarray
-    half: np.ndarray
-    half_weight: np.ndarray
-    denoising: np.ndarray
-    light: np.ndarray
-    caught: np.ndarray
-    data: np.ndarray
-    mattes: np.ndarray
+
+class FilmTile(Bundle):
+    """Sums over samples of P pixels, C channels a colour; also the shape of the whole film.
+
+    A column is declared here and nowhere else: who allocates, merges, combines strata and sends sums to other processes
+    goes by the declaration. The samples of a unit weigh the same.
+    """
+
+    radiance: Float32Array = column("sum of samples", "P", "C", merge=Merge.SUM)
+    square: Float32Array = column("sum of their squares", "P", "C", merge=Merge.SUM)
+    alpha: Float32Array = column("sum of their opacity", "P", merge=Merge.SUM)
+    weight: Float32Array = column("sum of the samples' weights; of the film", "P", merge=Merge.WEIGHT)
+    weight_squared: Float32Array = column(
+        "sum of the squares of the weights; of the film", "P", merge=Merge.SQUARED_WEIGHT
+    )
+    count: Int32Array = column("samples", "P", merge=Merge.COUNT)
+    features: Float32Array = column(
+        "sums of what is of the first surface, by FEATURE_*", "P", FEATURE_WIDTH, needs="use_features", merge=Merge.SUM
+    )
+    points: Float32Array = column(
+        "what averaging would make meaningless, by FIRST_*", "P", FIRST_WIDTH, needs="use_features", merge=Merge.FIRST
+    )
+    residual: Float32Array = column(
+        "sums of what the radiance cache lacked, as of all paths, by two halves of those that measure it", "P", "2 C",
+        needs="use_residual", merge=Merge.SUM,
+    )
+    residual_square: Float32Array = column(
+        "squares of the addends of `residual`, mean over channels", "P", needs="use_residual", merge=Merge.SQUARED_SUM
+    )
+    square_gain: Float32Array = column(
+        "by how much the squares of samples would be larger without the cache, as of all paths, mean over channels",
+        "P", needs="use_residual", merge=Merge.SUM,
+    )
+    ended: Float32Array = column(
+        "sums of what the cache said to paths that measure it, as of all paths, mean over channels", "P",
+        needs="use_residual", merge=Merge.SUM,
+    )
+    half: Float32Array = column(
+        "as `radiance`, of about half of the samples (`engine.wavefront.accumulate.is_in_half`)", "P", "C",
+        needs="use_half", merge=Merge.SUM, weight="half_weight",
+    )
+    half_weight: Float32Array = column("as `weight`, of those", "P", needs="use_half", merge=Merge.TOTAL)
+    denoising: Float32Array = column(
+        "sums of what helps denoisers, by DENOISING_*", "P", DENOISING_WIDTH, needs="use_denoising", merge=Merge.SUM
+    )
+    # There are as many light groups, AOVs and levels of mattes as the user likes.
+    light: Float32Array = column(
+        "light taken apart, by LIGHT_*, then parts of three columns", "P", "light", needs="light_part_count",
+        merge=Merge.SUM, is_dynamic=True,
+    )
+    caught: Float32Array = column(
+        "of shadow catchers, by CAUGHT_*", "P", CAUGHT_WIDTH, needs="has_catchers", merge=Merge.SUM
+    )
+    data: Float32Array = column(
+        "passes of data (`engine.state.data_passes.DataOptions`)", "P", "D", needs="data_width", merge=Merge.SUM,
+        is_dynamic=True,
+    )
+    mattes: Float32Array = column(
+        "pairs of Cryptomatte's id and weight, by slot", "P", "M", 2, needs="matte_count", merge=Merge.MATTES,
+        is_dynamic=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -125,40 +157,28 @@ class FilmLayout:
     is_transparent: bool = False
     data: DataLayout = NO_DATA
 
+    @property
+    def data_width(self) -> int:
+        """Columns of passes of data."""
+        return self.data.width
+
+    @property
+    def matte_count(self) -> int:
+        """Slots of Cryptomattes."""
+        return self.data.matte_count
+
 
 PLAIN_LAYOUT = FilmLayout()
 
 
 def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLAIN_LAYOUT) -> FilmTile:
     """Zeroed sums for `pixel_count` pixels."""
-    feature_count = pixel_count if layout.use_features else 0
-    residual_count = pixel_count if layout.use_residual else 0
-    half_count = pixel_count if layout.use_half else 0
-    light_count = pixel_count if layout.light_part_count else 0
-    data = layout.data
-    return FilmTile(
-        np.zeros((pixel_count, channel_count), np.float32),
-        np.zeros((pixel_count, channel_count), np.float32),
-        np.zeros(pixel_count, np.float32),
-        np.zeros(pixel_count, np.float32),
-        np.zeros(pixel_count, np.float32),
-        np.zeros(pixel_count, np.int32),
-        np.zeros((feature_count, FEATURE_WIDTH), np.float32),
-        np.zeros((feature_count, FIRST_WIDTH), np.float32),
-        np.zeros((residual_count, 2 * channel_count), np.float32),
-        np.zeros(residual_count, np.float32),
-        np.zeros(residual_count, np.float32),
-        np.zeros(residual_count, np.float32),
-        np.zeros((half_count, channel_count), np.float32),
-        np.zeros(half_count, np.float32),
-        np.zeros((pixel_count if layout.use_denoising else 0, DENOISING_WIDTH), np.float32),
-        np.zeros((light_count, LIGHT_PARTS + 3 * layout.light_part_count), np.float32),
-        np.zeros((pixel_count if layout.has_catchers else 0, CAUGHT_WIDTH), np.float32),
-        np.zeros((pixel_count if data.width else 0, data.width), np.float32),
-        np.zeros((pixel_count if data.matte_count else 0, data.matte_count, 2), np.float32),
-    )
-
-
-def rows_of(sums: FilmTile, first: int, last: int) -> FilmTile:
-    """Some rows of sums."""
-    return FilmTile(*(column[first:last] for column in sums))
+    sizes = {
+        "P": pixel_count,
+        "C": channel_count,
+        "2 C": 2 * channel_count,
+        "light": LIGHT_PARTS + 3 * layout.light_part_count,
+        "D": layout.data_width,
+        "M": layout.matte_count,
+    }
+    return allocate(FilmTile, sizes, layout)

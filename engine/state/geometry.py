@@ -20,7 +20,7 @@ INSTANCE_FLAGS = 4
 #: Rows of `motion_transforms`, 0 of them where it stands still.
 INSTANCE_FIRST_KEY = 5
 INSTANCE_KEY_COUNT = 6
-#: Of the view layer, -1 = none.
+#: Index of the light group in the view layer, -1 = none.
 INSTANCE_LIGHT_GROUP = 7
 INSTANCE_WIDTH = 8
 

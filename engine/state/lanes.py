@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one schema of per-path data: batches of lanes, one per thread, allocated once.
 
-In memory a lane's fields lie side by side in whole cache lines (`_records`), those that stages use together in the same
-line: lanes in flight are visited in any order, and a stage should fetch few lines for each. In code every field is an
-array of its own all the same, indexed by lane.
+In memory a lane's fields lie side by side in whole cache lines (`line` of `column`), those that stages use together in
+the same line: lanes in flight are visited in any order, and a stage should fetch few lines for each. In code every
+field is an array of its own all the same, indexed by lane.
 
 `channels` is a tuple whose *length* is the spectrum's width (3 for RGB, 4 for hero wavelengths). Numba types a tuple by
 its length, so `for c in range(len(paths.channels))` unrolls and both widths live in one process. What only wavelengths
@@ -12,48 +12,35 @@ need stands behind `if len(paths.channels) > RGB:`, which costs an RGB render no
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple, TypeVar
+
 import numpy as np
 
 from engine.array_types import Float32Array, Int16Array, Int32Array, Int64Array, Uint8Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
-
-_CACHE_LINE = 64
+from engine.state.columns import aligned_bytes, allocate, column, without
 
 #: Channels of a render without wavelengths.
 RGB = 3
 
-
-def aligned_bytes(byte_count: int) -> np.ndarray:
-    """Zeroed uint8 array that begins at a cache line."""
-    memory = np.zeros(byte_count + _CACHE_LINE, np.uint8)
-    start = -memory.ctypes.data % _CACHE_LINE
-    return memory[start : start + byte_count]
+_Lanes = TypeVar("_Lanes", bound=Bundle)
 
 
-def _records(lane_count: int, layout: list[list[tuple]]) -> dict[str, np.ndarray]:
-    """Fields of one record a lane, as views.
+class _Has(NamedTuple):
+    """What lanes have (`engine.state.columns.Column.needs`)."""
 
-    Parameters
-    ----------
-    layout : list of lists of (name, dtype[, shape])
-        In the order of memory; each list begins at a cache line.
-    """
-    names: list[str] = []
-    formats: list[object] = []
-    offsets: list[int] = []
-    size = 0
-    for fields in layout:
-        for name, dtype, *shape in fields:
-            kind = np.dtype((dtype, *shape)) if shape else np.dtype(dtype)
-            names.append(name)
-            formats.append(kind)
-            offsets.append(size)
-            size += kind.itemsize
-        size += -size % _CACHE_LINE
-    record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-    memory = aligned_bytes(lane_count * record.itemsize).view(record)
-    return {name: memory[name] for name in names}
+    wavelengths: bool
+
+
+def _allocate_lanes(table: type[_Lanes], lane_count: int, channel_count: int = RGB, **given: Any) -> _Lanes:
+    """Lanes of L rows and C channels."""
+    sizes = {
+        "L": lane_count, "C": channel_count, "2 C": 2 * channel_count, "value": value_width(channel_count),
+        "taught": lane_count * MAX_TAUGHT,
+    }
+    return allocate(table, sizes, _Has(channel_count > RGB), **given)
+
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -131,15 +118,11 @@ POINT_FLAG_FAR = 2
 
 
 class ShadePoints(Bundle):
-    """Points at which shader programs run: surface hits, light samples, background directions, shadow hits.
-
-    real : float32 (L, POINT_REAL_WIDTH)
-    integer : int32 (L, POINT_INTEGER_WIDTH)
-    """
+    """Points at which shader programs run: surface hits, light samples, background directions, shadow hits; L lanes."""
 
     _rows = True
-    real: Float32Array
-    integer: Int32Array
+    real: Float32Array = column("by POINT_*", "L", POINT_REAL_WIDTH, line=0)
+    integer: Int32Array = column("by POINT_*", "L", POINT_INTEGER_WIDTH, line=0)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -166,45 +149,35 @@ _CLOSURE_LANES = LANE_COUNT + 8
 
 
 class Closures(Bundle):
-    """Weighted lobes per lane.
+    """Weighted lobes, L lanes.
 
-    kind : int32 (L, MAX_CLOSURES), engine.kernels.bsdf.kinds
-    param : float32 (L, MAX_CLOSURES, CLOSURE_WIDTH)
-    count : int32 (L,)
-    emission : float32 (L, 4), radiance emitted towards wo, per channel
-    transparency : float32 (L, 4), summed weight of transparent closures
-    holdout : float32 (L,), weight of holdout closures
-    ns : float32 (L, 3), smooth shading normal, before bump and normal maps (`bsdf.reset_closures` sets it)
-    flags : int32 (L,), CLOSURE_* bits of engine.kernels.bsdf.kinds
-    dispersion : float32 (L,) [um^2], of the material (`engine.spectral.dispersion`); wavelength [nm], share : float32
-        (L, WAVELENGTHS), of the path, see `PathState`. Set where the lane disperses (CLOSURE_DISPERSES), else not read
-    aovs : float32 (L A,), what programs leave for AOVs, A columns a lane (`DataOptions.aov_width`); camera rays only
-    channels : tuple of ints, its length is the spectrum's width
+    `channels` is a tuple of ints, whose length is the spectrum's width.
     """
 
     _rows = True
-    kind: Int32Array
-    param: Float32Array
-    count: Int32Array
-    emission: Float32Array
-    transparency: Float32Array
-    holdout: Float32Array
-    ns: Float32Array
-    flags: Int32Array
-    dispersion: Float32Array
-    wavelength: Float32Array
-    share: Float32Array
-    aovs: Float32Array
+    kind: Int32Array = column("engine.kernels.bsdf.kinds; in `param`", "L", MAX_CLOSURES)
+    param: Float32Array = column("by CLOSURE_*", "L", MAX_CLOSURES, CLOSURE_WIDTH)
+    count: Int32Array = column("lobes", "L", line=0)
+    flags: Int32Array = column("CLOSURE_* bits of engine.kernels.bsdf.kinds", "L", line=0)
+    holdout: Float32Array = column("weight of holdout closures", "L", line=0)
+    ns: Float32Array = column(
+        "smooth shading normal, before bump and normal maps (`bsdf.reset_closures` sets it)", "L", 3, line=0
+    )
+    emission: Float32Array = column("radiance emitted towards wo, per channel", "L", CLOSURE_CHANNELS, line=0)
+    transparency: Float32Array = column("summed weight of transparent closures", "L", CLOSURE_CHANNELS, line=0)
+    # Apart, so that shaders meet the same closures (`as_rgb`) and are not compiled again. Set where the lane disperses
+    # (CLOSURE_DISPERSES), else not read.
+    wavelength: Float32Array = column(
+        "of the path, see `PathState` [nm]", "L", WAVELENGTHS, needs="wavelengths", record=1, line=0
+    )
+    share: Float32Array = column("likewise", "L", WAVELENGTHS, needs="wavelengths", record=1, line=0)
+    dispersion: Float32Array = column(
+        "of the material (`engine.spectral.dispersion`) [um^2]", "L", needs="wavelengths", record=1, line=0
+    )
+    aovs: Float32Array = column(
+        "what programs leave for AOVs, A columns a lane (`DataOptions.aov_width`); camera rays only", "L A"
+    )
     channels: tuple[int, ...]
-
-
-def _without_wavelengths(scalar: str) -> dict[str, np.ndarray]:
-    """Fields that a render in RGB has no use for: `wavelength`, `share` and one number a lane."""
-    return {
-        scalar: np.zeros(0, np.float32),
-        "wavelength": np.zeros((0, WAVELENGTHS), np.float32),
-        "share": np.zeros((0, WAVELENGTHS), np.float32),
-    }
 
 
 def value_width(channel_count: int) -> int:
@@ -217,9 +190,7 @@ def value_width(channel_count: int) -> int:
 
 def allocate_points(lane_count: int) -> ShadePoints:
     """Zeroed `ShadePoints` for `lane_count` lanes."""
-    width = POINT_REAL_WIDTH + POINT_INTEGER_WIDTH
-    memory = aligned_bytes(lane_count * 2 * _CACHE_LINE).view(np.float32).reshape(lane_count, -1)
-    return ShadePoints(memory[:, :POINT_REAL_WIDTH], memory.view(np.int32)[:, POINT_REAL_WIDTH:width])
+    return _allocate_lanes(ShadePoints, lane_count)
 
 
 def allocate_closures(lane_count: int, channel_count: int = 3, aov_width: int = 0) -> Closures:
@@ -229,31 +200,10 @@ def allocate_closures(lane_count: int, channel_count: int = 3, aov_width: int = 
     """
     if lane_count > LANE_COUNT:
         raise ValueError(f"closures for {lane_count} lanes: a batch has at most {LANE_COUNT}")
-    real, integer = np.float32, np.int32
-    memory = aligned_bytes(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(real)
+    memory = aligned_bytes(MAX_CLOSURES * _CLOSURE_LANES * CLOSURE_WIDTH * 4).view(np.float32)
     param = memory.reshape(MAX_CLOSURES, _CLOSURE_LANES, CLOSURE_WIDTH)[:, :lane_count].transpose(1, 0, 2)
-    fields = _records(
-        lane_count,
-        [
-            [
-                ("count", integer),
-                ("flags", integer),
-                ("holdout", real),
-                ("ns", real, 3),
-                ("emission", real, CLOSURE_CHANNELS),
-                ("transparency", real, CLOSURE_CHANNELS),
-            ]
-        ],
-    )
-    if channel_count == RGB:
-        fields |= _without_wavelengths("dispersion")
-    else:
-        # Apart, so that shaders meet the same closures (`as_rgb`) and are not compiled again.
-        fields |= _records(
-            lane_count, [[("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("dispersion", real)]]
-        )
-    return Closures(
-        kind=param.view(integer)[:, :, _CLOSURE_KIND], param=param, **fields,
+    return _allocate_lanes(
+        Closures, lane_count, channel_count, kind=param.view(np.int32)[:, :, _CLOSURE_KIND], param=param,
         # One element at least: that of an empty array has another stride, and so all kernels would be others.
         aovs=np.zeros(max(lane_count * aov_width, 1), np.float32), channels=tuple(range(channel_count)),
     )
@@ -263,7 +213,7 @@ def as_rgb(closures: Closures) -> Closures:
     """The same closures as shaders see them: their colours are RGB, whatever the render's spectrum."""
     if len(closures.channels) == RGB:
         return closures
-    return closures._replace(**_without_wavelengths("dispersion"), channels=tuple(range(RGB)))
+    return closures._replace(**without(Closures, "wavelengths"), channels=tuple(range(RGB)))
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -271,131 +221,121 @@ def as_rgb(closures: Closures) -> Closures:
 
 
 class PathState(Bundle):
-    """A batch of paths in flight, L lanes.
+    """A batch of paths in flight, L lanes of C channels.
 
-    pixel : int32, index into the film; sample : int32
-    rng : uint32, hash of (seed, pixel); dimension : int32, next unused set of random numbers
-    origin, direction : float32 (L, 3), world; time : float32
-    throughput, radiance : float32 (L, C); radiance is what the path has gathered so far
-    unguided : float32, factor that makes of the throughput what it would be by plain sampling, where nothing has been
-        learned: directions by the BSDF, roulette by the throughput. Roulette and clamping go by it
-    mis_pdf : float32 [sr^-1], density of the last scattering (source density), for MIS at the next emitter; of the
-        camera's rays, which have none, how far the camera sees [m], from where its ray starts
-    unguided_pdf : float32 [sr^-1], the same by plain sampling; -1 where light sampling was of whole segments within
-        media, whose samples know nothing of this scattering
-    mis_origin, mis_normal : float32 (L, 3), where the light tree stood at the last scattering
-    mis_distance : float32, length of the ray since the last scattering, through transparent surfaces
-    min_pdf : float32, smallest scattering density so far (filter_glossy)
-    radius, spread : float32, compact ray differential: footprint [m] at the origin, growth per metre
-    alpha : float32, 1 - transparency seen by the camera so far
-    flags : int32 (RAY_*); depth counters : int32
-    hit_* : the closest hit: distance (before the search: how far to look), barycentrics, instance (-1 = miss),
-        triangle (row of GeometryArrays.triangles)
-    offset : float32 [m], how far the next ray starts off the surface, to clear the rounding error of P
-    random : float32 (L, 4), this vertex's numbers for the BSDF; the last for roulette, then made uniform again
-    survival : float32, probability with which roulette lets the path go on behind the next surface; before roulette is
-        played the least that guiding asks for, -1 = nothing
-    unguided_survival : float32, the same by plain sampling
-    alive : uint8, 0 once the path has ended in this round
-    hero : float32 in [0, 1), by which wavelengths are drawn; wavelength : float32 (L, WAVELENGTHS) [nm], hero first
-    share : float32 (L, WAVELENGTHS), of each wavelength in the path's density: with which it would have been sampled,
-        had that been the hero, over the sum of all
+    `hit_*` is the closest hit. By plain sampling means where nothing has been learned: directions by the BSDF, roulette
+    by the throughput. `channels` is a tuple of ints, whose length is the spectrum's width.
     """
 
     _rows = True
-    pixel: Int32Array
-    sample: Int32Array
-    rng: Uint32Array
-    dimension: Int32Array
-    origin: Float32Array
-    direction: Float32Array
-    time: Float32Array
-    throughput: Float32Array
-    radiance: Float32Array
-    unguided: Float32Array
-    mis_pdf: Float32Array
-    unguided_pdf: Float32Array
-    mis_origin: Float32Array
-    mis_normal: Float32Array
-    mis_distance: Float32Array
-    min_pdf: Float32Array
-    radius: Float32Array
-    spread: Float32Array
-    alpha: Float32Array
-    flags: Int32Array
-    depth: Int32Array
-    diffuse_depth: Int16Array
-    glossy_depth: Int16Array
-    transmission_depth: Int16Array
-    transparent_depth: Int16Array
-    hit_distance: Float32Array
-    hit_u: Float32Array
-    hit_v: Float32Array
-    hit_instance: Int32Array
-    hit_triangle: Int32Array
-    offset: Float32Array
-    random: Float32Array
-    survival: Float32Array
-    unguided_survival: Float32Array
-    alive: Uint8Array
-    hero: Float32Array
-    wavelength: Float32Array
-    share: Float32Array
+    origin: Float32Array = column("of the ray, world [m]", "L", 3, line=0)
+    direction: Float32Array = column("of the ray, unit, world", "L", 3, line=0)
+    time: Float32Array = column("in [0, 1], of the shutter", "L", line=0)
+    flags: Int32Array = column("RAY_*", "L", line=0)
+    hit_distance: Float32Array = column("before the search: how far to look [m]", "L", line=0)
+    hit_u: Float32Array = column("barycentric", "L", line=0)
+    hit_v: Float32Array = column("barycentric", "L", line=0)
+    hit_instance: Int32Array = column("-1 = miss", "L", line=0)
+    hit_triangle: Int32Array = column("row of GeometryArrays.triangles", "L", line=0)
+    offset: Float32Array = column(
+        "how far the next ray starts off the surface, to clear the rounding error of P [m]", "L", line=0
+    )
+    reach: Float32Array = column(
+        "how far the ray goes from `mis_origin`: as far as the camera sees, or without an end [m]", "L", line=0
+    )
+    depth: Int16Array = column("scatterings so far", "L", line=0)
+    alive: Uint8Array = column("0 once the path has ended in this round", "L", line=0)
+    throughput: Float32Array = column("of the path so far", "L", "C", line=1)
+    radiance: Float32Array = column("what the path has gathered so far", "L", "C", line=1)
+    random: Float32Array = column(
+        "this vertex's numbers for the BSDF; the last for roulette, then made uniform again", "L", 4, line=1
+    )
+    rng: Uint32Array = column("hash of (seed, pixel)", "L", line=1)
+    sample: Int32Array = column("of the pixel", "L", line=1)
+    dimension: Int32Array = column("next unused set of random numbers", "L", line=1)
+    pixel: Int32Array = column("index into the film", "L", line=1)
+    unguided: Float32Array = column(
+        "factor that makes of the throughput what it would be by plain sampling; roulette and clamping go by it",
+        "L", line=1,
+    )
+    survival: Float32Array = column(
+        "probability with which roulette lets the path go on behind the next surface; before roulette is played the "
+        "least that guiding asks for, -1 = nothing", "L", line=1,
+    )
+    mis_origin: Float32Array = column("where the light tree stood at the last scattering, world [m]", "L", 3, line=2)
+    mis_normal: Float32Array = column("its normal there", "L", 3, line=2)
+    mis_distance: Float32Array = column(
+        "length of the ray since the last scattering, through transparent surfaces [m]", "L", line=2
+    )
+    mis_pdf: Float32Array = column(
+        "density of the last scattering (source density), for MIS at the next emitter [sr^-1]; 0 of the camera's rays, "
+        "which nothing is weighed against", "L", line=2,
+    )
+    unguided_pdf: Float32Array = column(
+        "the same by plain sampling [sr^-1]; -1 where light sampling was of whole segments within media, whose samples "
+        "know nothing of this scattering", "L", line=2,
+    )
+    unguided_survival: Float32Array = column("`survival` by plain sampling", "L", line=2)
+    min_pdf: Float32Array = column("smallest scattering density so far (filter_glossy) [sr^-1]", "L", line=2)
+    radius: Float32Array = column("compact ray differential: footprint at the origin [m]", "L", line=2)
+    spread: Float32Array = column("growth of the footprint per metre", "L", line=2)
+    alpha: Float32Array = column("1 - transparency seen by the camera so far", "L", line=2)
+    diffuse_depth: Int16Array = column("scatterings by diffuse lobes", "L", line=2)
+    glossy_depth: Int16Array = column("by glossy ones", "L", line=2)
+    transmission_depth: Int16Array = column("by transmissive ones", "L", line=2)
+    transparent_depth: Int16Array = column("transparent surfaces passed", "L", line=2)
+    wavelength: Float32Array = column("hero first [nm]", "L", WAVELENGTHS, needs="wavelengths", line=3)
+    share: Float32Array = column(
+        "of each wavelength in the path's density: with which it would have been sampled, had that been the hero, over "
+        "the sum of all", "L", WAVELENGTHS, needs="wavelengths", line=3,
+    )
+    hero: Float32Array = column("in [0, 1), by which wavelengths are drawn", "L", needs="wavelengths", line=3)
     channels: tuple[int, ...]
 
 
 class ShadowRays(Bundle):
     """Light samples waiting for their visibility, at most one a lane.
 
-    Row k waits for path `lane[k]`; how many rows are in use is kept by the integrator.
-
-    lane : int32
-    origin, direction : float32 (L, 3); distance : float32
-    radiance : float32 (L, C), contribution if unoccluded, throughput and MIS weight included
-    weight : float32, what the sample counts for, since others are left out; clamping acts on `radiance` alone
-    own, other, share : float32, what clamping goes by (`engine.kernels.clamping.Unguided`)
-    transparent_depth : int16, transparent surfaces passed, the path's own included; transparent_left : int16, hits on
-        what may be transparent that lie ahead
+    How many rows are in use is kept by the integrator. `channels` is as that of `PathState`.
     """
 
     _rows = True
-    lane: Int32Array
-    origin: Float32Array
-    direction: Float32Array
-    distance: Float32Array
-    radiance: Float32Array
-    weight: Float32Array
-    own: Float32Array
-    other: Float32Array
-    share: Float32Array
-    transparent_depth: Int16Array
-    transparent_left: Int16Array
+    origin: Float32Array = column("of the ray, world [m]", "L", 3, line=0)
+    direction: Float32Array = column("of the ray, unit, world", "L", 3, line=0)
+    distance: Float32Array = column("to the light [m]", "L", line=0)
+    radiance: Float32Array = column(
+        "contribution if unoccluded, throughput and MIS weight included", "L", "C", line=0
+    )
+    weight: Float32Array = column(
+        "what the sample counts for, since others are left out; clamping acts on `radiance` alone", "L", line=0
+    )
+    own: Float32Array = column("what clamping goes by (`engine.kernels.clamping.Unguided`)", "L", line=0)
+    other: Float32Array = column("likewise", "L", line=0)
+    share: Float32Array = column("likewise", "L", line=0)
+    lane: Int32Array = column("the path that the row waits for", "L", line=0)
+    transparent_depth: Int16Array = column(
+        "transparent surfaces passed, the path's own included", "L", line=0
+    )
+    transparent_left: Int16Array = column("hits on what may be transparent that lie ahead", "L", line=0)
     channels: tuple[int, ...]
 
 
 class GuidedLanes(Bundle):
-    """What is decided for a lane before its light sample is weighed.
+    """What is decided for a lane before its light sample is weighed, L lanes."""
 
-    rough_share : float32, probability of scattering off a lobe that is not delta, and resampling it; 0 = not guided,
-        the BSDF samples all lobes
-    region : int32, of the guiding field; leaf : int32, region that the point itself lies in
-    candidate_count : int32
-    probability : float32, that the guide proposes a candidate, not the BSDF
-    """
-
-    rough_share: Float32Array
-    region: Int32Array
-    leaf: Int32Array
-    candidate_count: Int32Array
-    probability: Float32Array
+    rough_share: Float32Array = column(
+        "probability of scattering off a lobe that is not delta, and resampling it; 0 = not guided, the BSDF samples "
+        "all lobes", "L",
+    )
+    region: Int32Array = column("of the guiding field", "L")
+    leaf: Int32Array = column("region that the point itself lies in", "L")
+    candidate_count: Int32Array = column("directions to choose from", "L")
+    probability: Float32Array = column("that the guide proposes a candidate, not the BSDF", "L")
 
 
 def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
     """`GuidedLanes` of which none is guided."""
-    return GuidedLanes(
-        np.zeros(lane_count, np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.int32),
-        np.zeros(lane_count, np.int32), np.zeros(lane_count, np.float32),
-    )
+    return _allocate_lanes(GuidedLanes, lane_count)
 
 
 #: Surfaces at which a recorded path can teach the radiance cache.
@@ -410,73 +350,34 @@ TAUGHT_WIDTH = 13
 
 
 class CachedLanes(Bundle):
-    """What a path knows of the radiance cache, L lanes.
-
-    depth : int32, of the path when it was last looked at
-    origin : float32 (L, 3), the vertex before, or the camera; pdf : float32 [sr^-1], with which it sent the path on, 0:
-        by a delta lobe or the camera
-    seen : float32 [m^2], footprint of the camera's ray at the first surface; root : float32 [m], square root of the
-        path's own footprint at the vertex before; arriving : float32 [m], and at the surface that it has hit
-    level : uint8, place : int64, tag : uint32, of the cell that is asked first
-    is_measured : uint8, whether the path went on where it could have ended
-    is_recorded : uint8, whether the path teaches the cache; has_met : uint8, whether it has met a surface that could be
-        taught; may_teach : uint8, whether the one that it has hit can be
-    taught_count : int32, surfaces so far; taught : float32 (L * MAX_TAUGHT, TAUGHT_WIDTH), row lane * MAX_TAUGHT + k;
-        taught_program : int32 (L * MAX_TAUGHT,)
-    base : float32 (L, C), radiance gathered until there; predicted : float32 (L, C), what it would have ended with
-    """
+    """What a path knows of the radiance cache, L lanes."""
 
     _rows = True
-    depth: Int32Array
-    origin: Float32Array
-    pdf: Float32Array
-    seen: Float32Array
-    root: Float32Array
-    arriving: Float32Array
-    level: Uint8Array
-    place: Int64Array
-    tag: Uint32Array
-    is_measured: Uint8Array
-    is_recorded: Uint8Array
-    has_met: Uint8Array
-    may_teach: Uint8Array
-    taught_count: Int32Array
-    base: Float32Array
-    predicted: Float32Array
-    taught: Float32Array
-    taught_program: Int32Array
+    depth: Int32Array = column("of the path when it was last looked at", "L", line=0)
+    origin: Float32Array = column("the vertex before, or the camera; world [m]", "L", 3, line=0)
+    pdf: Float32Array = column(
+        "with which that sent the path on, 0: by a delta lobe or the camera [sr^-1]", "L", line=0
+    )
+    seen: Float32Array = column("footprint of the camera's ray at the first surface [m^2]", "L", line=0)
+    root: Float32Array = column("square root of the path's own footprint at the vertex before [m]", "L", line=0)
+    arriving: Float32Array = column("and at the surface that it has hit [m]", "L", line=0)
+    place: Int64Array = column("of the cell that is asked first", "L", line=0)
+    tag: Uint32Array = column("of that cell", "L", line=0)
+    level: Uint8Array = column("of that cell", "L", line=0)
+    is_measured: Uint8Array = column("whether the path went on where it could have ended", "L", line=0)
+    is_recorded: Uint8Array = column("whether the path teaches the cache", "L", line=0)
+    has_met: Uint8Array = column("whether it has met a surface that could be taught", "L", line=0)
+    may_teach: Uint8Array = column("whether the one that it has hit can be", "L", line=0)
+    taught_count: Int32Array = column("surfaces so far", "L", line=0)
+    base: Float32Array = column("radiance gathered until there", "L", "C", line=0)
+    predicted: Float32Array = column("what the path would have ended with", "L", "C", line=0)
+    taught: Float32Array = column("row lane * MAX_TAUGHT + k, by TAUGHT_*", "taught", TAUGHT_WIDTH)
+    taught_program: Int32Array = column("of the surface's shader, the same rows", "taught")
 
 
 def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLanes:
     """Zeroed `CachedLanes` for `lane_count` lanes."""
-    real = np.float32
-    fields = _records(
-        lane_count,
-        [
-            [
-                ("depth", np.int32),
-                ("origin", real, 3),
-                ("pdf", real),
-                ("seen", real),
-                ("root", real),
-                ("arriving", real),
-                ("place", np.int64),
-                ("tag", np.uint32),
-                ("level", np.uint8),
-                ("is_measured", np.uint8),
-                ("is_recorded", np.uint8),
-                ("has_met", np.uint8),
-                ("may_teach", np.uint8),
-                ("taught_count", np.int32),
-                ("base", real, channel_count),
-                ("predicted", real, channel_count),
-            ]
-        ],
-    )
-    rows = lane_count * MAX_TAUGHT
-    return CachedLanes(
-        **fields, taught=np.zeros((rows, TAUGHT_WIDTH), real), taught_program=np.zeros(rows, np.int32)
-    )
+    return _allocate_lanes(CachedLanes, lane_count, channel_count)
 
 
 # Parts that a path's light is taken apart into, by what it came by at the first surface (`LightPassLanes.parts`).
@@ -489,45 +390,35 @@ VOLUME_PARTS = 2
 
 
 class LightPassLanes(Bundle):
-    """Light taken apart, L lanes; without light passes there are no parts.
+    """Light taken apart, L lanes of C channels; without light passes there are no parts."""
 
-    share : float32 (L, 2 C), of diffuse lobes, then of glossy ones, in what the path carries since the first surface
-        that has scattered it, or in that surface's light sample; transmission has the rest
-    parts : float32 (L, C * (PART_GROUPS + groups)), sums of the path's radiance by part, channels side by side
-    group : int32 (L,), light group of the lane's light sample, -1 = none
-    is_volume : uint8 (L,), whether a medium was the first that has scattered the path, and has all of its light
-    is_open : uint8 (L,), not 1 while the path's light is not to be taken apart: it measures what the radiance cache
-        lacks, has met a shadow catcher, or its ray of the Ambient Occlusion pass is under way
-    kept : float32 (L, C), the path's radiance meanwhile
-    value : float32 (3, C), a thread's scratch: of diffuse, glossy and transmission lobes
-    color : float32 (3, 3), likewise, in RGB
-    """
-
-    #: There are as many light groups as the user likes.
-    _dynamic = frozenset({"parts"})
-
-    share: Float32Array
-    parts: Float32Array
-    group: Int32Array
-    is_volume: Uint8Array
-    is_open: Uint8Array
-    kept: Float32Array
-    value: Float32Array
-    color: Float32Array
+    share: Float32Array = column(
+        "of diffuse lobes, then of glossy ones, in what the path carries since the first surface that has scattered "
+        "it, or in that surface's light sample; transmission has the rest", "L", "2 C",
+    )
+    # There are as many light groups as the user likes.
+    parts: Float32Array = column(
+        "sums of the path's radiance by part (PART_*, then light groups), channels side by side", "L", "parts",
+        is_dynamic=True,
+    )
+    group: Int32Array = column("light group of the lane's light sample, -1 = none", "L", fill=-1)
+    is_volume: Uint8Array = column(
+        "whether a medium was the first that has scattered the path, and has all of its light", "L"
+    )
+    is_open: Uint8Array = column(
+        "not 1 while the path's light is not to be taken apart: it measures what the radiance cache lacks, has met a "
+        "shadow catcher, or its ray of the Ambient Occlusion pass is under way", "L",
+    )
+    kept: Float32Array = column("the path's radiance meanwhile", "L", "C")
+    value: Float32Array = column("a thread's scratch: of diffuse, glossy and transmission lobes", 3, "value")
+    color: Float32Array = column("likewise, in RGB", 3, RGB)
 
 
 def allocate_light_pass_lanes(lane_count: int, channel_count: int, part_count: int) -> LightPassLanes:
     """Zeroed `LightPassLanes`; without parts none of them has lanes."""
     lanes = lane_count if part_count else 0
-    return LightPassLanes(
-        share=np.zeros((lanes, 2 * channel_count), np.float32),
-        parts=np.zeros((lanes, channel_count * part_count), np.float32),
-        group=np.full(lanes, -1, np.int32),
-        is_volume=np.zeros(lanes, np.uint8),
-        is_open=np.zeros(lanes, np.uint8),
-        kept=np.zeros((lanes, channel_count), np.float32),
-        value=np.zeros((3, value_width(channel_count)), np.float32),
-        color=np.zeros((3, RGB), np.float32),
+    return _allocate_lanes(
+        LightPassLanes, lanes, channel_count, parts=np.zeros((lanes, channel_count * part_count), np.float32)
     )
 
 
@@ -536,72 +427,63 @@ FEATURES_DONE = np.float32(-1.0)
 
 
 class FeatureLanes(Bundle):
-    """What a path knows of the features for denoisers, L lanes, or one where there are none.
+    """What a path knows of the features for denoisers, L lanes, or one where there are none."""
 
-    throughput : float32 (L, 3), product of the albedos of the specular surfaces it has met, RGB; the first is
-        FEATURES_DONE once it has met another one
-    """
-
-    throughput: Float32Array
+    throughput: Float32Array = column(
+        "product of the albedos of the specular surfaces it has met, RGB; the first is FEATURES_DONE once it has met "
+        "another one", "L", RGB,
+    )
 
 
 def allocate_feature_lanes(lane_count: int) -> FeatureLanes:
     """Zeroed `FeatureLanes` for `lane_count` lanes."""
-    return FeatureLanes(np.zeros((lane_count, RGB), np.float32))
+    return _allocate_lanes(FeatureLanes, lane_count)
 
 
 class CatcherLanes(Bundle):
-    """What a path knows of the shadow catcher that the camera's ray has met, L lanes, or one where there are none.
+    """What a path knows of the shadow catcher that the camera's ray has met, L lanes, or one where there are none."""
 
-    base : float32 (L, C), radiance gathered before; alpha : float32 (L,), if the catcher were not there
-    """
-
-    base: Float32Array
-    alpha: Float32Array
+    base: Float32Array = column("radiance gathered before", "L", "C")
+    alpha: Float32Array = column("if the catcher were not there", "L")
 
 
 def allocate_catcher_lanes(lane_count: int, channel_count: int) -> CatcherLanes:
     """Zeroed `CatcherLanes` for `lane_count` lanes."""
-    return CatcherLanes(np.zeros((lane_count, channel_count), np.float32), np.zeros(lane_count, np.float32))
+    return _allocate_lanes(CatcherLanes, lane_count, channel_count)
 
 
 class LightSamples(Bundle):
-    """One light sample a lane, between choosing it and connecting to it.
+    """One light sample a lane, between choosing it and connecting to it, L lanes.
 
-    direction : float32 (L, 3), from the surface, unit; distance : float32, 1e30 for distant lights
-    pdf : float32 [sr^-1], the tree's pmf included (a delta light's pmf); 0 = none
-    radiance : float32 (L, C), or the factor on the light program's emission where there is a program
-    terminate : float32 in [0, 1), for the roulette on dim light samples
-    offset : float32 [m], rounding error of the point on the light along the ray
-    emitter : int32, row of `LightArrays.emitters`, where LIGHT_ENDS_IN_PLACE
-    flags : int32, LIGHT_*
-    visibility : int32, RAY_* kinds that see this light
-    bsdf_pdf : float32 [sr^-1], density of BSDF sampling in this direction
-    guide_pdf : float32 [sr^-1], part of the source density that the guide has; bsdf_share : float32, factor on the
-        BSDF's density in it (0 and 1 where the lane is not guided)
-    weight : float32, 1 / probability of taking a sample at all, set before; 0 = not to be taken
-    cluster : int32, of the light that was chosen, -1 = none; cluster_pmf, tree_pmf : float32, with which probability it
-        was, and would have been by the light tree alone. Of lanes that are recorded, and of all where clamping has to
-        know what learned choices have changed
+    `channels` is as that of `PathState`.
     """
 
     _rows = True
-    direction: Float32Array
-    distance: Float32Array
-    pdf: Float32Array
-    radiance: Float32Array
-    terminate: Float32Array
-    offset: Float32Array
-    emitter: Int32Array
-    flags: Int32Array
-    visibility: Int32Array
-    bsdf_pdf: Float32Array
-    guide_pdf: Float32Array
-    bsdf_share: Float32Array
-    weight: Float32Array
-    cluster: Int32Array
-    cluster_pmf: Float32Array
-    tree_pmf: Float32Array
+    direction: Float32Array = column("from the surface, unit", "L", 3, line=0)
+    distance: Float32Array = column("1e30 for distant lights [m]", "L", line=0)
+    pdf: Float32Array = column("the tree's pmf included (a delta light's pmf); 0 = none [sr^-1]", "L", line=0)
+    radiance: Float32Array = column(
+        "or the factor on the light program's emission where there is a program", "L", "C", line=0
+    )
+    terminate: Float32Array = column("in [0, 1), for the roulette on dim light samples", "L", line=0)
+    offset: Float32Array = column("rounding error of the point on the light along the ray [m]", "L", line=0)
+    flags: Int32Array = column("LIGHT_*", "L", line=0)
+    visibility: Int32Array = column("RAY_* kinds that see this light", "L", line=0)
+    bsdf_pdf: Float32Array = column("density of BSDF sampling in this direction [sr^-1]", "L", line=0)
+    guide_pdf: Float32Array = column(
+        "part of the source density that the guide has; 0 where the lane is not guided [sr^-1]", "L", line=0
+    )
+    bsdf_share: Float32Array = column(
+        "factor on the BSDF's density in it; 1 where the lane is not guided", "L", fill=1.0, line=0
+    )
+    weight: Float32Array = column(
+        "1 / probability of taking a sample at all, set before; 0 = not to be taken", "L", fill=1.0, line=0
+    )
+    # Of lanes that are recorded, and of all where clamping has to know what learned choices have changed.
+    cluster: Int32Array = column("of the light that was chosen, -1 = none", "L", line=1)
+    cluster_pmf: Float32Array = column("probability with which it was", "L", line=1)
+    tree_pmf: Float32Array = column("and with which it would have been by the light tree alone", "L", line=1)
+    emitter: Int32Array = column("row of `LightArrays.emitters`, where LIGHT_ENDS_IN_PLACE", "L", line=1)
     channels: tuple[int, ...]
 
 
@@ -644,25 +526,17 @@ DRAW_INTEGER_WIDTH = 6
 
 
 class LightDraws(Bundle):
-    """A thread's scratch for what is drawn side by side: light samples, and the numbers of vertices.
+    """A thread's scratch for what is drawn side by side: light samples, and the numbers of vertices."""
 
-    real : float32 (1, DRAW_REAL_WIDTH, DRAW_WIDTH)
-    integer : int64 (DRAW_INTEGER_WIDTH, DRAW_WIDTH)
-    hashes : uint32 (3, DRAW_WIDTH)
-    """
-
-    real: Float32Array
-    integer: Int64Array
-    hashes: Uint32Array
+    real: Float32Array = column("by DRAW_*", 1, DRAW_REAL_WIDTH, DRAW_WIDTH)
+    integer: Int64Array = column("by DRAW_*", DRAW_INTEGER_WIDTH, DRAW_WIDTH)
+    hashes: Uint32Array = column("by DRAW_RNG, DRAW_SAMPLE and DRAW_DIMENSION", 3, DRAW_WIDTH)
 
 
 def allocate_light_draws() -> LightDraws:
     """Zeroed `LightDraws`."""
-    size = 4 * DRAW_REAL_WIDTH * DRAW_WIDTH
-    real = aligned_bytes(size)[:size].view(np.float32).reshape(1, DRAW_REAL_WIDTH, DRAW_WIDTH)
-    return LightDraws(
-        real, np.zeros((DRAW_INTEGER_WIDTH, DRAW_WIDTH), np.int64), np.zeros((3, DRAW_WIDTH), np.uint32)
-    )
+    real = aligned_bytes(4 * DRAW_REAL_WIDTH * DRAW_WIDTH).view(np.float32)
+    return _allocate_lanes(LightDraws, 0, real=real.reshape(1, DRAW_REAL_WIDTH, DRAW_WIDTH))
 
 
 LIGHT_USES_MIS = 1
@@ -679,104 +553,14 @@ LIGHT_ENDS_IN_PLACE = 32
 
 def allocate_light_samples(lane_count: int, channel_count: int = 3) -> LightSamples:
     """Zeroed `LightSamples` for `lane_count` lanes."""
-    real, integer = np.float32, np.int32
-    fields = _records(
-        lane_count,
-        [
-            [
-                ("direction", real, 3),
-                ("distance", real),
-                ("pdf", real),
-                ("radiance", real, channel_count),
-                ("terminate", real),
-                ("offset", real),
-                ("flags", integer),
-                ("visibility", integer),
-                ("bsdf_pdf", real),
-                ("guide_pdf", real),
-                ("bsdf_share", real),
-                ("weight", real),
-            ],
-            [("cluster", integer), ("cluster_pmf", real), ("tree_pmf", real), ("emitter", integer)],
-        ],
-    )
-    fields["bsdf_share"][:] = fields["weight"][:] = 1.0
-    return LightSamples(**fields, channels=tuple(range(channel_count)))
+    return _allocate_lanes(LightSamples, lane_count, channel_count, channels=tuple(range(channel_count)))
 
 
 def allocate_paths(lane_count: int, channel_count: int = 3) -> PathState:
     """Zeroed `PathState` for `lane_count` lanes."""
-    real, integer = np.float32, np.int32
-    layout: list[list[tuple]] = [
-        [
-            ("origin", real, 3),
-            ("direction", real, 3),
-            ("time", real),
-            ("flags", integer),
-            ("hit_distance", real),
-            ("hit_u", real),
-            ("hit_v", real),
-            ("hit_instance", integer),
-            ("hit_triangle", integer),
-            ("depth", integer),
-            ("offset", real),
-            ("alive", np.uint8),
-        ],
-        [
-            ("throughput", real, channel_count),
-            ("radiance", real, channel_count),
-            ("random", real, 4),
-            ("rng", np.uint32),
-            ("sample", integer),
-            ("dimension", integer),
-            ("pixel", integer),
-            ("unguided", real),
-            ("survival", real),
-        ],
-        [
-            ("mis_origin", real, 3),
-            ("mis_normal", real, 3),
-            ("mis_distance", real),
-            ("mis_pdf", real),
-            ("unguided_pdf", real),
-            ("unguided_survival", real),
-            ("min_pdf", real),
-            ("radius", real),
-            ("spread", real),
-            ("alpha", real),
-            ("diffuse_depth", np.int16),
-            ("glossy_depth", np.int16),
-            ("transmission_depth", np.int16),
-            ("transparent_depth", np.int16),
-        ],
-    ]
-    if channel_count > RGB:
-        layout.append([("wavelength", real, WAVELENGTHS), ("share", real, WAVELENGTHS), ("hero", real)])
-    fields = _records(lane_count, layout)
-    if channel_count == RGB:
-        fields |= _without_wavelengths("hero")
-    return PathState(**fields, channels=tuple(range(channel_count)))
+    return _allocate_lanes(PathState, lane_count, channel_count, channels=tuple(range(channel_count)))
 
 
 def allocate_shadow_rays(lane_count: int, channel_count: int = 3) -> ShadowRays:
     """Zeroed `ShadowRays` for `lane_count` lanes."""
-    real, integer = np.float32, np.int32
-    fields = _records(
-        lane_count,
-        [
-            [
-                ("origin", real, 3),
-                ("direction", real, 3),
-                ("distance", real),
-                ("radiance", real, channel_count),
-                ("weight", real),
-                ("own", real),
-                ("other", real),
-                ("share", real),
-                ("lane", integer),
-                ("transparent_depth", np.int16),
-                ("transparent_left", np.int16),
-            ]
-        ],
-    )
-    return ShadowRays(**fields, channels=tuple(range(channel_count)))
+    return _allocate_lanes(ShadowRays, lane_count, channel_count, channels=tuple(range(channel_count)))

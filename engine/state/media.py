@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from engine.array_types import Float32Array, Int32Array, Uint8Array
 from engine.runtime.bundle import Bundle
+from engine.state.columns import allocate, column
 from engine.state.tracking import MajorantGrids
 
 # Columns of MediaArrays.media.
@@ -28,7 +27,7 @@ EXTINCTION = 0
 SCATTERING = 1
 EMISSION = 2
 CHANNEL_WEIGHT = 3
-#: Of the density with which distances are proposed (`engine.kernels.distances`), and the integral of the transmittance.
+#: Weight in the density that proposes distances (`engine.kernels.distances`), and the integral of the transmittance.
 PROPOSAL_WEIGHT = 4
 SEEN_LENGTH = 5
 COEFFICIENT_ROWS = 6
@@ -63,34 +62,33 @@ class MediaArrays(Bundle):
 
 
 class MediaLanes(Bundle):
-    """Media that each path is in, L lanes and a row for the ray in work; one row in scenes without any.
+    """Media that each path is in: a row a lane and one for the ray in work; one row in scenes without any.
 
-    Where media vary L more lie between the two, for shadow rays.
-
-    instance, medium : int32 (L + 1, MAX_MEDIA), the first `count` are in use; the world's has instance WORLD
-    count : int32 (L + 1,)
-    depth : int32 (L + 1,), scatterings by media
-    crossings : int32 (L + 1,), surfaces without a shader that the path has crossed
-    gap : float32 (L + 1,) [m], before what the ray meets, in which there are no media; 0 but in scenes of dense ones
-    is_lit : uint8 (L + 1,), whether lights have been sampled for all of the segment, so that a collision samples none
-    collision_share : float32 (L + 1,), probability with which the path collides on the segment, for MIS weights
-    next_instance : int32 (L + 1,), what the ray meets behind the segment, while the lane stands within it
-    kept_throughput : float32 (L + 1, channels), likewise; kept_unguided : float32 (L + 1,), likewise
-    coefficients : float32 (COEFFICIENT_ROWS, channels), scratch: sums over what a path is in, at its channels
+    Where media vary as many rows as lanes lie between the two, for shadow rays.
     """
 
-    instance: Int32Array
-    medium: Int32Array
-    count: Int32Array
-    depth: Int32Array
-    crossings: Int32Array
-    gap: Float32Array
-    is_lit: Uint8Array
-    collision_share: Float32Array
-    next_instance: Int32Array
-    kept_throughput: Float32Array
-    kept_unguided: Float32Array
-    coefficients: Float32Array
+    instance: Int32Array = column("the first `count` are in use; the world's has instance WORLD", "L", MAX_MEDIA)
+    medium: Int32Array = column("row of MediaArrays.media, likewise", "L", MAX_MEDIA)
+    count: Int32Array = column("media that the path is in", "L")
+    depth: Int32Array = column("scatterings by media", "L")
+    crossings: Int32Array = column("surfaces without a shader that the path has crossed", "L")
+    gap: Float32Array = column(
+        "before what the ray meets, in which there are no media; 0 but in scenes of dense ones [m]", "L"
+    )
+    is_lit: Uint8Array = column(
+        "whether lights have been sampled for all of the segment, so that a collision samples none", "L"
+    )
+    collision_share: Float32Array = column(
+        "probability with which the path collides on the segment, for MIS weights", "L", fill=1.0
+    )
+    next_instance: Int32Array = column(
+        "what the ray meets behind the segment, while the lane stands within it", "L"
+    )
+    kept_throughput: Float32Array = column("likewise", "L", "C")
+    kept_unguided: Float32Array = column("likewise", "L")
+    coefficients: Float32Array = column(
+        "scratch: sums over what a path is in, at its channels", COEFFICIENT_ROWS, "C"
+    )
 
 
 def allocate_media_lanes(lane_count: int, channel_count: int, *, has_shadows: bool = False) -> MediaLanes:
@@ -104,17 +102,4 @@ def allocate_media_lanes(lane_count: int, channel_count: int, *, has_shadows: bo
         Whether shadow rays have rows of their own.
     """
     rows = lane_count * (2 if has_shadows else 1) + 1
-    return MediaLanes(
-        instance=np.zeros((rows, MAX_MEDIA), np.int32),
-        medium=np.zeros((rows, MAX_MEDIA), np.int32),
-        count=np.zeros(rows, np.int32),
-        depth=np.zeros(rows, np.int32),
-        crossings=np.zeros(rows, np.int32),
-        gap=np.zeros(rows, np.float32),
-        is_lit=np.zeros(rows, np.uint8),
-        collision_share=np.ones(rows, np.float32),
-        next_instance=np.zeros(rows, np.int32),
-        kept_throughput=np.zeros((rows, channel_count), np.float32),
-        kept_unguided=np.zeros(rows, np.float32),
-        coefficients=np.zeros((COEFFICIENT_ROWS, channel_count), np.float32),
-    )
+    return allocate(MediaLanes, {"L": rows, "C": channel_count})

@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
+from engine.state.columns import allocate, column
 
 # Columns of MajorantGrids.table.
 GRID_MEDIUM = 0
@@ -52,57 +53,34 @@ def no_majorants(instance_count: int) -> MajorantGrids:
 
 
 class TrackedLanes(Bundle):
-    """Rays that are followed through media that vary: a row for each of L paths, then one for each of L shadow rays.
+    """Rays that are followed through media that vary: a row for each path, then one for each shadow ray."""
 
-    is_tracked : uint8, whether the path's ray is followed at all in this round
-    position, end : float32 [m], along the ray: how far it has come, and where the surface is
-    weight : float32 (R, C), of what is left of the light along the ray
-    emitted : float32 (R, C), what the media on the way have emitted, seen from the ray's start
-    chosen : int32, entry of the row's media that may collide at `position`, of a shadow ray boundaries that may lie
-        behind the next one; majorant : float32 [m^-1], of what may collide
-    collision : float32 [m], where the path is scattered, -1: nowhere
-    step : int32, possible collisions so far
-    u_event, u_roulette : float32, random numbers for what becomes of the ray at `position`
-    lamp : int32, lamp on the ray whose light is seen, -1 = none; lamp_count : int32, of how many it was picked;
-        lamp_distance : float32 [m]; lamp_weight : float32 (R, C), `weight` there
-    origin : float32 (R, 3), rest : float32 [m], of a shadow ray from the boundary on that it has crossed last
-    instance, triangle : int32, of the next boundary, instance -1 = none; u, v : float32, where on it
-    """
-
-    is_tracked: Uint8Array
-    position: Float32Array
-    end: Float32Array
-    weight: Float32Array
-    emitted: Float32Array
-    chosen: Int32Array
-    majorant: Float32Array
-    collision: Float32Array
-    step: Int32Array
-    u_event: Float32Array
-    u_roulette: Float32Array
-    lamp: Int32Array
-    lamp_count: Int32Array
-    lamp_distance: Float32Array
-    lamp_weight: Float32Array
-    origin: Float32Array
-    rest: Float32Array
-    instance: Int32Array
-    triangle: Int32Array
-    u: Float32Array
-    v: Float32Array
+    is_tracked: Uint8Array = column("whether the path's ray is followed at all in this round", "R")
+    position: Float32Array = column("how far the ray has come along itself [m]", "R")
+    end: Float32Array = column("where the surface is [m]", "R")
+    weight: Float32Array = column("of what is left of the light along the ray", "R", "C")
+    emitted: Float32Array = column("what the media on the way have emitted, seen from the ray's start", "R", "C")
+    chosen: Int32Array = column(
+        "entry of the row's media that may collide at `position`; of a shadow ray boundaries that may lie behind the "
+        "next one", "R",
+    )
+    majorant: Float32Array = column("of what may collide [m^-1]", "R")
+    collision: Float32Array = column("where the path is scattered, -1: nowhere [m]", "R")
+    step: Int32Array = column("possible collisions so far", "R")
+    u_event: Float32Array = column("random number for what becomes of the ray at `position`", "R")
+    u_roulette: Float32Array = column("likewise", "R")
+    lamp: Int32Array = column("lamp on the ray whose light is seen, -1 = none", "R")
+    lamp_count: Int32Array = column("of how many it was picked", "R")
+    lamp_distance: Float32Array = column("to it [m]", "R")
+    lamp_weight: Float32Array = column("`weight` there", "R", "C")
+    origin: Float32Array = column("of a shadow ray, from the boundary on that it has crossed last", "R", 3)
+    rest: Float32Array = column("of that ray [m]", "R")
+    instance: Int32Array = column("of the next boundary, -1 = none", "R")
+    triangle: Int32Array = column("of the next boundary", "R")
+    u: Float32Array = column("where on it", "R")
+    v: Float32Array = column("likewise", "R")
 
 
 def allocate_tracked_lanes(row_count: int, channel_count: int) -> TrackedLanes:
     """Zeroed `TrackedLanes`; one row in scenes where nothing varies."""
-    real, integer = np.float32, np.int32
-    scalars = {
-        "position": real, "end": real, "chosen": integer, "majorant": real, "collision": real, "step": integer,
-        "u_event": real, "u_roulette": real,
-        "lamp": integer, "lamp_count": integer, "lamp_distance": real, "rest": real, "instance": integer,
-        "triangle": integer, "u": real, "v": real, "is_tracked": np.uint8,
-    }
-    arrays = {name: np.zeros(row_count, dtype) for name, dtype in scalars.items()}
-    by_channel = {
-        name: np.zeros((row_count, channel_count), real) for name in ("weight", "emitted", "lamp_weight")
-    }
-    return TrackedLanes(**arrays, **by_channel, origin=np.zeros((row_count, 3), real))
+    return allocate(TrackedLanes, {"R": row_count, "C": channel_count})

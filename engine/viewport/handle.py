@@ -69,7 +69,7 @@ class ViewProcess:
 
     @property
     def process_id(self) -> int | None:
-        """Of the process, for tests and measurements."""
+        """Identifier of the process, for tests and measurements."""
         return None if self._child is None else self._child.process.pid
 
     @property

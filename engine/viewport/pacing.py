@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from engine.render.pace import Pace
 
-#: Of the picture at full resolution: as Cycles' viewport at first, then at widening intervals.
+#: Pace of the picture at full resolution: as Cycles' viewport at first, then at widening intervals.
 PACE = Pace(times=(0.1, 0.25, 0.5, 1.0, 2.0), interval=1.25, growth=1.25, longest=8.0, poll_seconds=0.004)
 #: From a change to its first picture [s]: 25 pictures a second while the view turns, and what it takes to send them.
 _BUDGET = 0.034
@@ -13,7 +13,7 @@ _BUDGET = 0.034
 _LEAST_TRACING = 0.008
 #: An estimate may exceed the budget by this factor: else pictures of half the sides would use a quarter of it.
 _TOLERANCE = 1.4
-#: Of a view that nothing is known of yet.
+#: Divider of a view whose cost is not known yet.
 _FIRST_DIVIDER = 8
 _LARGEST_DIVIDER = 32
 #: Weight of the newest measurement.
@@ -33,7 +33,7 @@ class Pacing:
         Parameters
         ----------
         width, height : int
-            Of the part that is rendered, at full resolution.
+            Size of the part that is rendered, at full resolution.
         """
         divider = _FIRST_DIVIDER
         if self._seconds_per_path > 0.0:

@@ -42,7 +42,7 @@ _BLOCK = np.dtype(
         ("writing", np.int64),
         ("writing_start", np.int64),
         ("writing_size", np.int64),
-        # Of the newest whole picture.
+        # Where the newest whole picture lies, and its size.
         ("start", np.int64),
         ("width", np.int64),
         ("height", np.int64),
@@ -207,7 +207,7 @@ class Block:
 
     @property
     def image_number(self) -> int:
-        """Of the newest picture, 0 = none, or not at this moment."""
+        """Number of the newest picture; 0 = there is none, or none can be read now."""
         return int(self._block["image"][0])
 
     def read_status(self) -> Status | None:

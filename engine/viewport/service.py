@@ -37,7 +37,7 @@ from engine.viewport.protocol import BUILDING, COMPILING, DONE, FAILED, PAUSED, 
 from engine.viewport.transfer import Receiver
 from engine.viewport.view import Update, View
 
-#: Of coarse pictures there is but one, at the end.
+#: Pace of a coarse picture: it is shown once, when it is finished.
 _COARSE_PACE = replace(PACE, times=(), interval=1e9, longest=1e9)
 #: Least time from one denoising to the next [s], and that time over the time that the last one took.
 _DENOISE_SECONDS = 1.0
@@ -280,7 +280,7 @@ class Service:
 
     @property
     def _passes(self) -> frozenset[str]:
-        """Of every picture: kernels are linked for what is asked of them."""
+        """Passes of every picture, always the same: kernels are linked for what is asked of them."""
         return frozenset({"Combined", "Sample Count"}) | self._denoising.passes
 
     # Telling the host

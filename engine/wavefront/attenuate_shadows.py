@@ -5,18 +5,10 @@ They go along the shadow rays from boundary to boundary, whatever stands between
 Where media vary in space this takes turns, as in `engine.wavefront.track_media`.
 """
 
-from engine.accel import (
-    CATCHER_MASK_SHIFT,
-    MASK_MEDIUM,
-    MASK_SHADOW_OPAQUE,
-    MOST_BOUNDARIES,
-    prepare_filters,
-    read_boundary,
-    read_hit,
-    trace_boundaries,
-    trace_closest_from,
-    trace_occluded_from,
-)
+from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_MEDIUM, MASK_SHADOW_OPAQUE
+from engine.accel.passing import prepare_filters, read_boundary, trace_boundaries
+from engine.accel.ray_words import MOST_BOUNDARIES
+from engine.accel.rays import read_hit, trace_closest_from, trace_occluded_from
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
 from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects

@@ -188,14 +188,14 @@ def end_in_cache(scene, unit, radiance, work, queue):
                 weight = cells.sums[slot, SUM_WEIGHT + c] * survival
                 value = paths.throughput[lane, c] * cells.sums[slot, c] / weight if weight > 0.0 else FLOAT_MAX
             # Written so that NaN fails. Lamps of negative strength take light.
-            is_known = is_known and abs(value) < FLOAT_MAX
+            is_known = is_known and bool(abs(value) < FLOAT_MAX)
             contribution[lane, c] = value
             cached.base[lane, c] = paths.radiance[lane, c]
         if not is_known:
             continue
         work.counts[CACHED_PATHS + min(int(paths.depth[lane]), CACHED_DEPTHS) - 1] += 1
         # What the cell has learned from has been clamped.
-        add_radiance(paths, passes, lane, contribution, lane, paths.depth[lane], 1.0, NO_GROUP)
+        add_radiance(paths, passes, lane, contribution, lane, np.int64(paths.depth[lane]), 1.0, NO_GROUP)
         if np.int64(chosen) >= threshold:
             paths.alive[lane] = 0
             continue

@@ -129,7 +129,7 @@ def init_from_camera(scene, unit, work, queue):
         start = add(origin, scale(direction, near))
         store(paths.origin, lane, start)
         store(paths.direction, lane, direction)
-        paths.hit_distance[lane] = far - near
+        paths.hit_distance[lane] = paths.reach[lane] = far - near
         paths.time[lane] = time
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] = 1.0
@@ -139,7 +139,7 @@ def init_from_camera(scene, unit, work, queue):
         paths.unguided[lane] = 1.0
         paths.survival[lane] = -1.0
         paths.unguided_survival[lane] = 1.0
-        paths.mis_pdf[lane] = far - near
+        paths.mis_pdf[lane] = 0.0
         paths.unguided_pdf[lane] = -1.0
         store(paths.mis_origin, lane, start)
         store(paths.mis_normal, lane, direction)

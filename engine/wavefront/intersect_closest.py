@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: find what each path's ray hits first."""
 
-from engine.accel import CATCHER_MASK_SHIFT, read_hit, start_on, trace_closest, trace_closest_from
+from engine.accel.masks import CATCHER_MASK_SHIFT
+from engine.accel.rays import read_hit, trace_closest, trace_closest_from
+from engine.accel.skipped_triangles import start_on
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.surface import ray_start
 from engine.kernels.vector import load, store

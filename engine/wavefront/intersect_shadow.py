@@ -7,18 +7,9 @@ the program at the blocker. Where they are few they have a hierarchy of their ow
 all casters are.
 """
 
-from engine.accel import (
-    CATCHER_MASK_SHIFT,
-    MASK_SHADOW_OPAQUE,
-    MASK_SHADOW_TRANSPARENT,
-    prepare_filters,
-    read_hit,
-    trace_closest,
-    trace_closest_from,
-    trace_occluded,
-    trace_occluded_from,
-    trace_passing,
-)
+from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+from engine.accel.passing import prepare_filters, trace_passing
+from engine.accel.rays import read_hit, trace_closest, trace_closest_from, trace_occluded, trace_occluded_from
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput

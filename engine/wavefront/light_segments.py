@@ -19,7 +19,7 @@ from engine.kernels.collision import place_collision, set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
 from engine.kernels.light_sample import keep_light_sample
-from engine.kernels.lights import background_pdf, draw_cell, draw_triangle, sample_emitter
+from engine.kernels.lights import Choice, Receiver, background_pdf, draw_cell, draw_triangle, sample_emitter
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.media import (
@@ -100,15 +100,14 @@ def _share_of_scattering(lights, collision_share, sample, p, normal):
 
     0 where nothing but light sampling finds the light, -1 where it is left to scattering.
     """
-    pdf, emitter, kind, wi, _, _, _, _, _, _, _, _, _, _, _, _, use_mis, _, pmf = sample
-    if not use_mis:
-        return 0.0 * pmf
+    if not sample.use_mis:
+        return 0.0 * sample.pmf
     row = selection_row(lights, p)
-    if kind == LIGHT_BACKGROUND and row >= 0:
-        known = background_pdf(lights, p, normal, True, False, wi)
+    if sample.kind == LIGHT_BACKGROUND and row >= 0:
+        known = background_pdf(lights, p, normal, True, False, sample.wi)
     else:
-        known = pdf / pmf * emitter_pmf(lights, row, emitter, p, normal, True)
-    return collision_share * pdf / known if known > 0.0 else -1.0 + 0.0 * known
+        known = sample.pdf / sample.pmf * emitter_pmf(lights, row, sample.emitter, p, normal, True)
+    return collision_share * sample.pdf / known if known > 0.0 else -1.0 + 0.0 * known
 
 
 @kernel
@@ -182,18 +181,18 @@ def light_segments(scene, unit, work, queue):
         drawn = draw_triangle(lights, geometry, emitter, p, paths.time[lane], u0, u1)
         cell = draw_cell(lights, emitter, -1, False, u0, u1)
         sample = sample_emitter(
-            lights, geometry, emitter, pmf, -1, drawn, cell, p, normal, True, False, paths.time[lane], u0, u1
+            lights, geometry, Choice(emitter, pmf, np.int64(-1)), drawn, cell, Receiver(p, normal, True, False),
+            paths.time[lane], u0, u1,
         )
-        pdf, _, _, wi, _, _, _, _, _, instance, _, _, _, visibility, _, max_bounces, _, _, _ = sample
-        if not pdf > 0.0 or paths.depth[lane] > max_bounces or not visibility & RAY_VOLUME:
+        if not sample.pdf > 0.0 or paths.depth[lane] > sample.max_bounces or not sample.visibility & RAY_VOLUME:
             continue
-        if follows and instance >= 0:
-            if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
+        if follows and sample.instance >= 0:
+            if not geometry.instance_table[sample.instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
                 continue
         scattering_share = _share_of_scattering(lights, share, sample, p, normal)
         if scattering_share < 0.0:
             continue
-        phase_pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
+        phase_pdf = eval_phases(closures, lane, wo, sample.wi, f_cos, lane)
         if not _largest(paths.channels, f_cos, lane) > 0.0:
             continue
         samples.weight[lane] = 1.0

@@ -3,7 +3,8 @@
 
 import numpy as np
 
-from engine.accel import MASK_MEDIUM, read_hit, trace_closest
+from engine.accel.masks import MASK_MEDIUM
+from engine.accel.rays import read_hit, trace_closest
 from engine.kernels.constants import INFINITY
 from engine.kernels.media import copy_media, cross_boundary, enter_medium
 from engine.kernels.path import real_3

@@ -76,7 +76,7 @@ def play_roulette(scene, unit, work, queue):
                 largest = np.float32(0.0)
                 for c in range(len(paths.channels)):
                     largest = max(largest, abs(paths.throughput[lane, c]))
-                plain = min(math.sqrt(largest * paths.unguided[lane]), np.float32(1.0))
+                plain = min(np.float32(math.sqrt(largest * paths.unguided[lane])), np.float32(1.0))
                 survival = max(paths.survival[lane], plain)
                 if predicts and not flags & RAY_TRANSPARENT:
                     # What the ray hits has a say.

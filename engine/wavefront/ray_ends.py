@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What shadow rays skip that start or end in place."""
 
-from engine.accel import end_on, start_on
+from engine.accel.skipped_triangles import end_on, start_on
 from engine.kernels.surface import is_far
 from engine.runtime.jit import kernel
 from engine.state.lanes import LIGHT_ENDS_IN_PLACE, RAY_SHADOW_IN_PLACE

@@ -11,6 +11,8 @@ from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, eval_bsdf, summarize
 from engine.kernels.clamping import clamps, weighted_inverse
 from engine.kernels.light_sample import keep_light_sample
 from engine.kernels.lights import (
+    Choice,
+    Receiver,
     ask_for_cell,
     choose_emitter,
     cluster_choice,
@@ -171,6 +173,13 @@ def _find_cells(lights, draws, count):
 
 
 @kernel
+def _choice_of(draws, k):
+    """What place `k` of `draws` has chosen: Choice, of the same types as in other stages, so that it compiles once."""
+    numbers = draws.integer
+    return Choice(np.int64(numbers[DRAW_EMITTER, k]), draws.real[0, DRAW_PMF, k], np.int64(numbers[DRAW_PATCH, k]))
+
+
+@kernel
 def choose_lights(scene, unit, work, queue):
     """Draw one light sample for every lane that has a lobe to receive it, unless its weight is 0.
 
@@ -204,31 +213,31 @@ def choose_lights(scene, unit, work, queue):
             leaves_dim = numbers[DRAW_LEAVES_DIM, k] != 0
             p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NS)
             sample = sample_emitter(
-                lights, geometry, numbers[DRAW_EMITTER, k], real[0, DRAW_PMF, k], numbers[DRAW_PATCH, k],
-                drawn_triangle(draws, k), (numbers[DRAW_ROW, k], numbers[DRAW_COLUMN, k]), p, n, has_transmission,
-                leaves_dim, paths.time[lane], real[0, DRAW_U0, k], real[0, DRAW_U1, k],
+                lights, geometry, _choice_of(draws, k), drawn_triangle(draws, k),
+                (np.int64(numbers[DRAW_ROW, k]), np.int64(numbers[DRAW_COLUMN, k])),
+                Receiver(p, n, has_transmission, leaves_dim), paths.time[lane], real[0, DRAW_U0, k],
+                real[0, DRAW_U1, k],
             )
-            (
-                pdf, emitter, _, wi, _, _, _, _, _, instance, triangle, _, _, visibility, _, max_bounces, _, _, pmf,
-            ) = sample  # fmt: skip
-            if pdf > 0.0 and (is_learned or (learns_lights and log.is_recording[lane] != 0)):
+            wi, instance = sample.wi, sample.instance
+            if sample.pdf > 0.0 and (is_learned or (learns_lights and log.is_recording[lane] != 0)):
                 cluster, cluster_pmf, tree_pmf = cluster_choice(
-                    lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi
+                    lights, sample.emitter, sample.pmf, p, n, has_transmission, leaves_dim, wi
                 )
                 samples.cluster[lane] = cluster
                 samples.cluster_pmf[lane] = cluster_pmf
                 samples.tree_pmf[lane] = tree_pmf
-            if not pdf > 0.0 or paths.depth[lane] > max_bounces:
+            if not sample.pdf > 0.0 or paths.depth[lane] > sample.max_bounces:
                 continue
-            if instance >= 0 and instance == paths.hit_instance[lane] and triangle == paths.hit_triangle[lane]:
-                continue
+            if instance >= 0 and instance == paths.hit_instance[lane]:
+                if sample.triangle == paths.hit_triangle[lane]:
+                    continue
             if follows and instance >= 0:
                 # Nothing but catchers is there for them.
                 if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
                     continue
             wo = real_3(points, lane, POINT_WO)
             ng = real_3(points, lane, POINT_NG)
-            bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, visibility & _SCATTERED, f_cos, lane)
+            bsdf_pdf = eval_bsdf(closures, tables, lane, wo, wi, ng, sample.visibility & _SCATTERED, f_cos, lane)
             largest = 0.0
             for c in range(len(paths.channels)):
                 largest = max(largest, abs(f_cos[lane, c]))

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from engine.accel import trace_closest
+from engine.accel.rays import trace_closest
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices

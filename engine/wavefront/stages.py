@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All stages by name, and what the main loop passes to each."""
+"""All stages, a record each: what the main loop passes to it, when it runs, and which clocks its time goes to.
+
+`engine.wavefront.trace_rounds` is the list that one reads; this one says the rest. Whether kernels that were linked for
+one render serve another follows from it (`Tracer.is_linked`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
@@ -69,114 +74,221 @@ from engine.wavefront.write_denoising import write_denoising
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
 
-_Stages = dict[str, Callable[..., Any]]
+
+class Loop(NamedTuple):
+    """What the main loop works on, and what threads have room for.
+
+    scene : SceneView; unit : UnitView; guidance : GuidanceView; radiance : RadianceView; work : Work
+    is_guided : bool, whether paths may be guided
+    records : bool, whether they may be recorded
+    uses_cache : bool, whether they may end in the radiance cache
+    predicts : bool, whether roulette may go by learned light
+    """
+
+    scene: SceneView
+    unit: UnitView
+    guidance: GuidanceView
+    radiance: RadianceView
+    work: Work
+    is_guided: bool
+    records: bool
+    uses_cache: bool
+    predicts: bool
 
 
-def _by_name(*stages: Callable[..., Any]) -> _Stages:
-    return {stage.__name__: stage for stage in stages}
+#: Something that follows from what the loop works on.
+_Of = Callable[[Loop], Any]
 
 
-#: Take scene, unit, work and a queue.
-_PLAIN = _by_name(
-    init_from_camera, play_roulette, intersect_closest, prepare_surface, shade_background, shade_emission, scatter,
-    accumulate,
+def _plain(loop: Loop) -> tuple[Any, ...]:
+    return loop.scene, loop.unit, loop.work, loop.work.active
+
+
+def _guided(loop: Loop) -> tuple[Any, ...]:
+    return loop.scene, loop.unit, loop.guidance, loop.work, loop.work.active
+
+
+def _radiance(loop: Loop) -> tuple[Any, ...]:
+    return loop.scene, loop.unit, loop.radiance, loop.work, loop.work.active
+
+
+def _shading(loop: Loop) -> tuple[Any, ...]:
+    scene, work = loop.scene, loop.work
+    return (
+        scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes, 0, work.registers,
+        MODE_CLOSURES,
+    )
+
+
+def _always(_loop: Loop) -> bool:
+    return True
+
+
+def _scene(flag: int) -> _Of:
+    return lambda loop: loop.scene.header[flag]
+
+
+def _unit(flag: int) -> _Of:
+    return lambda loop: loop.unit.header[flag]
+
+
+def _not(condition: _Of) -> _Of:
+    return lambda loop: not condition(loop)
+
+
+def _all(*conditions: _Of) -> _Of:
+    return lambda loop: all(condition(loop) for condition in conditions)
+
+
+def _any(*conditions: _Of) -> _Of:
+    return lambda loop: any(condition(loop) for condition in conditions)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage.
+
+    Attributes
+    ----------
+    run : kernel
+        Its name is the stage's.
+    clocks : str
+        Entries of `engine.wavefront.columns.CLOCK` that its time goes to, separated by spaces.
+    when : callable
+        Whether the loop may call it, of a `Loop`.
+    takes : callable
+        Arguments of the types that the loop passes, of a `Loop`.
+    """
+
+    run: Callable[..., Any]
+    clocks: str
+    when: _Of = _always
+    takes: _Of = _plain
+
+    @property
+    def name(self) -> str:
+        """As the loop calls it."""
+        return self.run.__name__
+
+
+_CONSTANT_WORLD, _SPECTRAL = _scene(SCENE_WORLD_IS_CONSTANT), _scene(SCENE_IS_SPECTRAL)
+_EMITTERS, _LAMPS = _scene(SCENE_HAS_EMITTERS), _scene(SCENE_HAS_HITTABLE_LIGHTS)
+_MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
+_VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
+_TRANSPARENT_SHADOWS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS)
+_FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
+_SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
+_SHADOWS = _any(_EMITTERS, _OCCLUSION)
+
+
+def _data(loop: Loop) -> Any:
+    return loop.scene.data.options.is_used
+
+
+def _aovs(loop: Loop) -> Any:
+    return loop.scene.data.options.aov_width
+
+
+def _is_guided(loop: Loop) -> bool:
+    return loop.is_guided
+
+
+def _records(loop: Loop) -> bool:
+    return loop.records
+
+
+def _uses_cache(loop: Loop) -> bool:
+    return loop.uses_cache
+
+
+#: All stages, about in the order of `trace_rounds`.
+_STAGES = (
+    Stage(init_from_camera, "init_from_camera"),
+    Stage(start_media, "init_from_camera", _MEDIA),
+    Stage(play_roulette, "play_roulette"),
+    Stage(intersect_closest, "intersect_closest"),
+    Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
+    Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
+    Stage(leave_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
+    Stage(begin_tracking, "track_media", _VARYING_MEDIA),
+    Stage(find_collisions, "track_media", _VARYING_MEDIA),
+    Stage(move_media, "track_media attenuate_shadows", _MOVING_MEDIA),
+    Stage(meet_media, "track_media", _VARYING_MEDIA),
+    Stage(shade_lights, "shade_lights", _LAMPS),
+    Stage(sample_medium, "sample_medium", _MEDIA),
+    Stage(meet_catchers, "catch_shadows", _CATCHES),
+    Stage(show_background, "catch_shadows shade_background", _CATCHES),
+    Stage(prepare_surface, "prepare_surface"),
+    Stage(play_adjoint_roulette, "play_adjoint_roulette", lambda loop: loop.predicts, _radiance),
+    Stage(end_in_cache, "end_in_cache", _uses_cache, _radiance),
+    Stage(fill_background, "catch_shadows shade_background", _CONSTANT_WORLD),
+    Stage(prepare_background, "catch_shadows shade_background", _not(_CONSTANT_WORLD)),
+    Stage(write_background_vectors, "shade_background", _data),
+    Stage(shade_background, "shade_background"),
+    Stage(
+        evaluate_shaders,
+        "evaluate_shaders evaluate_light_shaders catch_shadows shade_background track_media attenuate_shadows "
+        "intersect_shadow",
+        takes=_shading,
+    ),
+    Stage(
+        upsample_emission, "upsample catch_shadows shade_background", _SPECTRAL,
+        lambda loop: (loop.scene, loop.work, loop.work.points, loop.work.closures, loop.work.active),
+    ),
+    Stage(shade_emission, "shade_emission"),
+    Stage(write_aovs, "write_features shade_background", _aovs),
+    Stage(write_data, "write_features", _data),
+    Stage(write_features, "write_features", _FEATURES),
+    Stage(write_denoising, "write_denoising", _DENOISING),
+    Stage(write_colors, "split_light", _SPLITS_LIGHT),
+    Stage(upsample_closures, "upsample", _SPECTRAL),
+    Stage(prepare_guides, "prepare_guides", _is_guided, _guided),
+    Stage(write_guiding, "write_guiding", _all(_is_guided, _FEATURES), _guided),
+    Stage(prepare_collisions, "sample_medium", _MEDIA),
+    Stage(prepare_collision_guides, "prepare_guides", _all(_is_guided, _MEDIA), _guided),
+    Stage(choose_lights, "choose_lights", _EMITTERS),
+    Stage(upsample_lights, "upsample", _SPECTRAL),
+    Stage(guide_lights, "guide_lights", _is_guided, _guided),
+    Stage(connect_lights, "connect_lights", _EMITTERS),
+    Stage(split_sampled, "split_light", _all(_EMITTERS, _SPLITS_LIGHT)),
+    Stage(attenuate_shadows, "attenuate_shadows", _all(_MEDIA, _SHADOWS, _not(_VARYING_MEDIA))),
+    Stage(begin_shadows, "attenuate_shadows", _all(_VARYING_MEDIA, _SHADOWS)),
+    Stage(find_shadow_collisions, "attenuate_shadows", _all(_VARYING_MEDIA, _SHADOWS)),
+    Stage(dim_shadows, "attenuate_shadows", _all(_VARYING_MEDIA, _SHADOWS)),
+    Stage(intersect_shadow, "intersect_shadow", _SHADOWS),
+    Stage(pass_transparent, "intersect_shadow", _all(_SHADOWS, _TRANSPARENT_SHADOWS)),
+    Stage(guide_collisions, "sample_source", _all(_is_guided, _MEDIA), _guided),
+    Stage(draw_collision_candidates, "draw_candidates", _all(_is_guided, _MEDIA), _guided),
+    Stage(resample_collisions, "guide_resample", _all(_is_guided, _MEDIA), _guided),
+    Stage(scatter_collisions, "sample_medium", _MEDIA),
+    Stage(aim_occlusion, "occlusion", _OCCLUSION),
+    Stage(keep_occlusion, "occlusion", _OCCLUSION),
+    Stage(scatter, "scatter"),
+    Stage(sample_source, "sample_source", _is_guided, _guided),
+    Stage(draw_candidates, "draw_candidates", _is_guided, _guided),
+    Stage(predict_radiance, "predict_radiance", _is_guided, lambda loop: (loop.radiance, loop.guidance, loop.work)),
+    Stage(blend_with_mixture, "predict_radiance", _is_guided, lambda loop: (loop.guidance, loop.work)),
+    Stage(guide_resample, "guide_resample", _is_guided, _guided),
+    Stage(cross_boundaries, "sample_medium", _MEDIA),
+    Stage(split_scattered, "split_light", _SPLITS_LIGHT),
+    Stage(follow_footprints, "end_in_cache", _uses_cache),
+    Stage(collect_records, "collect_records", _records),
+    Stage(collect_taught, "collect_records", _uses_cache),
+    Stage(accumulate, "accumulate"),
 )
-#: The same, where the scene or what is asked for needs them.
-_HITTABLE_LIGHTS = _by_name(shade_lights)
-_CONSTANT_WORLD, _OTHER_WORLD = _by_name(fill_background), _by_name(prepare_background)
-_FEATURES, _DENOISING = _by_name(write_features), _by_name(write_denoising)
-_LIGHT_PASSES, _SAMPLED_PASSES = _by_name(write_colors, split_scattered), _by_name(split_sampled)
-_DATA, _AOVS = _by_name(write_data, write_background_vectors), _by_name(write_aovs)
-_CATCHERS = _by_name(meet_catchers, show_background)
-_MEDIA = _by_name(start_media, sample_medium, prepare_collisions, scatter_collisions, cross_boundaries)
-_DENSE_MEDIA = _by_name(find_gaps)
-_MEDIA_LIGHTS, _MEDIA_SHADOWS = _by_name(light_segments, leave_segments), _by_name(attenuate_shadows)
-_TRACKING = _by_name(begin_tracking, find_collisions, meet_media)
-_MOVING_MEDIA = _by_name(move_media)
-_TRACKED_SHADOWS = _by_name(begin_shadows, find_shadow_collisions, dim_shadows)
-_OCCLUSION = _by_name(aim_occlusion, keep_occlusion)
-_EMITTERS, _SHADOWS = _by_name(choose_lights, connect_lights), _by_name(intersect_shadow)
-_TRANSPARENT_SHADOWS = _by_name(pass_transparent)
-_WAVELENGTHS = _by_name(upsample_lights, upsample_closures)
-_RECORDS = _by_name(collect_records)
-#: Take scene, unit, guidance, work and a queue.
-_GUIDED = _by_name(prepare_guides, guide_lights, draw_candidates, guide_resample, sample_source)
-_GUIDED_FEATURES = _by_name(write_guiding)
-_GUIDED_MEDIA = _by_name(
-    prepare_collision_guides, guide_collisions, draw_collision_candidates, resample_collisions
-)
-#: Take what they need.
-_SHADERS = _by_name(evaluate_shaders)
-_EMISSION_WAVELENGTHS = _by_name(upsample_emission)
-_CACHE, _TAUGHT = _by_name(end_in_cache), _by_name(follow_footprints, collect_taught)
-_ADJOINT = _by_name(play_adjoint_roulette)
-_PREDICTION, _BLENDING = _by_name(predict_radiance), _by_name(blend_with_mixture)
 
-#: Every stage.
-STAGES: _Stages = {
-    **_PLAIN, **_HITTABLE_LIGHTS, **_CONSTANT_WORLD, **_OTHER_WORLD, **_FEATURES, **_DENOISING, **_EMITTERS,
-    **_TRANSPARENT_SHADOWS, **_WAVELENGTHS, **_RECORDS, **_GUIDED, **_GUIDED_FEATURES, **_GUIDED_MEDIA, **_SHADERS,
-    **_EMISSION_WAVELENGTHS, **_PREDICTION, **_BLENDING, **_CACHE, **_TAUGHT, **_ADJOINT,
-    **_LIGHT_PASSES, **_SAMPLED_PASSES, **_OCCLUSION, **_SHADOWS, **_CATCHERS, **_DATA, **_AOVS,
-    **_MEDIA, **_DENSE_MEDIA, **_MEDIA_LIGHTS, **_MEDIA_SHADOWS, **_TRACKING, **_TRACKED_SHADOWS,
-    **_MOVING_MEDIA,
-}
+#: Kernels of all stages by name.
+STAGES: dict[str, Callable[..., Any]] = {stage.name: stage.run for stage in _STAGES}
+#: Which clocks their time goes to.
+CLOCKS: dict[str, frozenset[str]] = {stage.name: frozenset(stage.clocks.split()) for stage in _STAGES}
 
 
-def stage_arguments(
-    scene: SceneView, unit: UnitView, guidance: GuidanceView, radiance: RadianceView, work: Work, *, is_guided: bool,
-    records: bool, uses_cache: bool, predicts: bool,
-) -> dict[str, tuple[Any, ...]]:
-    """What `StageTable.link` is to know of every stage that `trace_rounds` may call for these bundles.
+def stage_arguments(loop: Loop) -> dict[str, tuple[Any, ...]]:
+    """What `StageTable.link` is to know of every stage that `trace_rounds` may call.
 
     Returns
     -------
     dict
         By the stage's name, arguments of the types that the loop passes.
     """
-    header, use_features = scene.header, unit.header[UNIT_USE_FEATURES]
-    splits_light, use_occlusion = unit.header[UNIT_SPLITS_LIGHT], unit.header[UNIT_USE_OCCLUSION]
-    plain, guided = (scene, unit, work, work.active), (scene, unit, guidance, work, work.active)
-    arguments: dict[str, tuple[Any, ...]] = {}
-
-    def add(stages: _Stages, taken: tuple[Any, ...], when: Any = True) -> None:
-        if when:
-            arguments.update(dict.fromkeys(stages, taken))
-
-    add(_PLAIN, plain)
-    add(_HITTABLE_LIGHTS, plain, header[SCENE_HAS_HITTABLE_LIGHTS])
-    add(_CONSTANT_WORLD if header[SCENE_WORLD_IS_CONSTANT] else _OTHER_WORLD, plain)
-    add(_FEATURES, plain, use_features)
-    add(_DATA, plain, scene.data.options.is_used)
-    add(_AOVS, plain, scene.data.options.aov_width)
-    add(_DENOISING, plain, unit.header[UNIT_USE_DENOISING])
-    add(_LIGHT_PASSES, plain, splits_light)
-    add(_EMITTERS, plain, header[SCENE_HAS_EMITTERS])
-    add(_SAMPLED_PASSES, plain, header[SCENE_HAS_EMITTERS] and splits_light)
-    add(_CATCHERS, plain, unit.header[UNIT_CATCHES])
-    add(_OCCLUSION, plain, use_occlusion)
-    add(_MEDIA, plain, header[SCENE_HAS_MEDIA])
-    add(_DENSE_MEDIA, plain, header[SCENE_HAS_DENSE_MEDIA])
-    has_shadows = header[SCENE_HAS_EMITTERS] or use_occlusion
-    varies = header[SCENE_HAS_VARYING_MEDIA]
-    add(_TRACKING, plain, varies)
-    add(_MOVING_MEDIA, plain, header[SCENE_HAS_MOVING_MEDIA])
-    add(_MEDIA_LIGHTS, plain, header[SCENE_HAS_MEDIA] and header[SCENE_HAS_EMITTERS])
-    add(_MEDIA_SHADOWS, plain, header[SCENE_HAS_MEDIA] and has_shadows and not varies)
-    add(_TRACKED_SHADOWS, plain, varies and has_shadows)
-    add(_SHADOWS, plain, has_shadows)
-    add(_TRANSPARENT_SHADOWS, plain, has_shadows and header[SCENE_HAS_TRANSPARENT_SHADOWS])
-    add(_WAVELENGTHS, plain, header[SCENE_IS_SPECTRAL])
-    add(_RECORDS, plain, records)
-    add(_GUIDED, guided, is_guided)
-    add(_GUIDED_FEATURES, guided, is_guided and use_features)
-    add(_GUIDED_MEDIA, guided, is_guided and header[SCENE_HAS_MEDIA])
-    shading = (scene.shaders, scene.geometry, scene.tables, work.points, work.shaded, work.active.lanes)
-    add(_SHADERS, (*shading, 0, work.registers, MODE_CLOSURES))
-    add(_EMISSION_WAVELENGTHS, (scene, work, work.points, work.closures, work.active), header[SCENE_IS_SPECTRAL])
-    add(_PREDICTION, (radiance, guidance, work), is_guided)
-    add(_BLENDING, (guidance, work), is_guided)
-    add(_CACHE, (scene, unit, radiance, work, work.active), uses_cache)
-    add(_TAUGHT, plain, uses_cache)
-    add(_ADJOINT, (scene, unit, radiance, work, work.active), predicts)
-    return arguments
+    return {stage.name: stage.takes(loop) for stage in _STAGES if stage.when(loop)}

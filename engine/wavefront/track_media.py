@@ -46,7 +46,7 @@ def _pick_lamp(scene, work, lane):
     origin, direction = load(paths.mis_origin, lane), load(paths.direction, lane)
     before = paths.mis_distance[lane]
     count = 0
-    u = 0.0
+    u = np.float32(0.0)
     for lamp in range(lights.header[HEADER_HITTABLE]):
         distance = lamp_hit(lights, lamp, origin, direction, before, before + paths.hit_distance[lane])
         if distance < 0.0:

@@ -130,17 +130,17 @@ def freeze(monkeypatch: Any, folder: Path) -> None:
         monkeypatch.setattr(Path, name, refuse)
 
 
-@pytest.mark.parametrize("step", ["_report_result", "_stamp_mattes"])
+@pytest.mark.parametrize("step", ["log_figures", "stamp_figures", "stamp_mattes"])
 def test_figures_that_cannot_be_told_cost_no_picture(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any, step: str
 ) -> None:
-    from addon import engine
+    from addon import figures
 
     def fail(*_args: Any) -> None:
         raise ZeroDivisionError("figures")
 
     FakeEngine(monkeypatch)
-    monkeypatch.setattr(engine.NeuralGuideRenderEngine, step, fail)
+    monkeypatch.setattr(figures, step, fail)
     assert render(monkeypatch, blend_file, "-f", "1") == 0
     assert pixels(tmp_path / "x_0001.exr")[0, 7, 0] == 7
     error = capfd.readouterr().err

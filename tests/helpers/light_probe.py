@@ -13,6 +13,7 @@ from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights
 from engine.kernels.binary_tree import GRID_SIDE, LEAF
 from engine.kernels.lights import (
+    Receiver,
     background_pdf,
     lamp_factor,
     lamp_hit,
@@ -96,25 +97,22 @@ def build(
 @kernel
 def _draw(lights, geometry, p, n, has_transmission, leaves_dim, time, u, out):
     for i in range(u.shape[0]):
-        (
-            pdf, emitter, _kind, wi, distance, point, ng, a, b, instance, triangle, program, radiance,
-            _visibility, _cast_shadow, _max_bounces, use_mis, _back, _pmf,
-        ) = sample_light(lights, geometry, (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-                         has_transmission, leaves_dim, time, u[i, 0], u[i, 1], u[i, 2])  # fmt: skip
-        out[i, PDF] = pdf
-        out[i, EMITTER] = emitter
-        out[i, DISTANCE] = distance
+        receiver = Receiver((p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]), has_transmission, leaves_dim)
+        sample = sample_light(lights, geometry, receiver, time, u[i, 0], u[i, 1], u[i, 2])
+        out[i, PDF] = sample.pdf
+        out[i, EMITTER] = sample.emitter
+        out[i, DISTANCE] = sample.distance
         for c in range(3):
-            out[i, WI + c] = wi[c]
-            out[i, RADIANCE + c] = radiance[c]
-            out[i, NG + c] = ng[c]
-            out[i, POINT + c] = point[c]
-        out[i, PROGRAM] = program
-        out[i, USE_MIS] = use_mis
-        out[i, U] = a
-        out[i, V] = b
-        out[i, INSTANCE] = instance
-        out[i, TRIANGLE] = triangle
+            out[i, WI + c] = sample.wi[c]
+            out[i, RADIANCE + c] = sample.radiance[c]
+            out[i, NG + c] = sample.ng[c]
+            out[i, POINT + c] = sample.point[c]
+        out[i, PROGRAM] = sample.program
+        out[i, USE_MIS] = sample.use_mis
+        out[i, U] = sample.u
+        out[i, V] = sample.v
+        out[i, INSTANCE] = sample.instance
+        out[i, TRIANGLE] = sample.triangle
 
 
 def _rows(value: Any, count: int) -> np.ndarray:

@@ -7,7 +7,9 @@ import math
 
 import numpy as np
 
-from engine.accel import MASK_SHADOW_OPAQUE, MeshHierarchies, build_accelerator
+from engine.accel.accelerator import build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.masks import MASK_SHADOW_OPAQUE
 from engine.builder.geometry import build_geometry
 from engine.scene.description import Camera, Frame, Mesh, SceneDescription
 from engine.scene.instances import empty_instances, plain_instances

@@ -14,5 +14,5 @@ def test_the_page_is_the_one_that_is_generated() -> None:
 def test_every_setting_has_one_row() -> None:
     lines = page().split("\n")
     for name, setting in SCENE_SETTINGS.items():
-        (row,) = [line for line in lines if line.startswith(f"| `{name}` |")]
+        (row,) = [line for line in lines if line.startswith(f"| `{name}`: ")]
         assert setting.sentence in row and "|" not in setting.sentence

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Furnished rooms, and what they are furnished with."""
+"""Builds furnished rooms."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Statistical fields of incident light: fitted between iterations, without a network."""
+"""Statistical fields of incident light, which are fitted between iterations without a network."""

@@ -82,8 +82,8 @@ def direction_to_cell(wi):
     a = 0.5 + 0.5 * math.copysign(folded_u, wi[0])
     b = 0.5 + 0.5 * math.copysign(folded_v, wi[1])
     side = np.float32(TABLE_SIDE)
-    column = min(max(np.int64(a * side), 0), TABLE_SIDE - 1)
-    row = min(max(np.int64(b * side), 0), TABLE_SIDE - 1)
+    column = min(max(int(a * side), 0), TABLE_SIDE - 1)
+    row = min(max(int(b * side), 0), TABLE_SIDE - 1)
     return row * TABLE_SIDE + column
 
 
@@ -113,7 +113,7 @@ def _learn_regions(batch, rows, first, last, sums, limit):
         stop = rows[region, 1]
         if stop <= start:
             continue
-        known = 0.0
+        known = np.float64(0.0)
         for cell in range(_CELL_COUNT):
             known += np.float64(sums[region, cell, channel_count + _SUM_COUNT])
         fade = np.float32(min(1.0, limit / max(known, 1.0)))
@@ -121,7 +121,7 @@ def _learn_regions(batch, rows, first, last, sums, limit):
             for cell in range(_CELL_COUNT):
                 for column in range(sums.shape[2]):
                     sums[region, cell, column] *= fade
-        total = 0.0
+        total = np.float64(0.0)
         lit_count = 0
         for k in range(start, stop):
             brightest = np.float32(0.0)
@@ -133,7 +133,7 @@ def _learn_regions(batch, rows, first, last, sums, limit):
         share = max(_RADIANCE_SHARE, 2.0 / np.float32(max(lit_count, 1)))
         cap = total * share
         for _round in range(2):
-            total = 0.0
+            total = np.float64(0.0)
             for k in range(start, stop):
                 brightest = np.float32(0.0)
                 for c in range(channel_count):
@@ -148,7 +148,7 @@ def _learn_regions(batch, rows, first, last, sums, limit):
                 (batch[k, SAMPLE_DIRECTION], batch[k, SAMPLE_DIRECTION + 1], batch[k, SAMPLE_DIRECTION + 2])
             )
             inverse_pdf = 1.0 / max(batch[k, SAMPLE_PDF], _MIN_PDF)
-            kept = np.float32(min(1.0, cap / max(brightest, 1e-30)))
+            kept = np.float32(min(np.float64(1.0), cap / max(brightest, np.float32(1e-30))))
             for c in range(channel_count):
                 sums[region, cell, c] += batch[k, SAMPLE_RADIANCE + c] * kept * inverse_pdf
             sums[region, cell, channel_count + _SUM_INVERSE_PDF] += inverse_pdf

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What learns a source of directions from the records of each iteration."""
+"""The models that learn from the records of each iteration."""

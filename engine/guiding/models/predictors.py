@@ -29,8 +29,6 @@ from engine.ris.orca import CandidateCosts
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
-#: Iterations that a table learns from before AUTO tries it.
-TABLE_UPDATES = 3
 #: The state's array that holds the bytes of an `.onnx` file.
 _FILE = "onnx"
 #: Of a candidate that a network weighs, in rays (docs/decisions/candidates.md).
@@ -79,6 +77,11 @@ class Predictor:
     def is_ready(self) -> bool:
         """Whether it knows enough to be compared with coarser ones."""
         return False
+
+    @property
+    def update_count(self) -> int:
+        """Iterations that it has learned from, of what learns between iterations."""
+        return 0
 
     @property
     def predictions(self) -> Predictions:
@@ -136,7 +139,11 @@ class TablePredictor(Predictor):
 
     @property
     def is_ready(self) -> bool:
-        return self._table is not None and self._table.update_count >= TABLE_UPDATES
+        return self._table is not None and self._table.update_count > 0
+
+    @property
+    def update_count(self) -> int:
+        return 0 if self._table is None else self._table.update_count
 
     @property
     def predictions(self) -> Predictions:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Networks as the renderer sees them: shapes, encodings, and kernels that ask them."""
+"""Networks as the renderer sees them: shapes, encodings, and the kernels that ask them."""

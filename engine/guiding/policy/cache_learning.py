@@ -18,6 +18,7 @@ from engine.guiding.models.residual import residual_error
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget, iteration_weight
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import allocate_taught_records, join_taught
@@ -27,29 +28,12 @@ from engine.settings import RenderSettings
 from engine.state.film import FilmTile
 from engine.state.unit import CURRENT, Unit, UnitCosts
 
-#: Least share of the paths that go on where they could end, and measure what the cache lacks.
-MEASURED_SHARE = 0.125
-#: The share is judged again at so many times the samples.
-_AGAIN = 1.5
-#: The cache is given up where the image makes so many times the error that one without it would make: at once, or when
-#: it is judged for the second time in a row.
-_TOO_BAD, _BAD = 3.0, 1.5
-#: It is given up at once, too, where what it lacks in the large is surely more than this share of what it says, as
-#: squares, and more than the noise of an image without it: of details of such a lie too little is known in time.
-#: Single bright paths make standard errors that are too small by twice themselves or more; gross lies stand out by ten.
-_WRONG, _SURE = 0.1, 8.0
-#: More paths measure as soon as so many times what is surely lacking in the large is more than the image's noise.
-_AHEAD = 4.0
-#: Standard errors by which what is lacking still must be more than none, before it speaks against the cache.
-_DOUBT = 2.0
-#: Share of the pixels whose squares are cut to the next smaller one: single bright paths would decide.
-_CUT_PERCENT = 0.1
-#: Samples a pixel before which more of them may: nothing is known yet, and the records teach all the sooner.
-EARLY_SAMPLES = 7
 _REHEARSED_RECORDS = 16
 
 
-def _variance_gain(mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
+def _variance_gain(
+    mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray, weights: np.ndarray, cut_percent: float
+) -> float:
     """By how much the variance of the pixels would be larger without the cache, weighted mean.
 
     Parameters
@@ -59,9 +43,11 @@ def _variance_gain(mean: np.ndarray, square_gain: np.ndarray, known: np.ndarray,
         See `FilmTile.square_gain`, of one sample.
     weights : float32 (P,)
         See `pixel_weights`, by what the variance of a pixel's mean is of that of one sample.
+    cut_percent : float
+        Of the pixels: so many of the largest and of the smallest are cut to the next.
     """
     gain = (square_gain - (known * (known + 2.0 * mean)).mean(axis=1)) * weights
-    low, high = np.percentile(gain, (_CUT_PERCENT, 100.0 - _CUT_PERCENT))
+    low, high = np.percentile(gain, (cut_percent, 100.0 - cut_percent))
     return float(np.clip(gain, low, high).mean())
 
 
@@ -78,6 +64,7 @@ class CacheLearner:
         Of the largest unit of work.
     report : GuidingReport, optional
         Of the learner that this is a part of.
+    rules : Rules
     """
 
     #: Nothing outlives the render.
@@ -85,16 +72,18 @@ class CacheLearner:
     known_samples = 0.0
 
     def __init__(
-        self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int, report: GuidingReport | None = None
+        self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int, report: GuidingReport | None = None,
+        rules: Rules = RULES,
     ) -> None:
+        self._rules = rules
         self.settings = settings
         self.notices: list[Notice] = []
         self.report = GuidingReport(method="OFF") if report is None else report
         self.parts = [Part(0, 1, CURRENT)]
         self._cells = CellModel()
-        self._budget = RecordBudget(paths_per_sample, unit_pixels)
+        self._budget = RecordBudget(paths_per_sample, unit_pixels, rules=rules)
         #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
-        self._share = MEASURED_SHARE if settings.radiance_cache == "CONVERGING" else 0.0
+        self._share = rules.cache_measured_share if settings.radiance_cache == "CONVERGING" else 0.0
         self._judge_from = 0.0
         self._was_bad = False
         self.is_given_up = False
@@ -106,7 +95,7 @@ class CacheLearner:
 
     def weight(self, first_sample: int, _arm: int) -> float:
         """Weight in the image of each sample of an iteration."""
-        return iteration_weight(first_sample, self.settings)
+        return iteration_weight(first_sample, self.settings, rules=self._rules)
 
     def narrow(self, pixel_count: int, _expected_paths: float) -> None:
         """Take how many pixels the next iteration has."""
@@ -150,7 +139,8 @@ class CacheLearner:
         """
         if self.is_given_up or not len(sums.residual) or next_sample < self._judge_from:
             return
-        self._judge_from = _AGAIN * next_sample
+        rules = self._rules
+        self._judge_from = rules.cache_again * next_sample
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*size, -1))
@@ -160,19 +150,22 @@ class CacheLearner:
         error = residual_error(sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, size, weights)
         # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
         # cached image has less noise than its samples tell where they are well spread.
-        seen = error.wide_squared if error.wide_squared > _SURE * error.wide_noise else 0.0
-        is_too_few = error.noise + max(error.bias_squared, _AHEAD * seen) > cached
-        self._share = min(max(self._share * (2.0 if is_too_few else 0.5), MEASURED_SHARE), 1.0)
+        seen = error.wide_squared if error.wide_squared > rules.cache_sure * error.wide_noise else 0.0
+        is_too_few = error.noise + max(error.bias_squared, rules.cache_ahead * seen) > cached
+        self._share = min(max(self._share * (2.0 if is_too_few else 0.5), rules.cache_measured_share), 1.0)
         self.report.cache_bias = math.sqrt(error.bias_squared)
-        if next_sample < EARLY_SAMPLES:
+        if next_sample < rules.cache_early_samples:
             return
-        whole = cached + _variance_gain(mean, sums.square_gain / weight[:, 0], error.known, of_samples)
-        lacking = max(error.bias_squared - _DOUBT * error.bias_noise, 0.0)
+        gain = _variance_gain(
+            mean, sums.square_gain / weight[:, 0], error.known, of_samples, rules.cache_cut_percent
+        )
+        whole = cached + gain
+        lacking = max(error.bias_squared - rules.cache_doubt * error.bias_noise, 0.0)
         ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
         said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())
-        is_wrong = seen > max(_WRONG * said, whole)
-        self.is_given_up = is_wrong or ratio > _TOO_BAD or (ratio > _BAD and self._was_bad)
-        self._was_bad = ratio > _BAD
+        is_wrong = seen > max(rules.cache_wrong * said, whole)
+        self.is_given_up = is_wrong or ratio > rules.cache_too_bad or (ratio > rules.cache_bad and self._was_bad)
+        self._was_bad = ratio > rules.cache_bad
         if self.is_given_up:
             self.report.cache_stopped_at = next_sample
 
@@ -190,8 +183,8 @@ class CacheLearner:
         if self.is_given_up:
             return Guidance(self.settings, 0)
         threshold = self._budget.threshold(next_range[1])
-        if next_range[0] >= EARLY_SAMPLES:
-            threshold = min(threshold, int(MEASURED_SHARE * 2**32))
+        if next_range[0] >= self._rules.cache_early_samples:
+            threshold = min(threshold, int(self._rules.cache_measured_share * 2**32))
         return self.complete(Guidance(self.settings, threshold))
 
     def keep(self, units: Sequence[UnitRecords]) -> None:

@@ -10,22 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.trial import LEAST_OF_CAUTIOUS
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.of_unit import UnitRecords
-
-#: Samples before anything is learned. To learn twice costs twice as much, and samples guided by what the first one has
-#: left are worth little.
-CAUTIOUS_SAMPLES = 4
-#: What regions have to promise for guiding to be tried on where a comparison has shown it to lose: where it pays they
-#: promise 1.2 to 3.7, where it does not 1 to 1.06.
-_LEAST_PROMISE = 1.1
-#: And what both surfaces and media have to promise for all pixels to be guided, though a comparison of a part of them
-#: has shown little.
-_SURE_PROMISE = 1.4
 
 
 class CautiousTrial:
     """What a cautious trial has not learned from yet, and what it makes of promises.
+
+    Parameters
+    ----------
+    rules : Rules
 
     Attributes
     ----------
@@ -33,7 +27,8 @@ class CautiousTrial:
         Guiding has not lost, and regions promise enough to guide all pixels.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rules: Rules = RULES) -> None:
+        self._rules = rules
         self.is_promising = False
         self._units: list[UnitRecords] = []
         self._samples = 0.0
@@ -41,7 +36,7 @@ class CautiousTrial:
 
     def is_early(self, next_sample: int) -> bool:
         """Whether an iteration that `next_sample` follows is not to be learned from yet."""
-        return next_sample < CAUTIOUS_SAMPLES
+        return next_sample < self._rules.cautious_samples
 
     def hold(self, units: Sequence[UnitRecords], samples: float, costs: IterationCosts) -> None:
         """Keep what an unguided iteration has left: records, samples a pixel, costs."""
@@ -70,8 +65,8 @@ class CautiousTrial:
         promised : by kind of vertex
         efficiency : over unguided rendering, NaN where nothing was compared
         """
-        return efficiency < 1.0 and max(promised) < _LEAST_PROMISE
+        return efficiency < 1.0 and max(promised) < self._rules.least_promise
 
     def weigh(self, promised: Sequence[float], efficiency: float) -> None:
         """Say whether all pixels are to be guided; parameters are those of `is_hopeless`."""
-        self.is_promising = efficiency >= LEAST_OF_CAUTIOUS and min(promised) >= _SURE_PROMISE
+        self.is_promising = efficiency >= self._rules.least_of_cautious and min(promised) >= self._rules.sure_promise

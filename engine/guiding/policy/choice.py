@@ -16,25 +16,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.guiding.policy import trial
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
 from engine.guiding.saved.learned import LOST, OPEN, WON
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
-
-#: Of a finer method: mean efficiency over that in use at or below which it is dropped, and from which on it is taken,
-#: after so many comparisons. Variances of a few samples a pixel tell efficiencies to about a tenth.
-DROPPED = (0.8, 0.95, 1.03)
-TAKEN = (1.5, 1.15, 1.03)
-#: A method that lost is tried again, and one in use compared with the coarsest, at so many times the samples.
-_AGAIN = 4
-#: Then guiding is compared with unguided rendering again too, by so many iterations together: one lucky comparison must
-#: not bind an easy scene for good (docs/decisions/trial-and-choice.md). Not where it is _SURE times as good; below
-#: _LEAST_LATER it is left.
-_LOOKS = 3
-_SURE = 2.5
-_LEAST_LATER = 1.0
-#: Where guiding has won in the render that this one starts from, it is not compared before so many samples.
-_LOOK_AGAIN_FROM = 32
 
 
 class Choice:
@@ -47,6 +33,7 @@ class Choice:
         Method to begin with.
     tries_plain : bool
         Compare with unguided rendering.
+    rules : Rules
 
     Attributes
     ----------
@@ -58,7 +45,8 @@ class Choice:
     is_narrow : bool, few pixels are left: methods are compared no more, for what these say is luck
     """
 
-    def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
+    def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool, rules: Rules = RULES) -> None:
+        self._rules = rules
         self.rung = rung
         self.challenger = ""
         self.parts = [Part(0, 1, CURRENT)]
@@ -74,7 +62,7 @@ class Choice:
         self._has_won = False
         #: Whether the newest comparison was of a part of the pixels.
         self._was_part = False
-        self._least_paying = trial.LEAST_OF_SHORT
+        self._least_paying = self._rules.least_of_short
         self._trial: GuidingTrial | None = None
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
         self._plain = SampleMoments(pixel_count)
@@ -91,7 +79,7 @@ class Choice:
     @property
     def is_settled(self) -> bool:
         """Whether guiding has been found better than unguided rendering, or nobody asks."""
-        return not self._tries_plain or self._has_won or self._iteration > max(trial.LEAST_EFFICIENCY)
+        return not self._tries_plain or self._has_won or self._iteration > max(self._rules.least_efficiency)
 
     @property
     def is_paying(self) -> bool:
@@ -132,7 +120,7 @@ class Choice:
         It is never trusted blindly, for another view may be another matter: what won is looked at again later on.
         """
         if self._tries_plain and verdict == WON:
-            self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, _LOOK_AGAIN_FROM
+            self._has_won, self.efficiency, self._look_from = True, efficiency or math.nan, self._rules.look_again_from
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
@@ -179,10 +167,10 @@ class Choice:
             return
         if self._looks_again:
             self._overheads.append(overhead)
-            if len(self._overheads) < _LOOKS:
+            if len(self._overheads) < self._rules.looks:
                 self._trial = compared
                 return
-            overhead = sum(self._overheads) / _LOOKS
+            overhead = sum(self._overheads) / self._rules.looks
             self._overheads = []
         efficiency = compared.efficiency(weights) / (1.0 + overhead)
         if self.challenger:
@@ -191,22 +179,23 @@ class Choice:
         if self._looks_again:
             self._look(efficiency, next_sample)
             return
-        if self.efficiency >= trial.LEAST_OF_SHORT and not self._was_part:
+        if self.efficiency >= self._rules.least_of_short and not self._was_part:
             # It has paid once: what there is to lose is small, however little is left. A part can be lucky.
             samples_left = math.inf
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self._has_won = efficiency >= trial.CLEAR_EFFICIENCY[self._compared_at]
+        self._has_won = efficiency >= self._rules.clear_efficiency[self._compared_at]
         least = trial.least_efficiency(
-            self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious
+            self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious,
+            rules=self._rules,
         )
         # Written so that NaN, nothing compared, goes on.
         self.has_lost = efficiency < least
         self._was_part = is_part
-        is_first_part = is_part and self._compared_at == min(trial.LEAST_EFFICIENCY)
-        self._least_paying = trial.SURE_OF_FIRST_PART if is_first_part else trial.LEAST_OF_SHORT
+        is_first_part = is_part and self._compared_at == min(self._rules.least_efficiency)
+        self._least_paying = self._rules.sure_of_first_part if is_first_part else self._rules.least_of_short
         if self.is_settled:
-            self._look_from = _AGAIN * next_sample
+            self._look_from = self._rules.again * next_sample
 
     def _look(self, efficiency: float, next_sample: int) -> None:
         """Take a later comparison with unguided rendering."""
@@ -214,20 +203,20 @@ class Choice:
             return
         self.efficiency = efficiency
         self.trials.append(f"{self.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        self.has_lost = efficiency < _LEAST_LATER
-        self._look_from = _AGAIN * next_sample
+        self.has_lost = efficiency < self._rules.least_later
+        self._look_from = self._rules.again * next_sample
 
     def _judge_challenger(self, efficiency: float, next_sample: int) -> None:
         if math.isnan(efficiency):
             return
         self._evidence.append(math.log(efficiency) if efficiency > 0.0 else -math.inf)
         mean = math.exp(sum(self._evidence) / len(self._evidence))
-        stage = min(len(self._evidence), len(TAKEN)) - 1
-        is_taken = mean >= TAKEN[stage]
-        if not is_taken and mean > DROPPED[stage]:
+        stage = min(len(self._evidence), len(self._rules.taken)) - 1
+        is_taken = mean >= self._rules.taken[stage]
+        if not is_taken and mean > self._rules.dropped[stage]:
             return
         self.trials.append(f"{self.challenger} over {self.rung} {mean:.2f} at sample {next_sample}")
-        self._not_before[self.rung if is_taken else self.challenger] = _AGAIN * next_sample
+        self._not_before[self.rung if is_taken else self.challenger] = self._rules.again * next_sample
         if is_taken:
             self.rung = self.challenger
         self.challenger = ""
@@ -262,11 +251,11 @@ class Choice:
             self._end_comparison(first, count)
             return
         is_tried = self._tries_plain and not self._has_won and knows_something
-        self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried)
+        self.parts = trial.parts(self._iteration, first, count, is_tried=is_tried, rules=self._rules)
         self._looks_again = False
         if len(self.parts) > 1:
             self._compared_at = self._iteration
-        elif self.is_settled and count >= 4:
+        elif self.is_settled and count >= self._rules.least_compared:
             self._looks_again = self._is_due(first)
             if self._looks_again:
                 self.parts = trial.compared_parts(first, count)
@@ -275,7 +264,7 @@ class Choice:
         if len(self.parts) > 1 and self._trial is None:
             # A finer method's rival is guided too, and changes.
             has_same_samples = is_whole and not self.challenger
-            self._trial = GuidingTrial(self._pixel_count, self._plain if has_same_samples else None)
+            self._trial = GuidingTrial(self._pixel_count, self._plain if has_same_samples else None, self._rules)
 
     def _end_comparison(self, first: int, count: int) -> None:
         """Go on with what is in use, whatever was being compared."""
@@ -285,7 +274,9 @@ class Choice:
 
     def _is_due(self, first: int) -> bool:
         """Whether to compare with unguided rendering again."""
-        return self._tries_plain and not self.challenger and first >= self._look_from and self.efficiency < _SURE
+        # Written so that NaN, nothing compared, is not due.
+        is_doubtful = self.efficiency < self._rules.sure
+        return self._tries_plain and not self.challenger and first >= self._look_from and is_doubtful
 
     def _challenge(self, first: int, count: int, offers: Sequence[str]) -> None:
         if self.challenger not in offers:

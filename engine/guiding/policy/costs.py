@@ -7,16 +7,9 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
+from engine.guiding.policy.rules import RULES, Rules
 from engine.ris.orca import CandidateCosts
 from engine.state.unit import PLAIN, UnitCosts
-
-#: Costs in rays where no clock may be asked (docs/decisions/trial-and-choice.md): of guiding a vertex, and a factor for
-#: learning.
-_GUIDED_COST = 1.0
-_LEARNING_COST = 1.15
-#: Share of the guided vertices from which on resampling is measured: of a few candidates at a time a network's cost is
-#: that of the calls.
-_LEAST_MEASURED = 0.2
 
 
 @dataclass
@@ -47,9 +40,13 @@ class MethodCosts:
         Of each method, before there is anything to measure.
     uses_clock : bool
         Whether the image may depend on the clock.
+    rules : Rules
     """
 
-    def __init__(self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool) -> None:
+    def __init__(
+        self, candidates: Mapping[str, CandidateCosts], *, uses_clock: bool, rules: Rules = RULES
+    ) -> None:
+        self._rules = rules
         self._candidates = dict(candidates)
         self._uses_clock = uses_clock
 
@@ -61,16 +58,16 @@ class MethodCosts:
         """Cost of a unit that one of a comparison's arms rendered: seconds, or rays where no clock may be asked."""
         if self._uses_clock:
             return costs.seconds
-        cost = costs.ray_count + _GUIDED_COST * costs.guided_vertices
+        cost = costs.ray_count + self._rules.guided_cost * costs.guided_vertices
         cost += self.candidates(method).per_candidate * costs.resampled_candidates
-        return cost if arm == PLAIN else cost * _LEARNING_COST
+        return cost if arm == PLAIN else cost * self._rules.learning_cost
 
     def measure(self, method: str, costs: IterationCosts) -> None:
         """Take the costs of an iteration that `method` alone rendered, where the clock may be asked."""
         if not self._uses_clock:
             return
         single_vertices = costs.guided_vertices - costs.several_vertices
-        if min(costs.several_vertices, single_vertices) < max(_LEAST_MEASURED * costs.guided_vertices, 1.0):
+        if min(costs.several_vertices, single_vertices) < max(self._rules.least_measured * costs.guided_vertices, 1.0):
             return
         per_ray = max(sum(costs.stage_seconds.values()) / max(costs.ray_count, 1), 1e-9)
 

@@ -13,21 +13,7 @@ import math
 from engine.guiding.models.predictors import Predictor
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.horizon import Horizon
-
-#: Training begins after so many samples a pixel: before, records are few, and what guides changes with each iteration.
-FIRST_SAMPLE = 15
-#: A network is on trial for this share of what is left, but for as many samples as it takes to learn and be judged.
-TRIAL_SHARE = 0.1
-_LEAST_TRIAL = 64
-#: Training of a network that is kept ends after this share of the render, as the paper's mixtures have it (Dong et al.
-#: 2023, section 5.2): what it has learned has to pay for itself in what is left.
-TRAINED_SHARE = 0.25
-#: Figures that decide together: each is of one iteration's records.
-LOOKS = 3
-#: Mean promised efficiency, over going on without, from which on a network is kept, and below which it is given up
-#: again. A promise is an estimate, and training takes time from all paths.
-KEPT = 1.05
-GIVEN_UP = 1.02
+from engine.guiding.policy.rules import RULES, Rules
 
 
 class Gate:
@@ -40,9 +26,13 @@ class Gate:
     horizon : Horizon
     judges_on : bool
         Whether it is still judged once it is kept: where nobody compares by rendered samples.
+    rules : Rules
     """
 
-    def __init__(self, predictor: Predictor, report: GuidingReport, horizon: Horizon, *, judges_on: bool) -> None:
+    def __init__(
+        self, predictor: Predictor, report: GuidingReport, horizon: Horizon, *, judges_on: bool, rules: Rules = RULES
+    ) -> None:
+        self._rules = rules
         self.predictor = predictor
         self._report = report
         self._horizon = horizon
@@ -76,12 +66,12 @@ class Gate:
 
     def begin(self, next_sample: int, region_count: int) -> None:
         """Begin training if the render is long enough; once guiding is settled. The field has so many regions."""
-        if self.predictor.has_begun or next_sample < FIRST_SAMPLE or not self._horizon.is_long(next_sample):
+        if self.predictor.has_begun or next_sample < self._rules.network_from or not self._horizon.is_long(next_sample):
             return
         self.predictor.begin(region_count)
         left = self._horizon.samples_left(next_sample)
-        self._until = next_sample + max(TRIAL_SHARE * left, _LEAST_TRIAL)
-        self._trained_until = max(self._until, TRAINED_SHARE * (next_sample + left))
+        self._until = next_sample + max(self._rules.network_trial_share * left, self._rules.network_least_trial)
+        self._trained_until = max(self._until, self._rules.network_trained_share * (next_sample + left))
 
     def judge(self, next_sample: int, efficiency: float | None) -> None:
         """Take an iteration.
@@ -99,12 +89,12 @@ class Gate:
         if self._is_kept and next_sample >= self._trained_until:
             self.predictor.close()
         if efficiency is not None and efficiency > 0.0:
-            self._evidence = [*self._evidence, math.log(efficiency)][-LOOKS:]
+            self._evidence = [*self._evidence, math.log(efficiency)][-self._rules.network_looks:]
         if not self._is_undecided:
             return
-        if len(self._evidence) == LOOKS:
-            promise = self._report.network_promise = math.exp(sum(self._evidence) / LOOKS)
-            if promise >= (GIVEN_UP if self._is_kept else KEPT):
+        if len(self._evidence) == self._rules.network_looks:
+            promise = self._report.network_promise = math.exp(sum(self._evidence) / self._rules.network_looks)
+            if promise >= (self._rules.network_given_up if self._is_kept else self._rules.network_kept):
                 self._is_kept = True
                 return
         # It is still learning; but not for long.

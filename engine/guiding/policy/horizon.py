@@ -6,11 +6,8 @@ from __future__ import annotations
 import math
 import time
 
+from engine.guiding.policy.rules import RULES, Rules
 from engine.settings import RenderSettings
-
-#: What a render must still take for training beside it to begin at all: seconds or, without a clock, paths.
-LEAST_TIME_LEFT = 20.0
-LEAST_PATHS_LEFT = 6e6
 
 
 class Horizon:
@@ -24,14 +21,17 @@ class Horizon:
         Whether the image may depend on the clock.
     caution : float
         How many times as long what is left must be.
+    rules : Rules
     """
 
     def __init__(
-        self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool, caution: float = 1.0
+        self, settings: RenderSettings, paths_per_sample: int, *, uses_clock: bool, caution: float = 1.0,
+        rules: Rules = RULES,
     ) -> None:
         #: Mean samples of all pixels to come, as far as their noise tells; nothing is known before the first look.
         self.expected_samples = 0.0 if settings.use_adaptive_sampling else math.inf
         self._caution = caution
+        self._rules = rules
         self._settings = settings
         self._paths_per_sample = paths_per_sample
         self._uses_clock = uses_clock
@@ -52,8 +52,8 @@ class Horizon:
         """Whether what is left is worth training for."""
         left = self.samples_left(next_sample)
         if not self._uses_clock:
-            return left * self._paths_per_sample >= LEAST_PATHS_LEFT * self._caution
-        return self._elapsed * left / max(next_sample, 1) >= LEAST_TIME_LEFT * self._caution
+            return left * self._paths_per_sample >= self._rules.least_paths_left * self._caution
+        return self._elapsed * left / max(next_sample, 1) >= self._rules.least_time_left * self._caution
 
     @property
     def _elapsed(self) -> float:

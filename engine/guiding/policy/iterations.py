@@ -6,34 +6,13 @@ from __future__ import annotations
 import math
 from itertools import chain, repeat
 
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.vertices import RECORD_ROWS
 from engine.settings import RenderSettings
 
-#: Samples a pixel of the longest iterations.
-LONGEST_ITERATION = 16
-#: Samples a pixel of the first ones; and how long the last must be to be one of its own.
-_FIRST_ITERATIONS = (1, 3, 4, 8)
-_LEAST_LAST_ITERATION = LONGEST_ITERATION // 2
-#: Samples a pixel after which an iteration counts fully.
-_FULL_WEIGHT_SAMPLES = 8
-#: Records that an iteration aims at: what fitting and training can look at in the time they have.
-RECORDS_PER_ITERATION = 1 << 18
-#: Until guiding has been found to pay: so many, or so large a share of all paths. To record a path and to learn from it
-#: costs as much as one or two others (docs/decisions/trial-and-choice.md).
-FEW_RECORDS = 1 << 15
-_FEW_SHARE = 0.03
-#: Records of an iteration for each path that is still to come after it: of few paths nothing learned is won back.
-RECORDS_PER_PATH_LEFT = 0.25
-#: Records of a recorded path, until it is known.
-_EXPECTED_RECORDS_PER_PATH = 4.0
-#: Share of the pixels below which few are left.
-_NARROW_SHARE = 0.5
-#: Share of its memory that a unit's records are to fill on average: some tiles have longer paths than others.
-_FULLEST_UNIT = 0.5
 
-
-def iteration_lengths(samples: int) -> list[int]:
-    """Samples a pixel of each iteration: few at first, doubling to LONGEST_ITERATION.
+def iteration_lengths(samples: int, rules: Rules = RULES) -> list[int]:
+    """Samples a pixel of each iteration: few at first, doubling to the longest.
 
     After Rath et al. 2025, section 5.1, whose iterations are of 1, 2, 4, ... 16 samples. Here they begin where powers
     of two do, so that each has whole pieces of a pixel's Sobol sequence, and so has what a comparison divides. What
@@ -41,17 +20,19 @@ def iteration_lengths(samples: int) -> list[int]:
     """
     lengths: list[int] = []
     left = samples
-    for length in chain(_FIRST_ITERATIONS, repeat(LONGEST_ITERATION)):
+    for length in chain(rules.first_iterations, repeat(rules.longest_iteration)):
         if left <= 0:
             break
         lengths.append(min(length, left))
         left -= lengths[-1]
-    if len(lengths) > len(_FIRST_ITERATIONS) and lengths[-1] < _LEAST_LAST_ITERATION:
+    if len(lengths) > len(rules.first_iterations) and lengths[-1] < rules.least_last_iteration:
         lengths[-2:] = [sum(lengths[-2:])]
     return lengths
 
 
-def iteration_weight(first_sample: int, settings: RenderSettings, known_samples: float = 0.0) -> float:
+def iteration_weight(
+    first_sample: int, settings: RenderSettings, known_samples: float = 0.0, rules: Rules = RULES
+) -> float:
     """Weight of each sample of the iteration that begins with `first_sample`.
 
     What the render started from was learned from `known_samples` a pixel, which count as seen.
@@ -62,13 +43,13 @@ def iteration_weight(first_sample: int, settings: RenderSettings, known_samples:
     """
     if settings.sample_weighting == "UNIFORM" or not (settings.is_guided or settings.radiance_cache != "OFF"):
         return 1.0
-    share = min((known_samples + first_sample + 1) / _FULL_WEIGHT_SAMPLES, 1.0)
+    share = min((known_samples + first_sample + 1) / rules.full_weight_samples, 1.0)
     return share if settings.is_guided else math.sqrt(share)
 
 
-def is_narrow(pixel_count: int, all_pixels: int) -> bool:
+def is_narrow(pixel_count: int, all_pixels: int, rules: Rules = RULES) -> bool:
     """Whether a noise threshold has left so few pixels that methods are not compared and learning rests at times."""
-    return pixel_count < _NARROW_SHARE * all_pixels
+    return pixel_count < rules.narrow_share * all_pixels
 
 
 class LearningRests:
@@ -80,17 +61,19 @@ class LearningRests:
     Parameters
     ----------
     all_pixels : int
+    rules : Rules
     """
 
-    def __init__(self, all_pixels: int) -> None:
+    def __init__(self, all_pixels: int, rules: Rules = RULES) -> None:
+        self._rules = rules
         self._all_pixels = all_pixels
         self._paths = 0
 
     def take(self, pixel_count: int, samples: int) -> bool:
         """Take the next iteration; True if nothing is to be learned from it, so that it need not record."""
         self._paths += pixel_count * samples
-        enough = _NARROW_SHARE * LONGEST_ITERATION * self._all_pixels
-        rests = is_narrow(pixel_count, self._all_pixels) and self._paths < enough
+        enough = self._rules.narrow_share * self._rules.longest_iteration * self._all_pixels
+        rests = is_narrow(pixel_count, self._all_pixels, self._rules) and self._paths < enough
         if not rests:
             self._paths = 0
         return rests
@@ -105,6 +88,9 @@ class RecordBudget:
         Pixels that are rendered.
     unit_pixels : int
         Of the largest unit of work, whose records must fit (`RECORD_ROWS`): what does not is dropped.
+    records_per_iteration : int, optional
+        What an iteration aims at; None: what the rules say.
+    rules : Rules
 
     Attributes
     ----------
@@ -118,12 +104,13 @@ class RecordBudget:
     """
 
     def __init__(
-        self, paths_per_sample: int, unit_pixels: int, records_per_iteration: int = RECORDS_PER_ITERATION
+        self, paths_per_sample: int, unit_pixels: int, records_per_iteration: int | None = None, rules: Rules = RULES
     ) -> None:
+        self._rules = rules
         self.paths_per_sample = paths_per_sample
-        self._wanted = records_per_iteration
+        self._wanted = rules.records_per_iteration if records_per_iteration is None else records_per_iteration
         self._unit_pixels = unit_pixels
-        self.records_per_path = _EXPECTED_RECORDS_PER_PATH
+        self.records_per_path = rules.expected_records_per_path
         self.is_frugal = False
         self.samples_left = math.inf
 
@@ -136,14 +123,18 @@ class RecordBudget:
 
         `pixel_share` is that of the pixels which have guided samples.
         """
+        rules = self._rules
         expected = self.records_per_path * samples
         of_image = max(expected * self.paths_per_sample * pixel_share, 1.0)
-        wanted = min(self._wanted, max(FEW_RECORDS, _FEW_SHARE * of_image)) if self.is_frugal else self._wanted
+        wanted: float = self._wanted
+        if self.is_frugal:
+            wanted = min(wanted, max(rules.few_records, rules.few_share * of_image))
         if self.samples_left <= 0.0:
             return 0
-        wanted = min(wanted, max(FEW_RECORDS, RECORDS_PER_PATH_LEFT * self.samples_left * self.paths_per_sample))
+        of_rest = rules.records_per_path_left * self.samples_left * self.paths_per_sample
+        wanted = min(wanted, max(rules.few_records, of_rest))
         share = min(
             wanted / of_image,
-            _FULLEST_UNIT * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
+            rules.fullest_unit * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),
         )
         return int(min(share, 1.0) * 2**32)

@@ -14,6 +14,7 @@ from engine.guiding.models.predictors import Predictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.gate import Gate
+from engine.guiding.policy.rules import RULES, Rules
 from engine.methods import METHODS
 from engine.settings import RenderSettings
 
@@ -29,11 +30,14 @@ class Ladder:
     predictors : mapping of str to Predictor
         By `Method.predictor`.
     choice : Choice
+    rules : Rules
     """
 
     def __init__(
-        self, settings: RenderSettings, rungs: Sequence[str], predictors: Mapping[str, Predictor], choice: Choice
+        self, settings: RenderSettings, rungs: Sequence[str], predictors: Mapping[str, Predictor], choice: Choice,
+        rules: Rules = RULES,
     ) -> None:
+        self._rules = rules
         self._settings = settings
         self._rungs = tuple(rungs)
         self._predictors = predictors
@@ -100,4 +104,4 @@ class Ladder:
         if not predictor.has_begun:
             predictor.begin(regions.mixture.region_count)
             return False
-        return predictor.is_ready
+        return predictor.is_ready and predictor.update_count >= self._rules.table_updates

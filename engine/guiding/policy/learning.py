@@ -20,13 +20,12 @@ import numpy.typing as npt
 
 from engine.guiding.fields.state import check_numbers, part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.regions import RegionModels, without_surfaces
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.models.source_model import SourceModel, TrainedSource
+from engine.guiding.models.source_model import SourceModel
 from engine.guiding.policy import trial
 from engine.guiding.policy.cache_learning import CacheLearner
-from engine.guiding.policy.cautious import CAUTIOUS_SAMPLES, CautiousTrial
+from engine.guiding.policy.cautious import CautiousTrial
 from engine.guiding.policy.choice import Choice
 from engine.guiding.policy.costs import IterationCosts, MethodCosts
 from engine.guiding.policy.gate import Gate
@@ -36,6 +35,7 @@ from engine.guiding.policy.iterations import RecordBudget, is_narrow, iteration_
 from engine.guiding.policy.ladder import Ladder
 from engine.guiding.policy.media_trial import MEDIA, SURFACES, MediaTrial
 from engine.guiding.policy.off_policy import HeldOut, hold_out, moments, predict, promised_efficiency
+from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.roulette_learning import RouletteElsewhere, RouletteModel, RouletteTrial
 from engine.guiding.policy.trial import ComparedValues, NewestVariance, Part
 from engine.guiding.policy.unguided_learning import learns_after, unguided_budget
@@ -52,14 +52,6 @@ from engine.state.film import FilmTile
 from engine.state.lights import LightSelection, no_selection
 from engine.state.unit import CHALLENGER, PLAIN, Unit, UnitCosts
 
-#: Least share of all samples that the last iteration must have to be learned from once the render is over.
-_LEAST_LAST = 0.1
-#: How many times as long as for who asks for a network a render must be for AUTO to try one: no network has won at
-#: equal time on a processor, and to start and train one takes about eight seconds of a thread.
-_AUTO_CAUTION = 5.0
-#: Of larger pictures the samples that nothing guides, while guiding is tried on others, are not kept to judge roulette
-#: by: their moments take forty bytes a pixel.
-_MOST_ELSEWHERE = 1 << 22
 #: Records that kernels of learning are rehearsed on.
 _REHEARSED_RECORDS = 256
 
@@ -76,15 +68,7 @@ class Learner:
         Pixels of the image.
     unit_pixels : int, optional
         Of the largest unit of work; None: all.
-    source : TrainedSource, optional
-        What directions are drawn from, instead of what the settings would have this render learn.
-    sink : RecordSink, optional
-        Gets all records, those of the last iteration too, which nothing in this render can learn from.
-    start : LearnedField, optional
-        What to guide by from the first sample on, and to learn more onto. Where guiding has lost in the render that it
-        is of, this one learns anew, unless there is no trial.
-    keeps : bool
-        Whether what is learned outlives the render, so that the last iteration is worth learning from.
+    request : LearningRequest
     light_clusters : bool (C,), optional
         Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
     trial_share : float
@@ -102,11 +86,12 @@ class Learner:
 
     def __init__(
         self, settings: RenderSettings, thread_count: int, paths_per_sample: int, unit_pixels: int | None = None,
-        source: TrainedSource | None = None, sink: RecordSink | None = None, start: LearnedField | None = None,
-        keeps: bool = False, light_clusters: npt.NDArray[np.bool_] | None = None, trial_share: float = 1.0,
-        has_media: bool = False,
+        request: LearningRequest = NOTHING_ASKED, light_clusters: npt.NDArray[np.bool_] | None = None,
+        trial_share: float = 1.0, has_media: bool = False,
     ) -> None:
         self.settings = settings
+        source, sink, start, rules = request.source, request.sink, request.start, request.rules
+        self._rules = rules
         self._light_clusters = light_clusters
         #: None: nothing is learned about them.
         self._lights: LightSelection | None = None if light_clusters is None else no_selection()
@@ -127,24 +112,25 @@ class Learner:
         learns_beside |= self._source is not None and self._source.is_asynchronous
         self._uses_clock = (learns_beside or settings.time_limit > 0.0) and not settings.deterministic
         self._costs = MethodCosts(
-            {rung: self._predictor(rung).candidate_costs for rung in self._rungs}, uses_clock=self._uses_clock
+            {rung: self._predictor(rung).candidate_costs for rung in self._rungs}, uses_clock=self._uses_clock,
+            rules=rules,
         )
-        self._choice = Choice(paths_per_sample, self._rungs[0], tries_plain=settings.guiding_trial)
+        self._choice = Choice(paths_per_sample, self._rungs[0], tries_plain=settings.guiding_trial, rules=rules)
         self.report.trials = self._choice.trials
-        self._media_trial = MediaTrial(paths_per_sample)
-        self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice)
-        self._worth = ResamplingWorth()
+        self._media_trial = MediaTrial(paths_per_sample, rules)
+        self._ladder = Ladder(settings, self._rungs, self._predictors, self._choice, rules)
+        self._worth = ResamplingWorth(rules)
         self._regions: RegionModels | None = None
-        self._roulette = RouletteModel() if settings.learns_roulette else None
+        self._roulette = RouletteModel(rules) if settings.learns_roulette else None
         #: Of roulette without guiding, once that has lost; and whether it is in work.
         self._roulette_trial: RouletteTrial | None = None
         self._elsewhere: RouletteElsewhere | None = None
         #: Whether paths of the iteration in work end by what was learned.
         self._ends_by_learned = False
-        self._newest = NewestVariance(paths_per_sample)
+        self._newest = NewestVariance(paths_per_sample, rules)
         self._unit_pixels = unit_pixels or paths_per_sample
-        self._budget = RecordBudget(paths_per_sample, self._unit_pixels)
-        self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock)
+        self._budget = RecordBudget(paths_per_sample, self._unit_pixels, rules=rules)
+        self._horizon = Horizon(settings, paths_per_sample, uses_clock=self._uses_clock, rules=rules)
         self._iteration = 0
         #: Whether roulette or lights are learned from the iteration in work, though guiding has lost.
         self._learns_on = False
@@ -156,7 +142,7 @@ class Learner:
         self._cautious: CautiousTrial | None = None
         self._gate = self._make_gate()
         self._start = start
-        self._keeps = keeps
+        self._keeps = request.keeps
         self._samples = self._ray_count = self._variance = self._brightness = 0.0
         if start is not None and start.verdict == LOST and settings.guiding_trial:
             # What guided badly would do so again until a trial ends it.
@@ -176,23 +162,26 @@ class Learner:
         is_apart = self._weighs_arms and self._source is None and sink is None and settings.radiance_cache == "OFF"
         self._trial_share = trial_share if is_apart else 1.0
         if has_media and is_apart:
-            self._cautious = CautiousTrial()
-        if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= _MOST_ELSEWHERE:
-            self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock)
+            self._cautious = CautiousTrial(rules)
+        if self._trial_share < 1.0 and self._roulette is not None and paths_per_sample <= rules.roulette_most_pixels:
+            self._elsewhere = RouletteElsewhere(paths_per_sample, uses_clock=self._uses_clock, rules=rules)
         self.other_parts: list[Part] = []
         self._cache = None
         if settings.radiance_cache != "OFF":
-            self._cache = CacheLearner(settings, paths_per_sample, unit_pixels or paths_per_sample, self.report)
+            self._cache = CacheLearner(settings, paths_per_sample, self._unit_pixels, self.report, rules)
 
     def _make_gate(self) -> Gate | None:
         """What decides about the network, if there may be one and allocation judges resampling."""
         networks = [predictor for predictor in self._predictors.values() if predictor.is_asynchronous]
         if not networks or not self._ladder.counts_worth:
             return None
-        caution = _AUTO_CAUTION if self._ladder.is_auto else 1.0
-        horizon = Horizon(self.settings, self._paths_per_sample, uses_clock=self._uses_clock, caution=caution)
+        caution = self._rules.auto_caution if self._ladder.is_auto else 1.0
+        horizon = Horizon(
+            self.settings, self._paths_per_sample, uses_clock=self._uses_clock, caution=caution,
+            rules=self._rules,
+        )
         # AUTO compares what is kept by rendered samples.
-        return Gate(networks[0], self.report, horizon, judges_on=not self._ladder.is_auto)
+        return Gate(networks[0], self.report, horizon, judges_on=not self._ladder.is_auto, rules=self._rules)
 
     def _resume(self, start: LearnedField) -> None:
         """Take over what another render has learned."""
@@ -253,14 +242,15 @@ class Learner:
         """Weight in the image of each sample of an arm in the iteration that begins with `first_sample`."""
         if self._weighs_arms:
             is_guided = self._is_guiding and arm != PLAIN
-            is_cautious = self._cautious is not None and (bool(self.other_parts) or first_sample == CAUTIOUS_SAMPLES)
-            return trial.tried_weight(first_sample, is_guided=is_guided, is_cautious=is_cautious)
+            is_first = first_sample == self._rules.cautious_samples
+            is_cautious = self._cautious is not None and (bool(self.other_parts) or is_first)
+            return trial.tried_weight(first_sample, is_guided=is_guided, is_cautious=is_cautious, rules=self._rules)
         return self._grown_weight(first_sample, arm)
 
     def _grown_weight(self, first_sample: int, arm: int) -> float:
         """Weight of a sample by what was seen before."""
-        weight = iteration_weight(first_sample, self.settings, self.known_samples)
-        return weight * trial.PLAIN_WEIGHT if arm == PLAIN else weight
+        weight = iteration_weight(first_sample, self.settings, self.known_samples, self._rules)
+        return weight * self._rules.plain_weight if arm == PLAIN else weight
 
     @property
     def parts(self) -> list[Part]:
@@ -308,7 +298,7 @@ class Learner:
         regions, source = self._regions, self._source
         lacks_source = source is not None and source.field is None and not source.has_stand_in
         if regions is None or lacks_source:
-            samples = 1 if self._cautious is None else CAUTIOUS_SAMPLES
+            samples = 1 if self._cautious is None else self._rules.cautious_samples
             return self._completed(Guidance(self.settings, self._budget.threshold(samples), lights=self._lights))
         # Of the image nothing is known but how bright it was.
         weight = pixel_weights(np.full((1, 1, 1), max(self._brightness, 1e-20), np.float32))
@@ -341,7 +331,8 @@ class Learner:
         lights_pay = self._lights is not None and self.report.lights_share > 0.0
         has_use = self.sink is None and sum(next_range) < self.settings.samples
         has_use &= guidance.reflected is not None or lights_pay
-        self._learns_on = has_use and not is_trying and learns_after(next_range[0], lights_pay=lights_pay)
+        has_use &= learns_after(next_range[0], lights_pay=lights_pay, rules=self._rules)
+        self._learns_on = has_use and not is_trying
         if not self._learns_on:
             return guidance
         return replace(guidance, record_threshold=self._budget.threshold(next_range[1]))
@@ -353,7 +344,8 @@ class Learner:
             return plain
         if self._roulette_trial is None:
             self._roulette_trial = RouletteTrial(
-                self._paths_per_sample, next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere
+                self._paths_per_sample, next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere,
+                rules=self._rules,
             )
             if self._roulette_trial.is_running:
                 return replace(plain, challenger=self._roulette.complete(plain, weights))
@@ -377,7 +369,7 @@ class Learner:
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         """Take how many pixels the next iteration has, and how many paths they are expected to get in all."""
         self._budget.paths_per_sample = pixel_count
-        self._choice.is_narrow = is_narrow(pixel_count, self._paths_per_sample)
+        self._choice.is_narrow = is_narrow(pixel_count, self._paths_per_sample, self._rules)
         if pixel_count < self._paths_per_sample:
             # Units are divided by which pixels go on.
             self._trial_share = 1.0
@@ -612,7 +604,8 @@ class Learner:
     @property
     def wants_last(self) -> bool:
         """Whether the last iteration's records are of use: to the sink, or to what outlives the render."""
-        return self.sink is not None or (self._keeps and not self._is_over and self._last_share >= _LEAST_LAST)
+        is_enough = self._last_share >= self._rules.least_last
+        return self.sink is not None or (self._keeps and not self._is_over and is_enough)
 
     @property
     def _last_share(self) -> float:
@@ -627,7 +620,7 @@ class Learner:
         records, row_count = join_records([unit.vertices for unit in units])
         if self.sink is not None:
             self.sink.take(records, row_count)
-        if self._keeps and not self._is_over and row_count and self._last_share >= _LEAST_LAST:
+        if self._keeps and not self._is_over and row_count and self._last_share >= self._rules.least_last:
             self._iteration += 1
             was_guided = self._is_guiding
             self._fit(records, row_count)
@@ -689,13 +682,14 @@ class Learner:
 
     def _lose(self, next_sample: int) -> None:
         """Guide less, where that may pay; else give guiding up."""
-        is_short = trial.is_short(next_sample, self._horizon.samples_left(next_sample))
+        is_short = trial.is_short(next_sample, self._horizon.samples_left(next_sample), self._rules)
         if self._may_guide_less and not is_short and self._media_trial.fall_back():
             self._choice.restart(trial.LAST_DOUBT)
             return
         self._is_over = True
         self._budget = unguided_budget(
-            self.settings, self._budget.paths_per_sample, self._unit_pixels, learns_lights=self._lights is not None
+            self.settings, self._budget.paths_per_sample, self._unit_pixels, learns_lights=self._lights is not None,
+            rules=self._rules,
         )
         self.report.stopped_at = next_sample
         self.report.chosen = "OFF"
@@ -765,7 +759,7 @@ class Learner:
         promised = None
         if row_count and gate.wants_figure:
             probability = regions.probability(is_learned=self.settings.learn_guiding_probability)
-            held = hold_out(records, row_count, regions.field, probability, path_count)
+            held = hold_out(records, row_count, regions.field, probability, path_count, self._rules)
 
             def promise(rung: str, predictor: Predictor) -> float:
                 return self._promise(rung, predictor, held, variance, ray_count)
@@ -785,7 +779,8 @@ class Learner:
         predicted = predict(predictor.predictions, held.field, held.records, held.leaf)
         found = moments(held, predicted, self.settings.defensive_alpha)
         return promised_efficiency(
-            found, held.path_count, variance=variance, ray_count=ray_count, costs=self._costs.candidates(rung)
+            found, held.path_count, variance=variance, ray_count=ray_count, costs=self._costs.candidates(rung),
+            rules=self._rules,
         )
 
     def close(self) -> None:

@@ -12,17 +12,13 @@ import math
 
 import numpy as np
 
-from engine.guiding.policy.choice import DROPPED, TAKEN
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import GuidingTrial, Part
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, Unit
 
 #: What is guided, in words for people.
 BOTH, SURFACES, MEDIA = "surfaces and media", "surfaces alone", "media alone"
-#: What stays is compared again at so many times the samples.
-_AGAIN = 4
-#: An iteration of fewer samples a pixel tells nothing.
-_LEAST_SAMPLES = 4
 
 
 class MediaTrial:
@@ -31,6 +27,7 @@ class MediaTrial:
     Parameters
     ----------
     pixel_count : int
+    rules : Rules
 
     Attributes
     ----------
@@ -39,7 +36,8 @@ class MediaTrial:
     parts : list of Part, of the iteration while something is
     """
 
-    def __init__(self, pixel_count: int) -> None:
+    def __init__(self, pixel_count: int, rules: Rules = RULES) -> None:
+        self._rules = rules
         self.guided = BOTH
         self.challenger = ""
         self.parts: list[Part] = []
@@ -59,7 +57,7 @@ class MediaTrial:
     def plan(self, first: int, count: int, *, is_free: bool) -> None:
         """Divide the next iteration, if it is free to be divided."""
         self._is_comparing = False
-        if not is_free or self.guided != BOTH or count < _LEAST_SAMPLES:
+        if not is_free or self.guided != BOTH or count < self._rules.least_compared:
             return
         if not self.challenger:
             if first < self._not_before:
@@ -68,7 +66,7 @@ class MediaTrial:
             self._evidence = []
         half = count // 2
         self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
-        self._trial = GuidingTrial(self._pixel_count)
+        self._trial = GuidingTrial(self._pixel_count, rules=self._rules)
         self._is_comparing = True
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
@@ -94,9 +92,9 @@ class MediaTrial:
             return ""
         self._evidence.append(math.log(efficiency) if efficiency > 0.0 else -math.inf)
         mean = math.exp(sum(self._evidence) / len(self._evidence))
-        stage = min(len(self._evidence), len(TAKEN)) - 1
-        is_taken = mean >= TAKEN[stage]
-        if not is_taken and mean > DROPPED[stage]:
+        stage = min(len(self._evidence), len(self._rules.taken)) - 1
+        is_taken = mean >= self._rules.taken[stage]
+        if not is_taken and mean > self._rules.dropped[stage]:
             return ""
         said = f"guiding {self.challenger} over {BOTH} {mean:.2f} at sample {next_sample}"
         if is_taken:
@@ -104,7 +102,7 @@ class MediaTrial:
         else:
             self._due.append(self._due.pop(0))
             if self._due[0] == SURFACES:
-                self._not_before = _AGAIN * next_sample
+                self._not_before = self._rules.again * next_sample
         self.challenger = ""
         return said
 

@@ -33,6 +33,7 @@ from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_vmm
 from engine.guiding.models.predictors import Predictions
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.networks.radiance_query import predict_network
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.collisions import is_collision
 from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.vector import load
@@ -40,13 +41,8 @@ from engine.ris.candidates import MAX_CANDIDATES, MIXTURE_SHARE
 from engine.ris.orca import LEAST_RETURN, OUTLIER_SHARE, CandidateCosts, least_count
 from engine.runtime.jit import kernel
 
-#: Records that are looked at of an iteration, evenly spread.
-_MOST_RECORDS = 1 << 16
 #: Densities below this share of the other one's count as this: estimates, not bounds.
 _LEAST_SHARE = np.float32(1e-3)
-#: Records that the image's ratio of moments stands for in each region. Of what few records say by chance the best
-#: regions would be chosen, and every predictor would promise something.
-_PRIOR_COUNT = 24.0
 #: Of a cube.
 _SIDES = 6
 
@@ -126,7 +122,8 @@ class HeldOut:
 
 
 def hold_out(
-    records: VertexRecords, row_count: int, field: VmmField, probability: Float32Array, path_count: float
+    records: VertexRecords, row_count: int, field: VmmField, probability: Float32Array, path_count: float,
+    rules: Rules = RULES,
 ) -> HeldOut:
     """Those records that a guided path can tell something by, or an even share of them.
 
@@ -138,12 +135,13 @@ def hold_out(
     probability : float32 (regions,) or twice as many, of guiding, as `RegionModels.probability`
     path_count : float
         Recorded paths that they are of.
+    rules : Rules
     """
     leaf = np.full(row_count, -1, np.int32)
     find_leaves(field, records.position[:row_count], leaf)
     # NaN: vertices that were not guided.
     known = np.flatnonzero((leaf >= 0) & (records.guide_pdf[:row_count] >= 0.0))
-    step = max(-(-len(known) // _MOST_RECORDS), 1)
+    step = max(-(-len(known) // rules.held_out_records), 1)
     kept = known[::step]
     chosen = VertexRecords(*(np.ascontiguousarray(column[kept]) for column in records))
     # Media have rows of their own behind those of surfaces.
@@ -236,7 +234,8 @@ def moments(held: HeldOut, predicted: Float32Array, alpha: float) -> Moments:
 
 
 def promised_efficiency(
-    found: Moments, path_count: float, *, variance: float, ray_count: float, costs: CandidateCosts
+    found: Moments, path_count: float, *, variance: float, ray_count: float, costs: CandidateCosts,
+    rules: Rules = RULES,
 ) -> float:
     """Efficiency, 1 / (variance x cost), of the image with as many candidates by region as pay, over that with one.
 
@@ -255,12 +254,13 @@ def promised_efficiency(
     ray_count : float
         Cost of a path in rays.
     costs : CandidateCosts
+    rules : Rules
     """
     if not (variance > 0.0 and path_count > 0.0 and ray_count > 0.0):
         return 1.0
     ratio = found.target / np.maximum(found.source, 1e-300)
     whole = (found.count * found.target).sum() / max((found.count * found.source).sum(), 1e-300)
-    ratio = (found.known * ratio + _PRIOR_COUNT * whole) / (found.known + _PRIOR_COUNT)
+    ratio = (found.known * ratio + rules.held_out_prior * whole) / (found.known + rules.held_out_prior)
     gain = np.maximum(1.0 - ratio, 0.0)
     leaf, throughput = found.lit_leaf, found.throughput_squared
     scale = ray_count / max(LEAST_RETURN * variance * costs.per_candidate, 1e-300)

@@ -14,30 +14,26 @@ from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, Re
 from engine.guiding.fields.reflected.model import ReflectedModel
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import GuidingTrial, Part
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import image_variance, sample_variance
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, Unit
 
-#: By how much longer paths live than the theory says, and the least probability of going on: estimates are uncertain,
-#: and ending paths that mattered costs more than tracing some that do not.
-_FACTOR = 2.0
-_LEAST = 0.1
-#: What a look-up at every surface costs, where rays are counted instead of seconds.
-_COUNTED_OVERHEAD = 1.08
-#: Efficiency over roulette by the throughput from which on it goes on: a few samples tell it to a tenth or two, and it
-#: wins by more than it loses (docs/decisions/roulette-and-light-sampling.md).
-LEAST_EFFICIENCY = 0.9
-#: Of a variance about a mean of the same samples, the share that must not be in that mean.
-_LEAST_LEFT = 0.2
 _REHEARSED_RECORDS = 16
 
 
 class RouletteModel:
-    """What roulette goes by in one render."""
+    """What roulette goes by in one render.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    rules : Rules
+    """
+
+    def __init__(self, rules: Rules = RULES) -> None:
+        self._rules = rules
         self._cells = ReflectedModel()
         #: One sample a pixel has no variance: beside that no path would be worth its cost, or any.
         self._knows_variance = False
@@ -66,11 +62,11 @@ class RouletteModel:
         # The mean is taken from the same samples.
         left = 1.0 - sums.weight_squared / weight[:, 0] ** 2
         by_pixel = sample_variance(sums.radiance / weight, sums.square / weight)
-        variance = image_variance(by_pixel / np.where(left > _LEAST_LEFT, left, np.nan), weights)
+        variance = image_variance(by_pixel / np.where(left > self._rules.roulette_least_left, left, np.nan), weights)
         self._knows_variance = variance > 0.0
         vertex_count = costs.closest_count / max(costs.path_count, 1)
-        field.numbers[NUMBER_SCALE] = _FACTOR * math.sqrt(vertex_count / max(variance, 1e-20))
-        field.numbers[NUMBER_LEAST] = _LEAST
+        field.numbers[NUMBER_SCALE] = self._rules.roulette_factor * math.sqrt(vertex_count / max(variance, 1e-20))
+        field.numbers[NUMBER_LEAST] = self._rules.roulette_least
 
     def complete(self, guidance: Guidance, weights: np.ndarray | None) -> Guidance:
         """Guidance whose paths end by what is known."""
@@ -84,12 +80,13 @@ class RouletteModel:
 
 
 def _add_unit(
-    moments: GuidingTrial, unit: Unit, film: FilmTile, cost: float, *, is_challenger: bool, uses_clock: bool
+    moments: GuidingTrial, unit: Unit, film: FilmTile, cost: float, *, is_challenger: bool, uses_clock: bool,
+    rules: Rules,
 ) -> None:
     """Take a unit whose paths ended by the throughput, or (the challenger) by what was learned."""
     moments.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
     if is_challenger and not uses_clock:
-        cost *= _COUNTED_OVERHEAD
+        cost *= rules.roulette_counted_overhead
     moments.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
 
 
@@ -102,14 +99,16 @@ class RouletteElsewhere:
     pixel_count : int
     uses_clock : bool
         Whether units cost seconds; else rays.
+    rules : Rules
 
     Attributes
     ----------
     moments : GuidingTrial
     """
 
-    def __init__(self, pixel_count: int, *, uses_clock: bool) -> None:
-        self.moments = GuidingTrial(pixel_count)
+    def __init__(self, pixel_count: int, *, uses_clock: bool, rules: Rules = RULES) -> None:
+        self._rules = rules
+        self.moments = GuidingTrial(pixel_count, rules=rules)
         self._uses_clock = uses_clock
         #: Samples a pixel by either.
         self._samples = [0, 0]
@@ -117,7 +116,9 @@ class RouletteElsewhere:
 
     def add(self, unit: Unit, film: FilmTile, cost: float, *, is_learned: bool) -> None:
         """Take a finished unit's sums and its cost; no two threads at once."""
-        _add_unit(self.moments, unit, film, cost, is_challenger=is_learned, uses_clock=self._uses_clock)
+        _add_unit(
+            self.moments, unit, film, cost, is_challenger=is_learned, uses_clock=self._uses_clock, rules=self._rules
+        )
         if unit.sample_first > self._newest:
             self._newest = unit.sample_first
             self._samples[int(is_learned)] += unit.sample_count
@@ -142,6 +143,7 @@ class RouletteTrial:
         Whether units cost seconds; else rays.
     elsewhere : RouletteElsewhere, optional
         What pixels have had that were not guided.
+    rules : Rules
 
     Attributes
     ----------
@@ -153,8 +155,9 @@ class RouletteTrial:
 
     def __init__(
         self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool,
-        elsewhere: RouletteElsewhere | None = None,
+        elsewhere: RouletteElsewhere | None = None, rules: Rules = RULES,
     ) -> None:
+        self._rules = rules
         first, count = samples
         half = count // 2
         self.parts = [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
@@ -163,7 +166,7 @@ class RouletteTrial:
         self.is_won = True
         #: Whether there is a comparison to judge.
         self.is_known = elsewhere is not None and elsewhere.is_known
-        self._moments = GuidingTrial(pixel_count)
+        self._moments = GuidingTrial(pixel_count, rules=rules)
         if elsewhere is not None and elsewhere.is_known:
             self.is_running = False
             self._moments = elsewhere.moments
@@ -171,12 +174,15 @@ class RouletteTrial:
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost; no two threads at once."""
-        _add_unit(self._moments, unit, film, cost, is_challenger=unit.arm == CHALLENGER, uses_clock=self._uses_clock)
+        _add_unit(
+            self._moments, unit, film, cost, is_challenger=unit.arm == CHALLENGER, uses_clock=self._uses_clock,
+            rules=self._rules,
+        )
 
     def judge(self, weights: np.ndarray, next_sample: int) -> str:
         """Draw the conclusion, by the weights of the pixels' variances; returns it in words."""
         efficiency = self._moments.efficiency(weights)
         self.is_running = self.is_known = False
         # Written so that NaN, nothing compared, loses.
-        self.is_won = efficiency >= LEAST_EFFICIENCY
+        self.is_won = efficiency >= self._rules.roulette_least_efficiency
         return f"learned roulette over OFF {efficiency:.2f} at sample {next_sample}"

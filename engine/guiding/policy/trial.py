@@ -17,58 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.guiding.policy.rules import RULES, Rules
 from engine.kernels.sample_moments import add_moments, add_values, add_weighted
 from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.unit import CURRENT, PLAIN
 
-#: Iterations that compare, by index, and the least efficiency over unguided rendering with which guiding goes on after
-#: them. It still learns, and at first gets the benefit of the doubt. In the end it has to be better by more than one:
-#: samples of unguided rendering are better spread over a pixel, which the variance of single ones does not show
-#: (docs/decisions/trial-and-choice.md).
-LEAST_EFFICIENCY = {2: 0.5, 3: 0.5, 4: 0.8, 5: 1.0, 6: 1.3}
-#: Where at most so many times the samples taken are left, nothing gets the benefit of the doubt: no later part of the
-#: render could pay for it. A trial so costs the same share of a short render as of a long one.
-SHORT_REST = 7
-LEAST_OF_SHORT = 1.25
-#: On a quarter of the pixels the first comparison knows few bright unguided samples, and shows guiding worse than it
-#: is; but to go on costs little there.
-LEAST_OF_FIRST_PART = 1.0
-#: Where more than so many times the samples taken are left, going on on a quarter of the pixels costs a thirtieth of
-#: the render at most, and the first comparisons have shown 0.4 where guiding came to 4 and 9
-#: (docs/decisions/trial-and-choice.md).
-LONG_REST = 15
-LEAST_OF_LONG_PART = 0.25
-#: Where guides have learned from unguided samples alone by then, as in media, they are worse than they will be. What
-#: pays later had 0.85 and more of the efficiency in them, most of what does not 0.6 and less
-#: (docs/decisions/guiding-in-media.md).
-LEAST_OF_CAUTIOUS = 0.75
-#: From which it guides all pixels: below, it may be luck.
-SURE_OF_FIRST_PART = 1.5
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 1
 LAST_DOUBT = 5
-#: Efficiency that needs no more comparing for now; by two or three unguided samples a pixel it can be luck.
-CLEAR_EFFICIENCY = {2: 2.0, 3: 2.0, 4: 1.35, 5: 1.35, 6: 1.35}
-#: Weight in the image of a sample that was taken to compare, where weights grow with the samples seen
-#: (`engine.guiding.policy.iterations.iteration_weight`): where guiding is worth having, it is a bad one.
-PLAIN_WEIGHT = 0.5
-#: Where guiding is tried an unguided sample weighs one, so that none is lost where guiding loses, and a guided one so
-#: much from this sample on: until then guides have learned from the first sample alone. Where guiding wins that one is
-#: worse than others by still more, and weighs half.
-GUIDED_WEIGHT = 2.0
-_GUIDED_WEIGHT_FROM = 4
-_FIRST_WEIGHT = 0.5
-#: Weight of guided samples where guiding is tried cautiously: where it loses they have two to four times the variance
-#: of others, and where it wins they are few.
-_CAUTIOUS_WEIGHT = 0.5
-#: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little can
-#: have a hundred times the variance, and must be forgotten sooner than what regions have learned.
-_DECAY = 0.4
-#: Of a variance about a mean of the same samples, the share that is not in that mean: a half with two, none with one.
-_LEAST_LEFT = 0.4
-#: Largest share of an image's variance that a single pixel may have. Nothing is left out: where guiding is worth the
-#: most, unguided rendering hides its variance in few bright samples (docs/decisions/trial-and-choice.md).
-_OUTLIER_SHARE = 0.05
 #: Rounds of cutting: each brings a single outlier down to a twentieth.
 _ROUNDS = 8
 
@@ -81,20 +37,21 @@ class Part(NamedTuple):
     arm: int
 
 
-def is_short(next_sample: int, samples_left: float) -> bool:
+def is_short(next_sample: int, samples_left: float, rules: Rules = RULES) -> bool:
     """Whether too few samples a pixel are left, after so many, to pay for trying what has not been found to pay."""
-    return samples_left <= SHORT_REST * next_sample
+    return samples_left <= rules.short_rest * next_sample
 
 
 def least_efficiency(
-    iteration: int, next_sample: int, samples_left: float, *, is_part: bool = False, is_cautious: bool = False
+    iteration: int, next_sample: int, samples_left: float, *, is_part: bool = False, is_cautious: bool = False,
+    rules: Rules = RULES,
 ) -> float:
     """Efficiency over unguided rendering from which on guiding goes on after an iteration that compared.
 
     Parameters
     ----------
     iteration : int
-        Of `LEAST_EFFICIENCY`.
+        Of `Rules.least_efficiency`.
     next_sample : int
         Samples a pixel so far.
     samples_left : float
@@ -102,38 +59,42 @@ def least_efficiency(
         Whether a part of the pixels was compared.
     is_cautious : bool
         Whether guides have learned from unguided samples alone.
+    rules : Rules
     """
-    least = LEAST_EFFICIENCY[iteration]
-    if not is_short(next_sample, samples_left):
-        has_time = samples_left > LONG_REST * next_sample
-        return min(least, LEAST_OF_LONG_PART) if is_part and not is_cautious and has_time else least
-    if iteration > min(LEAST_EFFICIENCY) or not (is_part or is_cautious):
-        return max(least, LEAST_OF_SHORT)
-    return max(least, LEAST_OF_CAUTIOUS if is_cautious else LEAST_OF_FIRST_PART)
+    least = rules.least_efficiency[iteration]
+    if not is_short(next_sample, samples_left, rules):
+        has_time = samples_left > rules.long_rest * next_sample
+        return min(least, rules.least_of_long_part) if is_part and not is_cautious and has_time else least
+    if iteration > min(rules.least_efficiency) or not (is_part or is_cautious):
+        return max(least, rules.least_of_short)
+    return max(least, rules.least_of_cautious if is_cautious else rules.least_of_first_part)
 
 
-def tried_weight(first_sample: int, *, is_guided: bool, is_cautious: bool = False) -> float:
+def tried_weight(
+    first_sample: int, *, is_guided: bool, is_cautious: bool = False, rules: Rules = RULES
+) -> float:
     """Weight in the image of each sample of an iteration that begins with `first_sample`, where guiding is tried.
 
     It depends on no sample but by what was chosen: weights by measured variances would (docs/decisions/
     trial-and-choice.md). `is_cautious`: by guides that know little, or on a part of the pixels.
     """
     if first_sample == 0:
-        return _FIRST_WEIGHT
+        return rules.first_weight
     if is_guided and is_cautious:
-        return _CAUTIOUS_WEIGHT
-    return GUIDED_WEIGHT if is_guided and first_sample >= _GUIDED_WEIGHT_FROM else 1.0
+        return rules.cautious_weight
+    return rules.guided_weight if is_guided and first_sample >= rules.guided_weight_from else 1.0
 
 
-def parts(iteration: int, first: int, count: int, *, is_tried: bool) -> list[Part]:
+def parts(iteration: int, first: int, count: int, *, is_tried: bool, rules: Rules = RULES) -> list[Part]:
     """Parts of an iteration, for the trial against unguided rendering.
 
     Parameters
     ----------
     is_tried : bool
         Whether there is anything to compare.
+    rules : Rules
     """
-    if not is_tried or iteration not in LEAST_EFFICIENCY or count < 4:
+    if not is_tried or iteration not in rules.least_efficiency or count < rules.least_compared:
         return [Part(first, count, CURRENT)]
     return compared_parts(first, count)
 
@@ -196,9 +157,11 @@ class NewestVariance:
     Parameters
     ----------
     pixel_count : int
+    rules : Rules
     """
 
-    def __init__(self, pixel_count: int) -> None:
+    def __init__(self, pixel_count: int, rules: Rules = RULES) -> None:
+        self._rules = rules
         #: Sums of the samples' weights and of their squares.
         self._weight = np.zeros(pixel_count, np.float32)
         self._weight_squared = np.zeros(pixel_count, np.float32)
@@ -228,10 +191,10 @@ class NewestVariance:
         known = np.where(self._is_sampled & (weight > 0.0), weight, np.nan)[:, None]
         # The mean is taken from the same samples; about as many independent ones there are as weight^2 / squares.
         left = 1.0 - self._weight_squared / known[:, 0] ** 2
-        variance = sample_variance(*(self._moments / known)) / np.where(left > _LEAST_LEFT, left, np.nan)
-        self._moments *= np.float32(_DECAY)
-        self._weight *= np.float32(_DECAY)
-        self._weight_squared *= np.float32(_DECAY**2)
+        variance = sample_variance(*(self._moments / known)) / np.where(left > self._rules.least_left, left, np.nan)
+        self._moments *= np.float32(self._rules.variance_decay)
+        self._weight *= np.float32(self._rules.variance_decay)
+        self._weight_squared *= np.float32(self._rules.variance_decay**2)
         self._is_sampled[:] = False
         return variance
 
@@ -272,9 +235,13 @@ class GuidingTrial:
     pixel_count : int
     other : SampleMoments, optional
         Of what is to be beaten, where more of its samples are known than those of the iterations compared.
+    rules : Rules
     """
 
-    def __init__(self, pixel_count: int, other: SampleMoments | None = None) -> None:
+    def __init__(
+        self, pixel_count: int, other: SampleMoments | None = None, rules: Rules = RULES
+    ) -> None:
+        self._rules = rules
         self._moments = (other or SampleMoments(pixel_count), SampleMoments(pixel_count))
         self._costs: tuple[list[float], list[float]] = ([], [])
         self._paths = [0, 0]
@@ -307,7 +274,7 @@ class GuidingTrial:
         variance = variance[:, known] * weights[known]
         total = variance.sum(axis=1)
         for _ in range(_ROUNDS):
-            total = np.minimum(variance, _OUTLIER_SHARE * total[:, None]).sum(axis=1)
+            total = np.minimum(variance, self._rules.outlier_share * total[:, None]).sum(axis=1)
         # Exact sums, since units finish in any order.
         cost = [math.fsum(costs) / paths for costs, paths in zip(self._costs, self._paths, strict=True)]
         other, challenger = (total * cost).tolist()

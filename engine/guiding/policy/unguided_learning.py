@@ -21,6 +21,7 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.roulette_learning import RouletteModel
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, as_records, join_records
@@ -31,16 +32,10 @@ from engine.state.film import FilmTile
 from engine.state.lights import LightSelection, no_selection
 from engine.state.unit import CURRENT, Unit, UnitCosts
 
-#: Samples a pixel from which on nothing more is learned; of lights, if by the first number nothing was found to pay.
-_LEARNED_SAMPLES, _LIGHTS_SAMPLES = 16, 32
-#: Records that an iteration aims at until then, and the share of all paths of the render that so many may be where
-#: lights are learned: a recorded path costs two or three others, and in a short render that is not won back.
-_RECORDS = 1 << 15
-_RECORDS_SHARE = 1.0 / 32.0
 _REHEARSED_RECORDS = 16
 
 
-def learns_after(samples: int, *, lights_pay: bool) -> bool:
+def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:
     """Whether more is to be learned once so many samples a pixel have been rendered.
 
     Parameters
@@ -48,18 +43,19 @@ def learns_after(samples: int, *, lights_pay: bool) -> bool:
     samples : int
     lights_pay : bool
         Whether lights are sampled by what was learned.
+    rules : Rules
     """
-    return samples < (_LIGHTS_SAMPLES if lights_pay else _LEARNED_SAMPLES)
+    return samples < (rules.lights_samples if lights_pay else rules.learned_samples)
 
 
 def unguided_budget(
-    settings: RenderSettings, paths_per_sample: int, unit_pixels: int, *, learns_lights: bool
+    settings: RenderSettings, paths_per_sample: int, unit_pixels: int, *, learns_lights: bool, rules: Rules = RULES
 ) -> RecordBudget:
     """How many records iterations take that guide nothing; parameters are those of `RecordBudget`."""
-    wanted = _RECORDS
+    wanted = rules.unguided_records
     if learns_lights:
-        wanted = min(int(_RECORDS_SHARE * paths_per_sample * settings.samples) + 1, _RECORDS)
-    return RecordBudget(paths_per_sample, unit_pixels, wanted)
+        wanted = min(int(rules.unguided_records_share * paths_per_sample * settings.samples) + 1, wanted)
+    return RecordBudget(paths_per_sample, unit_pixels, wanted, rules)
 
 
 class LightsByRegion:
@@ -121,6 +117,7 @@ class UnguidedLearner:
         Of the largest unit of work.
     light_clusters : bool (C,), optional
         Which of the scene's clusters of lights can be sampled; None: nothing is learned about lights.
+    rules : Rules
     """
 
     #: Nothing outlives the render.
@@ -129,17 +126,18 @@ class UnguidedLearner:
 
     def __init__(
         self, settings: RenderSettings, paths_per_sample: int, unit_pixels: int,
-        light_clusters: npt.NDArray[np.bool_] | None = None,
+        light_clusters: npt.NDArray[np.bool_] | None = None, rules: Rules = RULES,
     ) -> None:
+        self._rules = rules
         self.settings = settings
         self.notices: list[Notice] = []
         self.report = GuidingReport(method="OFF")
         self.parts = [Part(0, 1, CURRENT)]
-        self._roulette = RouletteModel() if settings.learns_roulette else None
+        self._roulette = RouletteModel(rules) if settings.learns_roulette else None
         self._lights = None if light_clusters is None else LightsByRegion(light_clusters)
         self.is_over = False
         self._budget = unguided_budget(
-            settings, paths_per_sample, unit_pixels, learns_lights=self._lights is not None
+            settings, paths_per_sample, unit_pixels, learns_lights=self._lights is not None, rules=rules
         )
 
     def weight(self, _first_sample: int, _arm: int) -> float:
@@ -181,7 +179,7 @@ class UnguidedLearner:
             self._budget.count(row_count + costs.dropped_records, recorded_share * costs.path_count)
         mean = sums.radiance / np.maximum(sums.weight, 1e-20)[:, None]
         weights = pixel_weights(mean.reshape(*size, -1))
-        if self._roulette is not None and next_range[0] <= _LEARNED_SAMPLES:
+        if self._roulette is not None and next_range[0] <= self._rules.learned_samples:
             self._roulette.learn(records, row_count, sums, weights, costs)
         if self._lights is not None:
             self._lights.learn(records, row_count)
@@ -189,7 +187,7 @@ class UnguidedLearner:
         self.report.field_seconds += time.perf_counter() - started
         self.parts = [Part(*next_range, CURRENT)]
         has_lights = self._lights is not None and self._lights.share > 0.0
-        self.is_over = not learns_after(next_range[0], lights_pay=has_lights)
+        self.is_over = not learns_after(next_range[0], lights_pay=has_lights, rules=self._rules)
         return self._guidance(0 if self.is_over else self._budget.threshold(next_range[1]), weights)
 
     def keep(self, units: Sequence[UnitRecords]) -> None:

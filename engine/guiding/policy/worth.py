@@ -4,23 +4,26 @@
 from __future__ import annotations
 
 from engine.guiding.policy.costs import IterationCosts
+from engine.guiding.policy.rules import RULES, Rules
 from engine.ris.orca import FLOOR, PROBED_SHARE
-
-#: Resampling is worth it once in so many iterations running this share of the vertices was worth several candidates.
-_PATIENCE = 2
-LEAST_RESAMPLED = 0.1
 
 
 class ResamplingWorth:
-    """Counts iterations running in which enough vertices were worth several candidates."""
+    """Counts iterations running in which enough vertices were worth several candidates.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    rules : Rules
+    """
+
+    def __init__(self, rules: Rules = RULES) -> None:
+        self._rules = rules
         self._worth_count = 0
 
     @property
     def is_worth_it(self) -> bool:
         """Whether resampling has been worth it long enough."""
-        return self._worth_count >= _PATIENCE
+        return self._worth_count >= self._rules.resampling_patience
 
     def count(self, costs: IterationCosts, recorded_share: float) -> None:
         """Take an iteration with guided vertices, in which a share of those of recorded paths had the choice."""
@@ -28,4 +31,4 @@ class ResamplingWorth:
         # Those that only keep the estimates coming do not count.
         for_estimates = (float(FLOOR) - 1.0) * probed
         resampled = (costs.several_vertices / costs.guided_vertices - for_estimates) / max(probed, 1e-6)
-        self._worth_count = self._worth_count + 1 if resampled >= LEAST_RESAMPLED else 0
+        self._worth_count = self._worth_count + 1 if resampled >= self._rules.least_resampled else 0

@@ -10,34 +10,35 @@ from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import dot, load
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
+from engine.state.columns import allocate, column
 
 
 class Records(Bundle):
-    """One row per scattering at a path vertex that a field may learn from (not delta, roughness above 0.01).
+    """One row per scattering at a path vertex that a field may learn from (not delta, roughness above 0.01), R rows.
 
-    position : float32 (R, 3), world [m]
-    direction : float32 (R, 3), unit, from the vertex to where the light came from (`wi`)
-    radiance : float32 (R, C), one estimate of the incident radiance along `direction`; emission found by the scattering
-        itself counts with its MIS weight against light sampling. Zero is a valid estimate. Finite, except by quarter of
-        the wavelengths, where NaN stands for what is not known (`vertices.as_records_by_quarter`). A channel that the
-        scattering swallowed has the mean of the others
-    pdf : float32 [sr^-1], one over the contribution weight of `direction`: the density it was drawn with, or under
-        resampling the reciprocal of an unbiased estimate of one over that density
-    distance : float32 [m], to where the light was last scattered roughly or emitted, at most twice the diagonal of the
-        box of the positions recorded first
-    normal : float32 (R, 3), unit shading normal on the viewer's side
-    roughness : float32 in [0, 1], of the lobe that scattered
-    time : float32 in [0, 1], of the shutter; by quarter of the wavelengths, how far within the quarter they lie
+    Radiance is finite, except by quarter of the wavelengths (`vertices.as_records_by_quarter`), where NaN stands for
+    what is not known. A channel that the scattering swallowed has the mean of the others.
     """
 
-    position: Float32Array
-    direction: Float32Array
-    radiance: Float32Array
-    pdf: Float32Array
-    distance: Float32Array
-    normal: Float32Array
-    roughness: Float32Array
-    time: Float32Array
+    position: Float32Array = column("world [m]", "R", 3)
+    direction: Float32Array = column("unit, from the vertex to where the light came from (`wi`)", "R", 3)
+    radiance: Float32Array = column(
+        "one estimate of the incident radiance along `direction`; emission that the scattering itself found counts "
+        "with its MIS weight against light sampling; zero is a valid estimate", "R", "C",
+    )
+    pdf: Float32Array = column(
+        "one over the contribution weight of `direction`: the density it was drawn with, or under resampling the "
+        "reciprocal of an unbiased estimate of one over that density [sr^-1]", "R",
+    )
+    distance: Float32Array = column(
+        "to where the light was last scattered roughly or emitted, at most twice the diagonal of the box of the "
+        "positions recorded first [m]", "R",
+    )
+    normal: Float32Array = column("unit shading normal on the viewer's side", "R", 3)
+    roughness: Float32Array = column("in [0, 1], of the lobe that scattered", "R")
+    time: Float32Array = column(
+        "in [0, 1], of the shutter; by quarter of the wavelengths, how far within the quarter they lie", "R"
+    )
 
 
 #: Largest difference of a direction's squared length from one.
@@ -66,14 +67,4 @@ def is_usable(records, row):
 
 def allocate_records(row_count: int, channel_count: int = 3) -> Records:
     """Zeroed `Records` of `row_count` rows."""
-
-    def scalars() -> np.ndarray:
-        return np.zeros(row_count, np.float32)
-
-    def vectors() -> np.ndarray:
-        return np.zeros((row_count, 3), np.float32)
-
-    return Records(
-        vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(),
-    )
+    return allocate(Records, {"R": row_count, "C": channel_count})

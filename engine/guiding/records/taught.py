@@ -16,6 +16,7 @@ from engine.array_types import Float32Array, Int32Array
 from engine.kernels.constants import FLOAT_MAX
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
+from engine.state.columns import allocate, column, joined
 from engine.state.lanes import MAX_TAUGHT, RGB, TAUGHT_BEFORE, TAUGHT_NG, TAUGHT_P, TAUGHT_RADIANCE, TAUGHT_SIDE
 
 #: Records that a unit of work may make.
@@ -28,35 +29,24 @@ _ROUNDING = np.float32(1e-5)
 
 
 class TaughtRecords(Bundle):
-    """Light that surfaces send back along paths, R rows.
+    """Light that surfaces send back along paths, R rows."""
 
-    position : float32 (R, 3), world [m]
-    normal : float32 (R, 3), geometric, unit, on the side that the path came from
-    program : int32 (R,), of the surface's shader
-    radiance : float32 (R, 3), sent back along the path
-    weight : float32 (R, 3), throughput with which the path arrived; less behind the first surface
-    side : float32 (R,) [m], of the footprint with which the path arrived
-    """
-
-    position: Float32Array
-    normal: Float32Array
-    program: Int32Array
-    radiance: Float32Array
-    weight: Float32Array
-    side: Float32Array
+    position: Float32Array = column("world [m]", "R", RGB)
+    normal: Float32Array = column("geometric, unit, on the side that the path came from", "R", RGB)
+    program: Int32Array = column("of the surface's shader", "R")
+    radiance: Float32Array = column("sent back along the path", "R", RGB)
+    weight: Float32Array = column("throughput with which the path arrived; less behind the first surface", "R", RGB)
+    side: Float32Array = column("of the footprint with which the path arrived [m]", "R")
 
 
 def allocate_taught_records(row_count: int) -> TaughtRecords:
     """Zeroed `TaughtRecords` of `row_count` rows."""
-    position, normal, radiance, weight = (np.zeros((row_count, RGB), np.float32) for _ in range(4))
-    program, side = np.zeros(row_count, np.int32), np.zeros(row_count, np.float32)
-    return TaughtRecords(position, normal, program, radiance, weight, side)
+    return allocate(TaughtRecords, {"R": row_count})
 
 
 def join_taught(units: Sequence[TaughtRecords]) -> TaughtRecords:
     """Records of all units one after the other."""
-    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
-    return TaughtRecords(*columns)
+    return joined(units)
 
 
 @kernel

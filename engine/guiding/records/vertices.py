@@ -23,6 +23,7 @@ from engine.kernels.vector import dot
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
+from engine.state.columns import allocate, column, joined
 from engine.state.lanes import POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
@@ -60,74 +61,54 @@ VERTEX_WIDTH = 48  # three cache lines
 
 
 class VertexLog(Bundle):
-    """Vertices of the batch's paths.
+    """Vertices of the paths of L lanes, V rows."""
 
-    real : float32 (L * V, VERTEX_WIDTH), row lane * V + vertex
-    count : int32 (L,), vertices so far
-    is_recording : uint8 (L,), whether the lane's path is remembered
+    real: Float32Array = column("row lane * MAX_VERTICES + vertex, by VERTEX_*", "V", VERTEX_WIDTH)
+    count: Int32Array = column("vertices so far", "L")
+    is_recording: Uint8Array = column("whether the lane's path is remembered", "L")
+
+
+class VertexRecords(Records):
+    """Records of finished paths with what else is learned from them, R rows.
+
+    A column is declared here and nowhere else; `collect_records` fills it.
     """
 
-    real: Float32Array
-    count: Int32Array
-    is_recording: Uint8Array
-
-
-class VertexRecords(Bundle):
-    """Records of finished paths with what else is learned from them, R rows in use of each.
-
-    benefit : float32 (R,), estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none
-    bsdf_pdf, guide_pdf : float32 (R,) [sr^-1], the two parts of the source density; NaN where the guide had none
-    contribution_squared : float32 (R,), squared contribution of the path behind the vertex to its pixel, mean over
-        channels, times the pixel's weight
-    light_squared : float32 (R,), the same of the light that the vertex found by light sampling, as if it had sampled a
-        light for sure
-    light_cluster : int32 (R,), of the light that was sampled, -1 = none
-    light_pmf, tree_pmf : float32 (R,), probability with which the cluster was chosen, and would have been by the light
-        tree alone
-    wo : float32 (R, 3), unit, from the vertex to where the path came from
-    surface_roughness : float32 (R,), of all rough lobes together (`mean_roughness`)
-    reflectance : float32 (R,), BSDF times cosine along `direction`, mean over channels [sr^-1]
-    hero : float32 (R,), what the path's wavelengths are made from (`state.PathState.hero`)
-    spectrum : float32 (R, C), incident radiance at each of them; NaN where the path had lost the wavelength before.
-        Without wavelengths (R, 0)
-    reflected : float32 (R,), radiance that the surface sent back along the path, its light sample included, mean over
-        channels (`log_arrival`)
-    cost : float32 (R,), scatterings from this one to the end of the path
-    program : int32 (R,), of the surface's shader
-    """
-
-    position: Float32Array
-    direction: Float32Array
-    radiance: Float32Array
-    pdf: Float32Array
-    distance: Float32Array
-    normal: Float32Array
-    roughness: Float32Array
-    time: Float32Array
-    benefit: Float32Array
-    bsdf_pdf: Float32Array
-    guide_pdf: Float32Array
-    contribution_squared: Float32Array
-    light_squared: Float32Array
-    light_cluster: Int32Array
-    light_pmf: Float32Array
-    tree_pmf: Float32Array
-    wo: Float32Array
-    surface_roughness: Float32Array
-    reflectance: Float32Array
-    hero: Float32Array
-    spectrum: Float32Array
-    reflected: Float32Array
-    cost: Float32Array
-    program: Int32Array
+    benefit: Float32Array = column(
+        "estimate of the variance delta of the reflected radiance, Eq. (19); NaN where there is none", "R"
+    )
+    bsdf_pdf: Float32Array = column(
+        "part of the source density that BSDF sampling has; NaN where the guide had none [sr^-1]", "R"
+    )
+    guide_pdf: Float32Array = column("part that the guide has, likewise [sr^-1]", "R")
+    contribution_squared: Float32Array = column(
+        "squared contribution of the path behind the vertex to its pixel, mean over channels, times the pixel's weight",
+        "R",
+    )
+    light_squared: Float32Array = column(
+        "the same of the light that the vertex found by light sampling, as if it had sampled a light for sure", "R"
+    )
+    light_cluster: Int32Array = column("of the light that was sampled, -1 = none", "R", fill=-1)
+    light_pmf: Float32Array = column("probability with which the cluster was chosen", "R")
+    tree_pmf: Float32Array = column("and with which it would have been by the light tree alone", "R")
+    wo: Float32Array = column("unit, from the vertex to where the path came from", "R", 3)
+    surface_roughness: Float32Array = column("of all rough lobes together (`mean_roughness`)", "R")
+    reflectance: Float32Array = column("BSDF times cosine along `direction`, mean over channels [sr^-1]", "R")
+    hero: Float32Array = column("what the path's wavelengths are made from (`state.PathState.hero`)", "R")
+    spectrum: Float32Array = column(
+        "incident radiance at each wavelength; NaN where the path had lost it before", "R", "wavelengths"
+    )
+    reflected: Float32Array = column(
+        "radiance that the surface sent back along the path, its light sample included, mean over channels "
+        "(`log_arrival`)", "R",
+    )
+    cost: Float32Array = column("scatterings from this one to the end of the path", "R")
+    program: Int32Array = column("of the surface's shader", "R")
 
 
 def allocate_log(lane_count: int, *, use_vertices: bool) -> VertexLog:
     """Empty log of `lane_count` lanes; without `use_vertices` it can only tell that nothing is recorded."""
-    rows = lane_count * MAX_VERTICES if use_vertices else 1
-    return VertexLog(
-        np.zeros((rows, VERTEX_WIDTH), np.float32), np.zeros(lane_count, np.int32), np.zeros(lane_count, np.uint8)
-    )
+    return allocate(VertexLog, {"V": lane_count * MAX_VERTICES if use_vertices else 1, "L": lane_count})
 
 
 @kernel
@@ -161,9 +142,9 @@ class Scattering(NamedTuple):
     pdf: float
     roughness: float
     eta: float
-    benefit: float
-    bsdf_pdf: float
-    guide_pdf: float
+    benefit: np.float32
+    bsdf_pdf: np.float32
+    guide_pdf: np.float32
 
 
 @kernel
@@ -368,26 +349,14 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
 
 def allocate_vertex_records(row_count: int, channel_count: int = 3) -> VertexRecords:
     """Zeroed `VertexRecords` of `row_count` rows."""
-
-    def scalars() -> np.ndarray:
-        return np.zeros(row_count, np.float32)
-
-    def vectors() -> np.ndarray:
-        return np.zeros((row_count, 3), np.float32)
-
-    return VertexRecords(
-        vectors(), vectors(), np.zeros((row_count, channel_count), np.float32), scalars(), scalars(), vectors(),
-        scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), scalars(), np.full(row_count, -1, np.int32),
-        scalars(), scalars(), vectors(), scalars(), scalars(), scalars(),
-        np.zeros((row_count, channel_count if channel_count > RGB else 0), np.float32), scalars(), scalars(),
-        np.zeros(row_count, np.int32),
-    )
+    wavelengths = channel_count if channel_count > RGB else 0
+    return allocate(VertexRecords, {"R": row_count, "C": channel_count, "wavelengths": wavelengths})
 
 
 def join_records(units: Sequence[VertexRecords]) -> tuple[VertexRecords, int]:
     """Records of all units one after the other, and how many there are."""
-    columns = [np.ascontiguousarray(np.concatenate(column)) for column in zip(*units, strict=True)]
-    return VertexRecords(*columns), len(columns[3])
+    records = joined(units)
+    return records, len(records.pdf)
 
 
 def compensate(rows: VertexRecords, row_count: int, guiding_probability: float) -> VertexRecords:
@@ -415,9 +384,7 @@ def compensate(rows: VertexRecords, row_count: int, guiding_probability: float) 
 
 def as_records(rows: VertexRecords) -> Records:
     """The same arrays as the fields take them."""
-    return Records(
-        rows.position, rows.direction, rows.radiance, rows.pdf, rows.distance, rows.normal, rows.roughness, rows.time
-    )
+    return Records(*(getattr(rows, name) for name in Records._fields))
 
 
 @kernel

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stages draw directions by, whichever method is in use."""
+"""Draws directions and evaluates their density by the source in use."""

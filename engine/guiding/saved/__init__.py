@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a render has learned, kept for later ones: in memory, and as a file."""
+"""Keeps what a render has learned for later renders, in memory or in a file."""

@@ -41,7 +41,7 @@ from engine.settings import RenderSettings
 #: Ends names of files.
 SUFFIX = ".ngfield"
 FORMAT = "NeuralGuide learned field"
-#: Of what the arrays mean. Files of later versions are refused, those of earlier ones are to be read.
+#: Version of what the arrays mean. Files of later versions are refused, those of earlier ones are to be read.
 VERSION = 1
 #: More than any field has, packed or unpacked [bytes].
 MOST_BYTES = 1 << 29

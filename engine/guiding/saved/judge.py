@@ -41,7 +41,7 @@ def information_gain(records: VertexRecords, row_count: int) -> float:
     Parameters
     ----------
     records : VertexRecords
-        Of guided paths.
+        Records of guided paths.
     row_count : int
     """
     guide_pdf, bsdf_pdf = records.guide_pdf[:row_count], records.bsdf_pdf[:row_count]
@@ -64,9 +64,9 @@ class FieldJudge:
     Parameters
     ----------
     field : LearnedField
-        Of the scene before the edit.
+        What was learned of the scene before the edit.
     light_digest : str
-        Of the scene now.
+        Digest of the scene now.
 
     Attributes
     ----------

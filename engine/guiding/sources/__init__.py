@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What directions are drawn from: a module for each kind of source, found by `engine.methods.SOURCES`.
+"""The sources of directions, a module for each kind, found by `engine.methods.SOURCES`.
 
 A module is imported when a render first uses it. `engine.runtime.sources.source_hash` counts all modules of a package
 whose `__init__` calls `import_module`, so kernels compiled for one are compiled anew when it changes.

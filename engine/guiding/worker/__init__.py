@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that trains the radiance network; the only part of the engine that knows torch."""
+"""The process that trains networks: the only importer of torch."""

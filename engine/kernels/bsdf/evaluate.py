@@ -126,7 +126,7 @@ def eval_channels(closures, lane, wo, wi, visibility, sampled, u, out, row):
     each.
     """
     count = len(closures.channels)
-    # Of a render without wavelengths this is all.
+    # Without wavelengths one evaluation is all.
     last = 0
     if count > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
         last = count - 1
@@ -254,7 +254,7 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
     Returns
     -------
     pdf : float32 [sr^-1]
-        Of `sample_bsdf` choosing `wi`; delta lobes keep their share of the choice.
+        Density with which `sample_bsdf` chooses `wi`; delta lobes keep their share of the choice.
     """
     kinds = closures.kind
     param = closures.param
@@ -301,7 +301,7 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     Returns
     -------
     pdf : float32 [sr^-1]
-        Of the mixture; of a delta lobe its probability; 0 = no sample.
+        Density of the mixture; for a delta lobe its probability; 0 = no sample.
     wi : tuple of 3 float32
     label : int
         RAY_DIFFUSE or RAY_GLOSSY, with RAY_REFLECT or RAY_TRANSMIT, RAY_SINGULAR for delta lobes; a transparent

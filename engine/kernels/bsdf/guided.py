@@ -95,7 +95,7 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
     Returns
     -------
     pdf : float32 [sr^-1]
-        Of `sample_bsdf` choosing `wi`; delta lobes keep their share of the choice.
+        Density with which `sample_bsdf` chooses `wi`; delta lobes keep their share of the choice.
     label : int
         RAY_* bits; 0 if no lobe can send light that way.
     roughness, eta : float32

@@ -28,7 +28,7 @@ NONE = 0
 # Diffuse kinds, up to LAST_DIFFUSE: those below FIRST_TRANSLUCENT reflect, the others transmit.
 DIFFUSE = 1
 FIRST_TRANSLUCENT = 16
-#: Of media: sends light all around.
+#: Phase function of a medium: sends light all around.
 PHASE = 17
 LAST_DIFFUSE = 23
 

@@ -136,7 +136,7 @@ def eval_phases(closures, lane, wo, wi, out, row):
 
 @kernel
 def mean_cosine(closures, lane):
-    """Of the angle by which a lane's phase functions scatter, all together."""
+    """Mean cosine of the angle by which a lane's phase functions scatter, all together."""
     total = 0.0
     mean = 0.0
     for i in range(closures.count[lane]):

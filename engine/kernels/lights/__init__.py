@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sampling lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
+"""Samples lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
 
+from engine.kernels.lights.light import Choice, LightSample, Receiver
 from engine.kernels.lights.sample import (
     ask_for_cell,
     background_pdf,
@@ -28,6 +29,9 @@ from engine.kernels.lights.tree import group_of_few, pick_among_few
 from engine.kernels.lights.triangle import drawn_triangle, put_triangle, sample_triangles
 
 __all__ = [
+    "Choice",
+    "LightSample",
+    "Receiver",
     "ask_for_cell",
     "background_pdf",
     "choose_emitter",

@@ -1,15 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Light sampling as the stages use it: `sample_light` and the densities of hits, all with the tree's choice included.
 
-Conventions
------------
-p, n : where the receiver stands and the unit normal the tree saw there; a hit must be weighted with the same p, n and
-    `has_transmission` that the sample was drawn with, and hits of the background with the same `leaves_dim`: whether
-    its dim parts were left to scattering (`finds_all`).
-pdf : [sr^-1] in solid angle at p, times the probability of choosing the emitter. Lights that are a delta (points
-    without a radius, suns without an angle, area lights without spread) return the bare probability, and as radiance
-    what they contribute per unit of f_cos (1 / distance^2 included); for them `use_mis` is False.
-radiance : what the light emits towards p if `program` is -1, else the factor on that program's emission.
+A hit must be weighed for the same `Receiver` that the sample was drawn for. Lights that are a delta (points without a
+radius, suns without an angle, area lights without spread) are found by sampling alone: `use_mis` is False.
 """
 
 import numpy as np
@@ -28,6 +21,7 @@ from engine.kernels.lights.background import (
     sample_cell,
     sample_patch,
 )
+from engine.kernels.lights.light import Choice, LightSample
 from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.lights.sphere import hit_sphere, sample_sphere, sphere_attenuation, sphere_pdf
 from engine.kernels.lights.tree import (
@@ -100,7 +94,7 @@ def finds_all(lights, closures, lane, ng):
 
 
 @kernel(forceinline=True)
-def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_pick, u0, u1):
+def sample_light(lights, geometry, receiver, time, u_pick, u0, u1):
     """Choose an emitter and a direction towards it for next-event estimation.
 
     Parameters
@@ -108,44 +102,25 @@ def sample_light(lights, geometry, p, n, has_transmission, leaves_dim, time, u_p
     lights : LightArrays
     geometry : GeometryArrays
         Read where emissive triangles move: those that do not are kept in world space in `lights`.
-    p, n : 3-tuples, world space
-    has_transmission : bool
-        The receiver also scatters light that comes from behind n.
-    leaves_dim : bool
-        The background's dim parts are left to scattering (`finds_all`).
+    receiver : Receiver
     time : float32 in [0, 1], of the shutter
     u_pick, u0, u1 : float32 in [0, 1)
 
     Returns
     -------
-    pdf : float [sr^-1], 0 = no sample
-    emitter, kind : int, row of `lights.emitters` and LIGHT_*
-    wi : unit direction towards the light
-    distance : float, DISTANT for suns and the background
-    point, ng : position and unit normal on the light (facing the receiver); for distant lights wi and -wi
-    u, v : barycentrics on the triangle, texture coordinates on lamps
-    instance, triangle : int, -1 for lamps and the background
-    program : int, to evaluate for the emission, -1 = radiance is final
-    radiance : 3-tuple
-    visibility : int, VISIBLE_* bits of the light
-    cast_shadow : bool
-    max_bounces : int, the light takes no part beyond this depth
-    use_mis : bool, False: weight 1, nothing else finds this light
-    shows_back : bool, of a triangle: the receiver sees its back
-    pmf : float, with which the emitter was chosen; of the background that of the patch, if one was
+    LightSample
     """
-    emitter, pmf, patch = choose_emitter(lights, p, n, has_transmission, u_pick)
-    drawn = draw_triangle(lights, geometry, emitter, p, time, u0, u1)
-    cell = draw_cell(lights, emitter, patch, leaves_dim, u0, u1)
-    return sample_emitter(
-        lights, geometry, emitter, pmf, patch, drawn, cell, p, n, has_transmission, leaves_dim, time, u0, u1
-    )
+    choice = choose_emitter(lights, receiver.p, receiver.n, receiver.has_transmission, u_pick)
+    drawn = draw_triangle(lights, geometry, choice.emitter, receiver.p, time, u0, u1)
+    cell = draw_cell(lights, choice.emitter, choice.patch, receiver.leaves_dim, u0, u1)
+    return sample_emitter(lights, geometry, choice, drawn, cell, receiver, time, u0, u1)
 
 
 @kernel(forceinline=True)
 def choose_emitter(lights, p, n, has_transmission, u):
-    """The emitter that `sample_light` chooses; returns as `pick_emitter` does."""
-    return pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u)
+    """The emitter that `sample_light` chooses: Choice."""
+    emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u)
+    return Choice(emitter, pmf, patch)
 
 
 @kernel(forceinline=True)
@@ -217,17 +192,17 @@ def draw_cell(lights, emitter, patch, leaves_dim, u0, u1):
 
 
 @kernel(forceinline=True)
-def sample_emitter(
-    lights, geometry, emitter, pmf, patch, drawn, cell, p, n, has_transmission, leaves_dim, time, u0, u1
-):
+def sample_emitter(lights, geometry, choice, drawn, cell, receiver, time, u0, u1):
     """Draw a direction towards an emitter that has been chosen; takes and returns the rest as `sample_light` does.
 
     Parameters
     ----------
-    emitter : int, -1 = none; pmf : float, with which it was chosen; patch : int, see `pick_emitter`
+    choice : Choice
     drawn : tuple, `draw_triangle` of the same numbers; not read unless the emitter is a triangle
     cell : tuple, `draw_cell` of the same numbers; not read unless the emitter is the background, and no patch of it
     """
+    emitter, pmf, patch = choice
+    p, n, has_transmission, leaves_dim = receiver
     pdf = 0.0 * u0
     u = pdf
     v = pdf
@@ -321,27 +296,10 @@ def sample_emitter(
                 factor * lights.lamps[row, LAMP_RADIANCE + 1],
                 factor * lights.lamps[row, LAMP_RADIANCE + 2],
             )
-    return (
-        pdf * pmf,
-        emitter,
-        kind,
-        wi,
-        distance,
-        point,
-        ng,
-        u,
-        v,
-        instance,
-        triangle,
-        program,
-        radiance,
-        visibility,
-        cast_shadow,
-        max_bounces,
-        use_mis,
-        shows_back,
-        pmf,
-    )
+    return LightSample(
+        pdf * pmf, emitter, kind, wi, distance, point, ng, u, v, instance, triangle, program, radiance, visibility,
+        cast_shadow, max_bounces, use_mis, shows_back, pmf,
+    )  # fmt: skip
 
 
 @kernel

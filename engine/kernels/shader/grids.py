@@ -18,7 +18,7 @@ from engine.state.grids import (
     GRID_TILES,
 )
 
-# Of a tile of 8 x 8 x 8 voxels.
+# Side of a tile of 8 x 8 x 8 voxels.
 _TILE = 8
 _TILE_BITS = 3
 _WITHIN_TILE = 7
@@ -32,9 +32,9 @@ def _find_voxel(grids, grid, i, j, k):
     Returns
     -------
     at : int64
-        Of its first component in `grids.voxels`; -1 where there is nothing.
+        Place of its first component in `grids.voxels`; -1 where there is nothing.
     row : int64
-        Of that component's limits in `grids.ranges`.
+        Row of that component's limits in `grids.ranges`.
     """
     table = grids.table
     x, y, z = i >> _TILE_BITS, j >> _TILE_BITS, k >> _TILE_BITS

@@ -35,7 +35,7 @@ LOBES_FIRST = CLOSURE_FIRST + 5
 
 
 def opcode(name: str) -> int:
-    """Of an instruction in the table of closures."""
+    """Number of an instruction in the table of closures."""
     return LOBES_FIRST + list(INSTRUCTIONS).index(name)
 
 
@@ -72,7 +72,7 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         add_holdout(closures, lane, (w, w, w))
         return
     if opcode == OP_AOV:
-        # Of what the camera sees, up to the surface that is opaque enough.
+        # AOVs are written for what the camera sees, up to the surface that is opaque enough.
         if points.integer[lane, POINT_RAY_FLAGS] & (RAY_CAMERA | RAY_PASSES_DONE) == RAY_CAMERA:
             _add_aov(closures, lane, memory, code, pc)
         return

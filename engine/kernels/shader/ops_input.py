@@ -97,7 +97,7 @@ OP_DISPLACEMENT = INPUT_FIRST + 38  # vector <- height, midlevel, scale, normal 
 OP_DOT = INPUT_FIRST + 39  # float <- a, b
 OP_GRID = INPUT_FIRST + 40  # vector, fac, alpha <- default | slot, by splines; within a volume
 
-#: Of OP_NORMAL_MAP: its green channel grows downwards; the normal of the tangents' frame is a unit vector.
+#: Flags of OP_NORMAL_MAP: its green channel grows downwards; the normal of the tangents' frame is a unit vector.
 NORMAL_MAP_GREEN_DOWN = 1
 NORMAL_MAP_UNIT_FRAME = 2
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.bias import find_bias
-from engine.accel import RayScratch, trace_closest
+from engine.accel.rays import trace_closest
+from engine.accel.scratch import RayScratch
 from engine.builder.camera import shutter_table
 from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.policy import choice, gate, horizon
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.rules import Rules
 from engine.methods import METHODS
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
@@ -79,10 +79,13 @@ def test_a_short_render_trains_no_network(monkeypatch):
     assert report.candidates_per_vertex > 1.0
 
 
+#: However short a render, it trains networks.
+LATER = Rules(least_paths_left=1.0)
+
+
 @pytest.fixture
 def later(monkeypatch):
-    """Networks that know nothing, and say so from the moment on in which they are begun, however short the render."""
-    monkeypatch.setattr(horizon, "LEAST_PATHS_LEFT", 1.0)
+    """Networks that know nothing, and say so from the moment on in which they are begun; rendered by `LATER`."""
     guess(monkeypatch)
     made = PREDICTORS["NETWORK"]
 
@@ -98,18 +101,17 @@ def later(monkeypatch):
 def test_bad_networks_are_given_up(later):
     """Held-out records promise nothing of them, so that other paths than recorded ones never ask them."""
     settings = {"samples": 127, "guiding_trial": False, "deterministic": True}
-    report = render("NEURAL_RIS", 1, scene=pit_scene, **settings).report.guiding
-    assert report.network_stopped_at and report.network_promise < gate.KEPT
+    report = render("NEURAL_RIS", 1, scene=pit_scene, rules=LATER, **settings).report.guiding
+    assert report.network_stopped_at and report.network_promise < LATER.network_kept
     assert "given up" in report.lines[-1]
 
 
 def test_auto_by_a_network_that_is_kept_leaves_the_mean_unchanged(later, monkeypatch):
     """Whatever it promises is taken to be enough, and whatever it does in rendered samples to win."""
-    monkeypatch.setattr(gate, "KEPT", 0.0)
-    monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
+    rules = replace(LATER, network_kept=0.0, taken=(0.0, 0.0, 0.0))
     monkeypatch.setitem(METHODS, "AUTO", replace(METHODS["AUTO"], rungs=("VMM", "NEURAL_RIS")))
     settings = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
-    found = [render("AUTO", seed, guiding_trial=False, **settings) for seed in range(SEEDS)]
+    found = [render("AUTO", seed, guiding_trial=False, rules=rules, **settings) for seed in range(SEEDS)]
     assert {result.report.guiding.chosen for result in found} == {"NEURAL_RIS"}
     means = np.array([result.passes["Combined"][..., :3].mean() for result in found])
     plain = [render("OFF", seed, **settings).passes["Combined"][..., :3].mean() for seed in range(SEEDS)]

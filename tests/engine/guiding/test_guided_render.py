@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from engine.guiding.policy.iterations import LONGEST_ITERATION, iteration_lengths, iteration_weight
+from engine.guiding.policy.iterations import iteration_lengths, iteration_weight
+from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import VERTEX_WIDTH, allocate_log
 from engine.ris.orca import (
     FLOOR,
@@ -177,7 +178,7 @@ def test_iterations_grow_and_hold_every_sample():
     assert lengths == [1, 3, 4, 8, 16, 16, 16, 16, 20], "the last four are not worth learning for"
     assert iteration_lengths(104)[-1] == 8
     assert [sum(iteration_lengths(samples)) for samples in range(200)] == list(range(200))
-    assert max(iteration_lengths(4096)) == LONGEST_ITERATION
+    assert max(iteration_lengths(4096)) == RULES.longest_iteration
     guided = RenderSettings(guiding_method="VMM")
     weights = [iteration_weight(first, guided) for first in (0, 1, 15, 31, 1000)]
     assert weights == sorted(weights) and weights[-1] == 1.0

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.guiding.policy import choice, trial, worth
+from engine.guiding.policy.rules import Rules
 from engine.methods import METHODS, SOURCES, Method, Source
 from engine.settings import SETTINGS, Choice
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
@@ -56,13 +56,12 @@ def test_by_name(plain: np.ndarray) -> None:
     assert z_score(1.02 * found, plain) > Z_LIMIT, "a bias of 2% would be seen"
 
 
-def test_as_a_rung(plain: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_as_a_rung(plain: np.ndarray) -> None:
     """Resampling is taken to promise much, and the rung to win."""
-    monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
-    monkeypatch.setattr(choice, "TAKEN", (0.0, 0.0, 0.0))
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
-    found = [render("AUTO", seed, **RENDER, source_field="COSINE") for seed in range(SEEDS)]
+    rules = Rules(
+        least_resampled=-1.0, taken=(0.0, 0.0, 0.0), least_efficiency={3: 0.0, 4: 0.0}, least_of_short=0.0
+    )
+    found = [render("AUTO", seed, **RENDER, source_field="COSINE", rules=rules) for seed in range(SEEDS)]
     assert {result.report.guiding.chosen for result in found} == {"COSINE_RIS"}
     assert all("chose resampled" in "".join(result.report.guiding.lines) for result in found)
     images = np.array([result.passes["Combined"][..., :3].mean() for result in found])

@@ -13,7 +13,8 @@ from engine.render.schedule import is_alike
 from engine.render.strata import StrataFilm
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
-from engine.state.film import FilmLayout, FilmTile, allocate_tile, rows_of
+from engine.state.columns import rows_of
+from engine.state.film import FilmLayout, allocate_tile
 from engine.state.unit import UnitCosts
 
 LAYOUT = FilmLayout(
@@ -76,7 +77,7 @@ def test_alike_tasks_at_once_are_what_they_are_one_by_one(strata):
             course.keep_alike(tasks, units, sums, costs, None)
         else:
             for task, unit, count, end in zip(tasks, units, counts, ends, strict=True):
-                course.keep(task, unit, FilmTile(*rows_of(sums, end - count, end)), costs[0], None)
+                course.keep(task, unit, rows_of(sums, end - count, end), costs[0], None)
         films.append(film)
         learners.append(course.progress(0).fraction)
         course.learner.close()

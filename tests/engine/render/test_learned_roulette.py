@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.policy import roulette_learning, trial
 from engine.guiding.policy.roulette_learning import RouletteModel
 from engine.scene.description import World
 from engine.settings import RenderSettings
-from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
+from tests.helpers.seeded_renders import Z_LIMIT, render, trial_rules, z_score
 from tests.helpers.small_scenes import floor_scene, material, pit_scene
 
 #: Of a scene in which light that has met five surfaces still counts.
@@ -96,13 +95,11 @@ def test_one_sample_a_pixel_decides_nothing():
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9], ids=["guided", "given up"])
-def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least, monkeypatch):
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, least))
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", least)
-    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", 0.0)
+def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least):
+    rules = trial_rules(least, roulette_least_efficiency=0.0)
     settings = PIT | {"samples": 32, "deterministic": True}
     for by in ("AUTO", "THROUGHPUT"):
-        guidance = render("AUTO", 1, **settings, roulette=by).guidance
+        guidance = render("AUTO", 1, **settings, roulette=by, rules=rules).guidance
         assert (guidance.field is not None) == (least == 0.0)
         assert (guidance.reflected is not None) == (by == "AUTO")
 
@@ -114,9 +111,7 @@ def test_it_is_learned_on_once_guiding_has_lost(monkeypatch):
         # Guiding is tried on a part of the pixels, and what the others have had judges roulette.
         return pit_scene((64, 64))
 
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 1e9))
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 1e9)
-    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", 0.0)
+    rules = trial_rules(1e9, roulette_least_efficiency=0.0)
     learn, counts = RouletteModel.learn, []
 
     def counted(model, records, row_count, *others):
@@ -124,10 +119,8 @@ def test_it_is_learned_on_once_guiding_has_lost(monkeypatch):
         learn(model, records, row_count, *others)
 
     monkeypatch.setattr(RouletteModel, "learn", counted)
-    one, two = (
-        render("AUTO", 1, **PIT | {"scene": large, "samples": 32, "deterministic": True, "threads": threads})
-        for threads in (1, 2)
-    )
+    settings = PIT | {"scene": large, "samples": 32, "deterministic": True}
+    one, two = (render("AUTO", 1, **settings, threads=threads, rules=rules) for threads in (1, 2))
     assert one.report.guiding.stopped_at == 8
     # After 1, 4, 8 and 16 samples, by either.
     assert len(counts) == 8 and min(counts) > 0

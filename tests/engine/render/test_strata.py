@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.bias import find_bias
-from engine.guiding.policy import learning, trial
+from engine.guiding.policy import learning
+from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.training_rows import ROW_U
 from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
 from engine.render import session
@@ -219,10 +220,10 @@ def test_strata_of_no_length(untrained):
     assert not bias.is_biased and bias.detectable < 0.03, bias
 
 
-def test_guiding_given_up_goes_on_in_all_strata(untrained, monkeypatch):
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 1e9))
+def test_guiding_given_up_goes_on_in_all_strata(untrained):
+    rules = Rules(least_efficiency=dict.fromkeys(RULES.least_efficiency, 1e9))
     settings = PROGRESSIVE | {"guiding_trial": True}
-    images = render_seeds(emitter_scene(), range(2), **settings, strata=8, samples=512)
+    images = render_seeds(emitter_scene(), range(2), rules, **settings, strata=8, samples=512)
     bias = find_bias(images, reference())
     assert not bias.is_biased and bias.detectable < 0.03, bias
 

@@ -10,7 +10,7 @@ from engine.render.batch import Batch
 from engine.render.precompile_worker import small_scene
 from engine.render.session import Session
 from engine.render.tracer import Tracer
-from engine.scene.description import SceneDescription, World
+from engine.scene.description import Link, Node, SceneDescription, World
 from engine.settings import RenderSettings
 
 
@@ -60,6 +60,24 @@ def test_kernels_are_linked_again_where_a_scene_needs_others(made: list[str]) ->
     image = _render(session, plain)
     assert made.count("link") == 2 and made.count("batch") == 1
     np.testing.assert_array_equal(image, _render(Session(session.settings), plain))
+
+
+def _foggy_scene(density: float) -> SceneDescription:
+    description = small_scene()
+    graph = next(material.graph for material in description.materials if material.graph is not None)
+    graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": density}))
+    graph.volume = Link(len(graph.nodes) - 1, "Volume")
+    return description
+
+
+def test_media_that_become_dense_have_the_stage_that_they_need(made: list[str]) -> None:
+    """The loop called a stage that nobody had linked, and the process ended."""
+    settings = RenderSettings(samples=2, threads=1, guiding_method="OFF", roulette="THROUGHPUT")
+    session = Session(settings)
+    _render(session, _foggy_scene(0.1))
+    dense = _render(session, _foggy_scene(1e5))
+    assert made == ["batch", "link", "link"]
+    np.testing.assert_array_equal(dense, _render(Session(settings), _foggy_scene(1e5)))
 
 
 def test_threads_have_other_memory_where_settings_ask_for_it(made: list[str]) -> None:

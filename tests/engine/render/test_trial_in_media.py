@@ -8,6 +8,7 @@ import pytest
 
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy import trial
+from engine.guiding.policy.rules import RULES
 from engine.guiding.policy.trial import GuidingTrial
 from engine.render.tiles import TrialTiles
 from tests.helpers.media_renders import SIGMAS, means_by_seed, picture, render
@@ -53,7 +54,7 @@ def test_where_guiding_loses_two_samples_of_a_quarter_of_the_pixels_were_guided(
 
 
 def test_where_guiding_wins_all_pixels_are_guided_and_weigh_as_elsewhere(film_weights, monkeypatch):
-    outcome(monkeypatch, trial.SURE_OF_FIRST_PART)
+    outcome(monkeypatch, RULES.sure_of_first_part)
     assert render(fog(), samples=32, **AUTO).report.guiding.stopped_at == 0
     later = (2.0 * 6.0 + 2.0) + 2.0 * 16.0
     weight, mask = film_weights(), is_tried()
@@ -93,9 +94,9 @@ def test_guides_learn_first_from_four_samples_that_nothing_guided(monkeypatch):
 
 def test_a_first_comparison_need_not_show_a_win():
     """Guides know little yet: what pays in the end shows 0.85 and more, most of what does not 0.6 and less."""
-    least = trial.LEAST_OF_CAUTIOUS
-    assert trial.least_efficiency(2, 8, 24.0, is_part=True, is_cautious=True) == least < trial.LEAST_OF_FIRST_PART
-    assert trial.least_efficiency(3, 16, 16.0, is_part=True, is_cautious=True) == trial.LEAST_OF_SHORT
+    least = RULES.least_of_cautious
+    assert trial.least_efficiency(2, 8, 24.0, is_part=True, is_cautious=True) == least < RULES.least_of_first_part
+    assert trial.least_efficiency(3, 16, 16.0, is_part=True, is_cautious=True) == RULES.least_of_short
     assert trial.least_efficiency(2, 8, 24.0, is_cautious=True) == least
 
 

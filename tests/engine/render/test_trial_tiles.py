@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.guiding.policy import roulette_learning, trial
+from engine.guiding.policy import trial
 from engine.render.course import Course
 from engine.render.session import Session
 from engine.render.tiles import FrameTiles, TrialTiles
 from engine.settings import RenderSettings
 from engine.state.unit import CHALLENGER
-from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
+from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, trial_rules, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
 
 #: Enough pixels for a part of them to say something; units at its right and upper border have few or none.
@@ -59,11 +59,10 @@ def test_a_pixel_of_each_quad_is_tried_and_which_one_follows_no_pattern():
             assert abs(np.corrcoef((one == place).ravel(), (other == place).ravel())[0, 1]) < 0.05
 
 
-def outcome(monkeypatch, least, clear=1e9):
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, least))
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", least)
-    monkeypatch.setattr(trial, "LEAST_OF_FIRST_PART", least)
-    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, clear))
+def outcome(least, clear=1e9, **others):
+    """Rules by which comparisons with unguided rendering end so."""
+    return trial_rules(least, clear, **{"least_of_first_part": least, **others})
+
 
 
 def is_tried():
@@ -74,33 +73,29 @@ def is_tried():
     return mask
 
 
-def test_where_guiding_loses_only_a_quarter_of_the_pixels_was_guided(film_weights, monkeypatch):
+def test_where_guiding_loses_only_a_quarter_of_the_pixels_was_guided(film_weights):
     """Of 32 samples 1 teaches, 3 are guided by that, 2 + 2 compared, and the rest unguided; elsewhere all are."""
-    outcome(monkeypatch, 1e9)
-    report = render("VMM", 1, scene=scene, samples=32).report
+    rules = outcome(1e9)
+    report = render("VMM", 1, scene=scene, samples=32, rules=rules).report
     assert report.guiding.stopped_at == 8 and report.sample_count == 32
     weight, mask = film_weights(), is_tried()
     np.testing.assert_array_equal(weight[mask], 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + 24.0)
     np.testing.assert_array_equal(weight[~mask], 0.5 + 31.0)
 
 
-def test_where_guiding_wins_all_pixels_are_guided(film_weights, monkeypatch):
-    outcome(monkeypatch, 0.0)
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
-    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", -1.0)
-    assert render("VMM", 1, scene=scene, samples=32).report.guiding.stopped_at == 0
+def test_where_guiding_wins_all_pixels_are_guided(film_weights):
+    rules = outcome(0.0, least_of_short=-1.0, sure_of_first_part=-1.0)
+    assert render("VMM", 1, scene=scene, samples=32, rules=rules).report.guiding.stopped_at == 0
     weight, mask = film_weights(), is_tried()
     later = (2.0 * 6.0 + 2.0) + 2.0 * 16.0
     np.testing.assert_array_equal(weight[mask], 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + later)
     np.testing.assert_array_equal(weight[~mask], 0.5 + 7.0 + later)
 
 
-def test_what_a_quarter_shows_at_first_has_to_be_clear(film_weights, monkeypatch):
+def test_what_a_quarter_shows_at_first_has_to_be_clear(film_weights):
     """Else the second comparison is of a quarter too."""
-    outcome(monkeypatch, 0.0)
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
-    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", 1e9)
-    render("VMM", 1, scene=scene, samples=32)
+    rules = outcome(0.0, least_of_short=-1.0, sure_of_first_part=1e9)
+    render("VMM", 1, scene=scene, samples=32, rules=rules)
     weight, mask = film_weights(), is_tried()
     np.testing.assert_array_equal(weight[mask], 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0) + 2.0 * 16.0)
     np.testing.assert_array_equal(weight[~mask], 0.5 + 15.0 + 2.0 * 16.0)
@@ -116,15 +111,15 @@ def test_without_weights_of_a_trial_all_pixels_are_guided_alike(changes, film_we
     assert len(np.unique(film_weights())) == 1
 
 
-def test_few_pixels_are_tried_altogether(film_weights, monkeypatch):
-    outcome(monkeypatch, 1e9)
-    render("VMM", 1, scene=lambda: corner_scene((60, 60)), samples=32)
+def test_few_pixels_are_tried_altogether(film_weights):
+    rules = outcome(1e9)
+    render("VMM", 1, scene=lambda: corner_scene((60, 60)), samples=32, rules=rules)
     assert len(np.unique(film_weights())) == 1
 
 
 def test_unguided_pixels_cost_a_trial_nothing(monkeypatch):
     """What they take is no part of the costs that are compared, and what they are, no part of the records."""
-    outcome(monkeypatch, 1e9)
+    rules = outcome(1e9)
     compared = []
     add_cost = trial.GuidingTrial.add_cost
 
@@ -133,7 +128,7 @@ def test_unguided_pixels_cost_a_trial_nothing(monkeypatch):
         add_cost(tried, cost, path_count, is_challenger)
 
     monkeypatch.setattr(trial.GuidingTrial, "add_cost", added)
-    render("VMM", 1, scene=scene, samples=32, deterministic=True)
+    render("VMM", 1, scene=scene, samples=32, deterministic=True, rules=rules)
     assert sum(compared) == 4 * is_tried().sum()
 
 
@@ -153,9 +148,10 @@ def arms_of_units(monkeypatch):
 @pytest.mark.parametrize(("size", "renders_for_it"), [(SIZE, False), ((60, 60), True)])
 def test_roulette_is_compared_by_pixels_that_were_not_guided(size, renders_for_it, monkeypatch):
     """They had samples by the throughput, and by what was learned. Where all were guided samples are taken for it."""
-    outcome(monkeypatch, 1e9)
+    rules = outcome(1e9)
     arms = arms_of_units(monkeypatch)
-    report = render("AUTO", 1, scene=lambda: corner_scene(size), samples=32, deterministic=True).report.guiding
+    settings = {"scene": lambda: corner_scene(size), "samples": 32, "deterministic": True}
+    report = render("AUTO", 1, rules=rules, **settings).report.guiding
     assert report.stopped_at == 8
     assert report.trials[-1].startswith("learned roulette over OFF")
     assert report.trials[-1].endswith("at sample 16" if renders_for_it else "at sample 8")
@@ -163,26 +159,26 @@ def test_roulette_is_compared_by_pixels_that_were_not_guided(size, renders_for_i
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9])
-def test_roulette_that_loses_elsewhere_is_left(least, monkeypatch):
-    outcome(monkeypatch, 1e9)
-    monkeypatch.setattr(roulette_learning, "LEAST_EFFICIENCY", least)
-    guidance = render("AUTO", 1, scene=scene, samples=32, deterministic=True).guidance
+def test_roulette_that_loses_elsewhere_is_left(least):
+    rules = outcome(1e9, roulette_least_efficiency=least)
+    guidance = render("AUTO", 1, scene=scene, samples=32, deterministic=True, rules=rules).guidance
     assert (guidance.reflected is not None) == (least == 0.0)
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9], ids=["wins", "loses"])
-def test_the_image_does_not_depend_on_threads(least, monkeypatch):
-    outcome(monkeypatch, least)
+def test_the_image_does_not_depend_on_threads(least):
+    rules = outcome(least)
     one, three = (
-        render("AUTO", 3, scene=scene, samples=32, threads=threads, deterministic=True) for threads in (1, 3)
+        render("AUTO", 3, scene=scene, samples=32, threads=threads, deterministic=True, rules=rules)
+        for threads in (1, 3)
     )
     assert np.array_equal(one.passes["Combined"], three.passes["Combined"])
     assert one.report.guiding.efficiency == three.report.guiding.efficiency
 
 
-def test_the_mean_is_that_of_an_unguided_render(monkeypatch):
+def test_the_mean_is_that_of_an_unguided_render():
     """In the pixels of the trial and in the others, guided from some sample on."""
-    outcome(monkeypatch, 0.0)
+    rules = outcome(0.0)
     deep = {"scene": lambda: pit_scene((80, 64)), "samples": 32, "max_bounces": 12, "diffuse_bounces": 12}
     units = TrialTiles(pit_scene((80, 64)).frame)
     mask = np.zeros(80 * 64, np.bool_)
@@ -190,7 +186,8 @@ def test_the_mean_is_that_of_an_unguided_render(monkeypatch):
         mask[units[k][1]] = True
 
     def means(method, first):
-        images = [render(method, first + s, **deep).passes["Combined"][..., :3].reshape(-1, 3) for s in range(SEEDS)]
+        results = [render(method, first + s, rules=rules, **deep) for s in range(SEEDS)]
+        images = [result.passes["Combined"][..., :3].reshape(-1, 3) for result in results]
         return [np.array([image[chosen].mean() for image in images]) for chosen in (mask, ~mask)]
 
     for found, plain in zip(means("VMM", 0), means("OFF", 100), strict=True):
@@ -198,13 +195,13 @@ def test_the_mean_is_that_of_an_unguided_render(monkeypatch):
         assert z_score(1.05 * found, plain) > Z_LIMIT, "a bias of 5% would be seen"
 
 
-def test_a_noise_threshold_and_a_trial_go_together(monkeypatch):
+def test_a_noise_threshold_and_a_trial_go_together():
     """Pixels that have converged get no more samples, though the units of the trial had them."""
-    outcome(monkeypatch, 0.5)
+    rules = outcome(0.5)
     shared = {"samples": 96, "use_adaptive_sampling": True, "adaptive_threshold": 0.1, "adaptive_min_samples": 4}
     passes = ("Combined", "Sample Count")
     one, two = (
-        render("VMM", 2, scene=scene, passes=passes, threads=threads, deterministic=True, **shared)
+        render("VMM", 2, scene=scene, passes=passes, rules=rules, threads=threads, deterministic=True, **shared)
         for threads in (1, 2)
     )
     assert np.array_equal(one.passes["Combined"], two.passes["Combined"])
@@ -212,13 +209,11 @@ def test_a_noise_threshold_and_a_trial_go_together(monkeypatch):
     assert count.min() >= 8 and count.mean() < 96
 
 
-def test_a_last_iteration_records_and_compares_nothing(film_weights, monkeypatch):
+def test_a_last_iteration_records_and_compares_nothing(film_weights):
     """Nobody would go by it, unless what was learned is kept."""
-    outcome(monkeypatch, 0.0)
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", -1.0)
-    monkeypatch.setattr(trial, "SURE_OF_FIRST_PART", -1.0)
+    rules = outcome(0.0, least_of_short=-1.0, sure_of_first_part=-1.0)
     settings = RenderSettings(samples=16, seed=1, guiding_method="VMM", max_bounces=6)
-    session = Session(settings)
+    session = Session(settings, rules=rules)
     session.load(scene())
     for keep in (False, True):
         result = session.render(keep=keep)
@@ -230,7 +225,7 @@ def test_a_last_iteration_records_and_compares_nothing(film_weights, monkeypatch
 
 def test_tiles_are_the_frame_s_again_after_the_trial(monkeypatch):
     """Workers of a cluster then know them by number."""
-    outcome(monkeypatch, 1e9)
+    rules = outcome(1e9)
     seen = []
     begin_next = Course.begin_next
 
@@ -239,5 +234,5 @@ def test_tiles_are_the_frame_s_again_after_the_trial(monkeypatch):
         seen.append((type(course.tiles), course.has_all_pixels))
 
     monkeypatch.setattr(Course, "begin_next", begun)
-    render("VMM", 1, scene=scene, samples=32)
+    render("VMM", 1, scene=scene, samples=32, rules=rules)
     assert seen == [(TrialTiles, False), (TrialTiles, False), (FrameTiles, True)]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of surface that keep the light which arrives in them: what ends paths (`engine.wavefront.end_in_cache`)."""
+"""The cells of the radiance cache: each keeps the light that arrives at a piece of surface."""

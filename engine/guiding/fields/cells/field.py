@@ -14,7 +14,7 @@ from engine.guiding.fields.hash_grid import claim_place, find_place, grid_cell
 from engine.kernels.rng import hash_combine
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
-from engine.state.lanes import aligned_bytes
+from engine.state.columns import aligned_bytes
 
 #: Sizes of cells: the largest is 2^(LEVEL_COUNT - 1) times the smallest.
 LEVEL_COUNT = 6

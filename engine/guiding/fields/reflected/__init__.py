@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of surface that know how much light is sent back there, and at what cost it is found: for Russian roulette."""
+"""Cells for Russian roulette: how much light a piece of surface sends back, and what finding it costs."""

@@ -15,7 +15,7 @@ from engine.guiding.fields.hash_grid import claim_place, find_place, grid_cell
 from engine.kernels.constants import NAN
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
-from engine.state.lanes import aligned_bytes
+from engine.state.columns import aligned_bytes
 
 #: Sizes of cells, the smallest first, and how many times the side of the one before each has.
 LEVEL_COUNT = 2

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The SD-tree field: `model` learns, `field` is what it publishes, `query` reads it."""
+"""The SD-tree: `model` learns it, `field` is what the model publishes, `query` reads that."""

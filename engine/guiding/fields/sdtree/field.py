@@ -15,9 +15,9 @@ from engine.kernels.binary_tree import LEAF
 from engine.runtime.bundle import Bundle
 
 # Columns of SdTreeField.quad_split: shares of a node's probability, none of which is 0 or 1.
-#: Of the lower half in phi.
+#: Share of the lower half in phi.
 SPLIT_PHI = 0
-#: Of the lower half in z, within the lower half in phi (+ 0) and within the upper (+ 1).
+#: Share of the lower half in z, within the lower half in phi (+ 0) and within the upper (+ 1).
 SPLIT_Z = 1
 SPLIT_WIDTH = 3
 

@@ -114,7 +114,7 @@ def _measure(batch, start, stop, column):
     The limit is a share of that sum, or the third largest value if that is larger: what is bright but rare is believed
     when it is seen three times.
     """
-    total = 0.0
+    total = np.float64(0.0)
     lit_count = 0
     first = np.float32(0.0)
     second = np.float32(0.0)
@@ -338,13 +338,13 @@ def refine_tree(pool, values, region, flux_share, max_depth, scratch, refined, i
             value = quarters[node, 0]
             held = quarters[node, 1]
             squared = quarters[node, 2]
-            below = -1
+            below = np.int64(-1)
             if old >= 0:
                 value = values[old, q]
                 held = np.float64(sums[old, q])
                 squared = np.float64(squares[old, q])
                 below = np.int64(child[old, q])
-                below = start + below if below != QUAD_LEAF else -1
+                below = start + below if below != QUAD_LEAF else np.int64(-1)
             # Without light the tree stays as it is.
             is_divided = value > least if is_lit else below >= 0
             is_divided = is_divided and depth < max_depth and count < MAX_NODES

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The parallax-aware von Mises-Fisher mixture field: `model` learns, `field` is what it publishes, `query` reads it."""
+"""Von Mises-Fisher mixtures with parallax: `model` learns them, `field` publishes them, `query` reads them."""

@@ -100,7 +100,7 @@ def gather_samples(batch, start, stop, store, region, parameters, scratch):
             ez = z * distance + (batch[row, SAMPLE_P + 2] - store.pivot[region, 2])
             squared = ex * ex + ey * ey + ez * ez
             if squared > 1e-6 * distance * distance:
-                inverse_distance = 1.0 / math.sqrt(squared)
+                inverse_distance = np.float32(1.0 / math.sqrt(squared))
                 x = ex * inverse_distance
                 y = ey * inverse_distance
                 z = ez * inverse_distance
@@ -124,9 +124,12 @@ def gather_samples(batch, start, stop, store, region, parameters, scratch):
         return count, total
     # The three brightest are cut to the fourth, unless that is darker than their share of the rest.
     fourth = min(top_a, top_b, top_c, top_d) if count > 3 else lowest
-    total -= max(top_a - fourth, 0.0) + max(top_b - fourth, 0.0) + max(top_c - fourth, 0.0) + max(top_d - fourth, 0.0)
+    none = np.float64(0.0)
+    total -= (
+        max(top_a - fourth, none) + max(top_b - fourth, none) + max(top_c - fourth, none) + max(top_d - fourth, none)
+    )
     limit = max(fourth, parameters[PARAMETER_WEIGHT_SHARE] * total)
-    total = 0.0
+    total = np.float64(0.0)
     for k in range(count):
         scratch.samples[k, FIT_WEIGHT] = min(np.float64(scratch.samples[k, FIT_WEIGHT]), limit)
         total += np.float64(scratch.samples[k, FIT_WEIGHT])
@@ -288,10 +291,10 @@ def _add_pooled_lobe(store, region, scratch, parameters):
     pooled = scratch.pool[0]
     k = np.int64(store.lobe_count[region])
     if k == MAX_LOBES:
-        k = 0
+        k = np.int64(0)
         for j in range(MAX_LOBES):
             if store.lobes[region, LOBE_WEIGHT, j] < store.lobes[region, LOBE_WEIGHT, k]:
-                k = j
+                k = np.int64(j)
     else:
         store.lobe_count[region] = k + 1
     clear_lobe(store, region, k)

@@ -267,7 +267,7 @@ def _merge_cost(store, region, i, j, parameters):
     kappa = kappa_of_cosine(r, parameters[PARAMETER_MAX_KAPPA])
     scale = kappa / r if r > 0.0 else 0.0
     log_norm = -math.log(np.float64(FOUR_PI) * np.float64(spread(np.float32(kappa)))) - kappa
-    cost = 0.0
+    cost = np.float64(0.0)
     for pair in range(3):
         a = i if pair < 2 else j
         b = i if pair == 0 else j

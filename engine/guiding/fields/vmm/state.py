@@ -88,7 +88,7 @@ class VmmState:
         ----------
         state : State
         max_kappa : float
-            Of the sharpest lobe that there may be.
+            Kappa of the sharpest lobe that there may be.
 
         Raises
         ------

@@ -126,8 +126,8 @@ def add_moments(batch, start, stop, moments, region):
     old = moments[region, MOMENT_COUNT]
     for axis in range(3):
         base = np.float64(batch[start, SAMPLE_P + axis])
-        total = 0.0
-        squared = 0.0
+        total = np.float64(0.0)
+        squared = np.float64(0.0)
         for row in range(start, stop):
             value = np.float64(batch[row, SAMPLE_P + axis]) - base
             total += value
@@ -247,7 +247,7 @@ def _fill_grid(tree, scale, grid):
     """Descend for every cell as long as it lies on one side, by more than rounding could move a point."""
     for cell in range(grid.shape[0]):
         index = (cell // (GRID_SIDE * GRID_SIDE), cell // GRID_SIDE % GRID_SIDE, cell % GRID_SIDE)
-        node = 0
+        node = np.int64(0)
         axis = tree.node_link[0, NODE_AXIS]
         while axis != LEAF:
             step = index[0] if axis == 0 else (index[1] if axis == 1 else index[2])

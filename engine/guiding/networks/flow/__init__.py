@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Neural importance sampling: a normalising flow on the sphere. `shape` sizes it, `field` holds it, `query` asks it."""
+"""Neural importance sampling: a normalising flow on the sphere."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixtures of lobes that a network's outputs stand for: decoding, density and sampling."""
+"""Decodes a network's outputs into lobes, and evaluates and samples their mixture."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixtures whose parameters a network gives for every point: shape, features, inference (training is the worker's)."""
+"""Networks that give a mixture of lobes for every point."""

@@ -223,8 +223,8 @@ def query_mixtures(guide, guided, paths, points, lanes, lane_count):
         )
         for row in range(count):
             lane = np.int64(guide.chunk_lane[row])
-            slot = np.int64(guide.chunk_slot[row])
-            lobes_row = lane * slot_count + slot
+            row_slot = np.int64(guide.chunk_slot[row])
+            lobes_row = lane * slot_count + row_slot
             _decode(guide.raw, row, 0, lobe_count, guide.lobes, lobes_row, guide.fluence[lane])
             if network.header[HEADER_HAS_COSINE] == 0 and guide.is_diffuse[lane] != 0:
                 _multiply_cosine(guide.lobes, lobes_row, real_3(points, lane, POINT_NS))
@@ -233,7 +233,7 @@ def query_mixtures(guide, guided, paths, points, lanes, lane_count):
                 if slot_count > 1:
                     # One for all wavelengths, or their densities would not be those of the same choices. A lane's rows
                     # are in one chunk, the hero's first.
-                    probability *= guide.share[lane, slot]
-                    if slot > 0:
+                    probability *= guide.share[lane, row_slot]
+                    if row_slot > 0:
                         probability += guided.probability[lane]
                 guided.probability[lane] = min(probability, _MOST_GUIDED)

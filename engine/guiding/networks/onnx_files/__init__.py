@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Networks as `.onnx` files, which need no package to be written or read."""
+"""Writes networks to `.onnx` files and reads them, with no other package."""

@@ -6,9 +6,9 @@ import itertools
 import numpy as np
 import pytest
 
-from engine.guiding.models import predictors
-from engine.guiding.policy import trial, worth
+from engine.guiding.policy import trial
 from engine.guiding.policy.choice import Choice
+from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.trial import Part
 from engine.state.film import FilmTile, allocate_tile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
@@ -225,18 +225,15 @@ SETTINGS = {"samples": 127, "max_bounces": 12, "diffuse_bounces": 12}
 
 
 @pytest.mark.parametrize("scene", [pit_scene, corner_scene])
-def test_the_mean_is_that_of_an_unguided_render(scene, monkeypatch):
+def test_the_mean_is_that_of_an_unguided_render(scene):
     """All methods take part: resampling is taken to promise much, and every method to win."""
-    from engine.guiding.policy import choice as choice_module
-
-    monkeypatch.setattr(worth, "LEAST_RESAMPLED", -1.0)
-    monkeypatch.setattr(predictors, "TABLE_UPDATES", 1)
-    monkeypatch.setattr(choice_module, "TAKEN", (0.0, 0.0, 0.0))
-    monkeypatch.setattr(choice_module.trial, "LEAST_EFFICIENCY", {3: 0.0, 4: 0.0})
-    monkeypatch.setattr(choice_module.trial, "LEAST_OF_SHORT", 0.0)
+    rules = Rules(
+        least_resampled=-1.0, table_updates=1, taken=(0.0, 0.0, 0.0), least_efficiency={3: 0.0, 4: 0.0},
+        least_of_short=0.0,
+    )
     means, chosen = [], set()
     for seed in range(6):
-        result = render("AUTO", seed, scene=scene, deterministic=True, **SETTINGS)
+        result = render("AUTO", seed, scene=scene, deterministic=True, rules=rules, **SETTINGS)
         means.append(result.passes["Combined"][..., :3].mean())
         chosen.add(result.report.guiding.chosen)
     assert chosen == {"TABLE_RIS"}

@@ -11,9 +11,10 @@ from engine.guiding.models.predictors import Predictor, TablePredictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.choice import Choice
-from engine.guiding.policy.gate import FIRST_SAMPLE, GIVEN_UP, KEPT, LOOKS, TRAINED_SHARE, Gate
-from engine.guiding.policy.horizon import LEAST_PATHS_LEFT, Horizon
+from engine.guiding.policy.gate import Gate
+from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.ladder import Ladder
+from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import allocate_vertex_records
 from engine.methods import RUNGS
 from engine.settings import RenderSettings
@@ -43,7 +44,7 @@ class Counting(Predictor):
         self.closed_count += 1
 
 
-def gate_of(pixels: float = LEAST_PATHS_LEFT, *, judges_on: bool = True) -> tuple[Gate, Counting, GuidingReport]:
+def gate_of(pixels: float = RULES.least_paths_left, *, judges_on: bool = True) -> tuple[Gate, Counting, GuidingReport]:
     report = GuidingReport()
     predictor = Counting(report)
     horizon = Horizon(RenderSettings(samples=SAMPLES), int(pixels), uses_clock=False)
@@ -52,13 +53,13 @@ def gate_of(pixels: float = LEAST_PATHS_LEFT, *, judges_on: bool = True) -> tupl
 
 def test_whatever_the_mixture_promises_a_long_render_trains_a_network() -> None:
     gate, predictor, _ = gate_of()
-    gate.begin(FIRST_SAMPLE - 1, 1)
+    gate.begin(RULES.network_from - 1, 1)
     assert predictor.begun_count == 0
-    gate.begin(FIRST_SAMPLE, 1)
+    gate.begin(RULES.network_from, 1)
     assert predictor.begun_count == 1 and not gate.is_open and not gate.wants_figure
     predictor.is_ready = True
     assert gate.wants_figure
-    for k in range(LOOKS):
+    for k in range(RULES.network_looks):
         assert not gate.is_open
         gate.judge(31 + 16 * k, 1.5)
     assert gate.is_open
@@ -67,13 +68,13 @@ def test_whatever_the_mixture_promises_a_long_render_trains_a_network() -> None:
 
 
 def test_a_short_render_trains_none() -> None:
-    gate, predictor, report = gate_of(LEAST_PATHS_LEFT / SAMPLES / 2)
+    gate, predictor, report = gate_of(RULES.least_paths_left / SAMPLES / 2)
     gate.begin(15, 1)
     gate.judge(31, None)
     assert predictor.begun_count == 0 and report.network_stopped_at == 0
 
 
-@pytest.mark.parametrize("promise", [0.5, 1.0, 0.99 * KEPT, None])
+@pytest.mark.parametrize("promise", [0.5, 1.0, 0.99 * RULES.network_kept, None])
 def test_what_promises_too_little_is_trained_for_a_tenth_of_what_is_left(promise: float | None) -> None:
     gate, predictor, report = gate_of()
     gate.begin(100, 1)
@@ -96,8 +97,8 @@ def test_what_is_kept_is_judged_on_where_nobody_else_does(judges_on: bool) -> No
         gate.judge(sample, 1.2)
     assert gate.is_open and gate.wants_figure == judges_on
     # A bad figure is made up for by the others; and what it is worth to go on is less than what it is to begin.
-    assert GIVEN_UP < KEPT
-    gate.judge(79, (0.5 * (GIVEN_UP + KEPT)) ** 3 / 1.2**2)
+    assert RULES.network_given_up < RULES.network_kept
+    gate.judge(79, (0.5 * (RULES.network_given_up + RULES.network_kept)) ** 3 / 1.2**2)
     assert gate.is_open
     # Nothing is given up while it is on trial.
     gate.judge(95, 0.5)
@@ -112,7 +113,7 @@ def test_training_ends_after_a_quarter_of_the_render_and_what_was_learned_stays(
     gate, predictor, report = gate_of()
     gate.begin(15, 1)
     predictor.is_ready = True
-    for sample in range(31, int(TRAINED_SHARE * SAMPLES), 16):
+    for sample in range(31, int(RULES.network_trained_share * SAMPLES), 16):
         gate.judge(sample, 1.2)
         assert gate.is_open == (sample >= 63) and predictor.closed_count == 0
     gate.judge(255, 1.2)
@@ -131,7 +132,7 @@ def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
 
 
 def test_caution_asks_for_so_many_times_as_long_a_render() -> None:
-    enough = -(-int(LEAST_PATHS_LEFT) // (SAMPLES - 10))
+    enough = -(-int(RULES.least_paths_left) // (SAMPLES - 10))
     for pixels, caution, is_long in ((enough, 1.0, True), (enough, 5.0, False), (5 * enough, 5.0, True)):
         horizon = Horizon(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution)
         assert horizon.is_long(10) == is_long

@@ -5,13 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from engine.guiding.policy.iterations import (
-    FEW_RECORDS,
-    RECORDS_PER_ITERATION,
-    RECORDS_PER_PATH_LEFT,
-    LearningRests,
-    RecordBudget,
-)
+from engine.guiding.policy.iterations import LearningRests, RecordBudget
+from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import RECORD_ROWS
 
 
@@ -25,16 +20,16 @@ def test_records_fit(pixels: int, per_path: float, samples: float) -> None:
     budget.count(round(1000 * per_path), 1000.0)
     share = budget.threshold(samples) / 2**32
     assert share * unit * samples * per_path <= 0.5 * RECORD_ROWS * 1.001
-    assert share * pixels * samples * per_path <= RECORDS_PER_ITERATION * 1.001
+    assert share * pixels * samples * per_path <= RULES.records_per_iteration * 1.001
     # And as many as these allow.
     of_unit = share * unit * samples * per_path / (0.5 * RECORD_ROWS)
-    of_image = share * pixels * samples * per_path / RECORDS_PER_ITERATION
+    of_image = share * pixels * samples * per_path / RULES.records_per_iteration
     assert share == 1.0 or max(of_unit, of_image) == pytest.approx(1.0, rel=1e-3)
 
 
 def test_few_paths_are_recorded_while_nobody_knows_whether_it_pays() -> None:
     """So many records, or so large a share of a large image's paths, and never more than are wanted at all."""
-    shares = {4096: FEW_RECORDS / (4.0 * 16 * 4096), 36_864: 0.03, 1 << 20: 1 / 256, 1024: 0.5}
+    shares = {4096: RULES.few_records / (4.0 * 16 * 4096), 36_864: 0.03, 1 << 20: 1 / 256, 1024: 0.5}
     for pixels, share_of_all in shares.items():
         budget = RecordBudget(pixels, 1024)
         before = budget.threshold(16.0)
@@ -53,9 +48,9 @@ def test_fewer_paths_are_recorded_where_little_is_left() -> None:
         budget.samples_left = left
         return budget.threshold(16.0) / 2**32 * 4.0 * 16 * pixels
 
-    assert records(1000.0) == pytest.approx(RECORDS_PER_ITERATION, rel=1e-3)
-    assert records(32.0) == pytest.approx(RECORDS_PER_PATH_LEFT * 32 * pixels, rel=1e-3)
-    assert records(1.0) == pytest.approx(FEW_RECORDS, rel=1e-3)
+    assert records(1000.0) == pytest.approx(RULES.records_per_iteration, rel=1e-3)
+    assert records(32.0) == pytest.approx(RULES.records_per_path_left * 32 * pixels, rel=1e-3)
+    assert records(1.0) == pytest.approx(RULES.few_records, rel=1e-3)
     assert records(0.0) == 0.0
 
 

@@ -13,8 +13,8 @@ from engine.guiding.fields.table import TABLE_SIDE, TableField, direction_to_cel
 from engine.guiding.models.predictors import Predictions
 from engine.guiding.networks.radiance import NetworkShape, Snapshot
 from engine.guiding.networks.radiance_query import make_network_field
-from engine.guiding.policy.gate import KEPT
 from engine.guiding.policy.off_policy import HeldOut, Moments, hold_out, moments, predict, promised_efficiency
+from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import allocate_vertex_records
 from engine.ris.candidates import MAX_CANDIDATES
 from engine.ris.orca import CandidateCosts
@@ -126,8 +126,8 @@ def test_what_the_mixture_saves_says_nothing_of_what_a_better_predictor_would() 
         found = moments(held, predicted.astype(np.float32), 0.5)
         return promised_efficiency(found, float(COUNT), variance=variance, ray_count=4.0, costs=CandidateCosts(0.4))
 
-    assert promise(predict(Predictions(), FIELD, held.records, held.leaf)) < KEPT
-    assert promise(light(directions)) > KEPT
+    assert promise(predict(Predictions(), FIELD, held.records, held.leaf)) < RULES.network_kept
+    assert promise(light(directions)) > RULES.network_kept
 
 
 def made(

@@ -7,12 +7,13 @@ import pytest
 from engine.guiding.policy import trial
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.learning import Learner
+from engine.guiding.policy.rules import RULES
 from engine.guiding.policy.trial import ComparedValues, GuidingTrial, SampleMoments, parts, tried_weight
 from engine.render.film import Film
 from engine.ris.orca import pixel_weights
 from engine.settings import RenderSettings
 from engine.state.unit import CURRENT, PLAIN
-from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
+from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, trial_rules, z_score
 from tests.helpers.small_scenes import corner_scene
 
 PIXELS = 4000
@@ -115,7 +116,7 @@ def test_parts_hold_every_sample_once(iteration, count):
         samples = [sample for first, size, _ in pieces for sample in range(first, first + size)]
         assert samples == list(range(7, 7 + count))
         assert pieces[0][2] == CURRENT, "the guided part comes first"
-        is_split = is_tried and iteration in trial.LEAST_EFFICIENCY and count >= 4
+        is_split = is_tried and iteration in RULES.least_efficiency and count >= 4
         assert len(pieces) == (2 if is_split else 1)
         assert not is_split or pieces[1][1] >= 2, "a variance takes two"
 
@@ -136,13 +137,10 @@ def test_guiding_ends_where_it_does_not_pay(method):
     assert z_score(means[0] * 1.05, means[1]) > Z_LIMIT
 
 
-def test_guiding_goes_on_without_a_trial_and_where_it_wins(monkeypatch):
+def test_guiding_goes_on_without_a_trial_and_where_it_wins():
     untried = render("VMM", 1, samples=31, guiding_trial=False).report.guiding
     assert untried.stopped_at == 0 and np.isnan(untried.efficiency)
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
-    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 0.0))
-    won = render("VMM", 1, samples=31).report.guiding
+    won = render("VMM", 1, samples=31, rules=trial_rules(0.0, 0.0)).report.guiding
     assert won.stopped_at == 0 and won.efficiency > 0.0
     assert won.record_count > 0
 
@@ -157,25 +155,25 @@ def test_the_trial_does_not_depend_on_threads():
 
 def test_little_that_is_left_gives_no_benefit_of_the_doubt():
     """No later part of a short render could pay for what a trial costs; a long one waits."""
-    assert trial.least_efficiency(3, 16, 1000.0) == trial.LEAST_EFFICIENCY[3] < 1.0
-    assert trial.least_efficiency(3, 16, 16.0) == trial.LEAST_OF_SHORT > 1.0
-    assert trial.least_efficiency(6, 64, 0.0) == max(trial.LEAST_EFFICIENCY[6], trial.LEAST_OF_SHORT)
+    assert trial.least_efficiency(3, 16, 1000.0) == RULES.least_efficiency[3] < 1.0
+    assert trial.least_efficiency(3, 16, 16.0) == RULES.least_of_short > 1.0
+    assert trial.least_efficiency(6, 64, 0.0) == max(RULES.least_efficiency[6], RULES.least_of_short)
 
 
 def test_a_part_of_the_pixels_gets_the_benefit_of_the_doubt_once():
     """It knows little after eight samples, and costs little; after sixteen it is as any trial of a short render."""
-    assert trial.least_efficiency(2, 8, 24.0, is_part=True) == trial.LEAST_OF_FIRST_PART < trial.LEAST_OF_SHORT
-    assert trial.least_efficiency(2, 8, 24.0) == trial.LEAST_OF_SHORT
-    assert trial.least_efficiency(3, 16, 16.0, is_part=True) == trial.LEAST_OF_SHORT
-    assert trial.least_efficiency(2, 8, 100.0, is_part=True) == trial.LEAST_EFFICIENCY[2]
+    assert trial.least_efficiency(2, 8, 24.0, is_part=True) == RULES.least_of_first_part < RULES.least_of_short
+    assert trial.least_efficiency(2, 8, 24.0) == RULES.least_of_short
+    assert trial.least_efficiency(3, 16, 16.0, is_part=True) == RULES.least_of_short
+    assert trial.least_efficiency(2, 8, 100.0, is_part=True) == RULES.least_efficiency[2]
 
 
 def test_a_part_of_the_pixels_goes_on_being_tried_where_that_costs_nothing():
     """In a render that is 16 times as long; scenes with media are told by what regions promise."""
-    assert trial.least_efficiency(2, 8, 200.0, is_part=True) == trial.LEAST_OF_LONG_PART < trial.LEAST_EFFICIENCY[2]
-    assert trial.least_efficiency(3, 16, 400.0, is_part=True) == trial.LEAST_OF_LONG_PART
-    assert trial.least_efficiency(2, 8, 200.0) == trial.LEAST_EFFICIENCY[2]
-    assert trial.least_efficiency(2, 8, 200.0, is_part=True, is_cautious=True) == trial.LEAST_EFFICIENCY[2]
+    assert trial.least_efficiency(2, 8, 200.0, is_part=True) == RULES.least_of_long_part < RULES.least_efficiency[2]
+    assert trial.least_efficiency(3, 16, 400.0, is_part=True) == RULES.least_of_long_part
+    assert trial.least_efficiency(2, 8, 200.0) == RULES.least_efficiency[2]
+    assert trial.least_efficiency(2, 8, 200.0, is_part=True, is_cautious=True) == RULES.least_efficiency[2]
 
 
 @pytest.mark.parametrize("asked", [{"guiding_trial": False}, {"sample_weighting": "UNIFORM"}])
@@ -200,9 +198,6 @@ def test_unguided_samples_count_alike():
 def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
     """Of 32 samples 1 is unguided, 3 are guided by what it has taught, then 2 + 6 guided and 2 + 2 not, to compare, and
     the last 16 are guided: nobody would go by what these say."""
-    monkeypatch.setattr(trial, "LEAST_EFFICIENCY", dict.fromkeys(trial.LEAST_EFFICIENCY, 0.0))
-    monkeypatch.setattr(trial, "LEAST_OF_SHORT", 0.0)
-    monkeypatch.setattr(trial, "CLEAR_EFFICIENCY", dict.fromkeys(trial.CLEAR_EFFICIENCY, 1e9))
     found = []
 
     def merged(film, pixels, tile, weight=1.0, merge=Film.merge):
@@ -210,7 +205,7 @@ def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
         found.append(film)
 
     monkeypatch.setattr(Film, "merge", merged)
-    render("VMM", 1, samples=32)
+    render("VMM", 1, samples=32, rules=trial_rules(0.0, 1e9))
     expected = 0.5 + 3.0 + (2.0 * 2.0 + 2.0) + (2.0 * 6.0 + 2.0) + 2.0 * 16.0
     np.testing.assert_array_equal(found[-1].sums.weight, expected)
 

@@ -6,17 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.accel import (
-    MASK_MEDIUM,
-    MASK_SHADOW_OPAQUE,
-    MOST_BOUNDARIES,
-    MeshHierarchies,
-    RayScratch,
-    build_accelerator,
-    prepare_filters,
-    read_boundary,
-    trace_boundaries,
-)
+from engine.accel.accelerator import build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE
+from engine.accel.passing import prepare_filters, read_boundary, trace_boundaries
+from engine.accel.ray_words import MOST_BOUNDARIES
+from engine.accel.scratch import RayScratch
 from engine.builder.geometry import build_geometry
 from engine.kernels.surface import surface_point
 from engine.kernels.vector import dot

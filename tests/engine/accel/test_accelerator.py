@@ -11,18 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.accel import (
-    MASK_SHADOW_OPAQUE,
-    MASK_SHADOW_TRANSPARENT,
-    MeshHierarchies,
-    RayScratch,
-    build_accelerator,
-    library_path,
-    prepare_filters,
-    trace_closest,
-    trace_occluded,
-    trace_passing,
-)
+from engine.accel.accelerator import build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.library import library_path
+from engine.accel.masks import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+from engine.accel.passing import prepare_filters, trace_passing
+from engine.accel.rays import trace_closest, trace_occluded
+from engine.accel.scratch import RayScratch
 from engine.builder.geometry import build_geometry
 from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA
@@ -173,7 +168,9 @@ def test_an_empty_scene_hits_nothing():
 GARBAGE = """
 import gc
 import numpy as np
-from engine.accel import MASK_SHADOW_OPAQUE, MeshHierarchies, build_accelerator
+from engine.accel.accelerator import build_accelerator
+from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.masks import MASK_SHADOW_OPAQUE
 from engine.builder.geometry import build_geometry
 from tests.helpers.placed_quads import at, quad_scene
 
@@ -189,7 +186,7 @@ for _ in range(20):
 def test_scenes_and_their_device_can_be_garbage_of_one_cycle():
     """As a failed render leaves it. It is finalized in any order, but Embree's device must be released last."""
     environment = {**os.environ, "MALLOC_PERTURB_": "85"}
-    subprocess.run([sys.executable, "-c", GARBAGE], env=environment, cwd=Path(__file__).parents[2], check=True)
+    subprocess.run([sys.executable, "-c", GARBAGE], env=environment, cwd=Path(__file__).parents[3], check=True)
 
 
 def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library():
@@ -198,7 +195,7 @@ def test_a_process_that_finds_the_scripts_named_bpy_first_loads_the_same_library
     if spec is None or spec.origin is None:
         pytest.skip("there is no bpy")
     (scripts,) = Path(spec.origin).parent.glob("*/scripts/modules")
-    program = "import sys; sys.path.insert(0, sys.argv[1]); from engine import accel; print(accel.library_path())"
+    program = "import sys; sys.path.insert(0, sys.argv[1]); import engine.accel.library as it; print(it.library_path())"
     command = [sys.executable, "-c", program, str(scripts)]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert shown.strip() == library_path()

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Masks of rays: which instances a ray finds. The lower bits are those of visibility (`state.geometry`)."""
+
+from __future__ import annotations
+
+#: rays a shadow ray's mask selects: blockers whose every material is opaque, and the others
+MASK_SHADOW_OPAQUE = 64
+MASK_SHADOW_TRANSPARENT = 128
+#: what has a medium inside: its boundaries are looked for apart from all else
+MASK_MEDIUM = 256
+#: By so many bits higher are the masks of rays that see shadow catchers only.
+CATCHER_MASK_SHIFT = 16

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A thread's memory for rays."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from engine.accel.filters import count_passed, keep_boundary, skip
+from engine.accel.ray_words import (
+    BOUNDARY_ARGUMENTS,
+    CONTEXT,
+    CONTEXT_OWN,
+    NONE,
+    PASSING_ARGUMENTS,
+    SCRATCH_WORDS,
+    SKIPPING_ARGUMENTS,
+    WORD_BYTES,
+)
+from engine.runtime.jit import BoundKernel, Kernel
+
+_EVERY_FEATURE = np.uint32(0xFFFFFFFF)
+
+
+@cache
+def _address_of(called: Kernel) -> int:
+    """Where Embree calls a kernel with the address of its arguments; 0 where nothing is compiled."""
+    if not isinstance(called, Kernel):
+        return 0
+    bound = BoundKernel(called)
+    bound.bind(0)
+    return bound.c_address
+
+
+class RayScratch:
+    """One thread's aligned RTCRayHit, and what searches that do not end at a hit have besides."""
+
+    def __init__(self) -> None:
+        raw = np.zeros(SCRATCH_WORDS + 16, np.float32)
+        start = (-raw.ctypes.data % 64) // 4
+        self.ray = raw[start : start + SCRATCH_WORDS]
+        self.bits = self.ray.view(np.uint32)
+        self.address = self.ray.ctypes.data
+        for first, function in (
+            (SKIPPING_ARGUMENTS, skip), (PASSING_ARGUMENTS, count_passed), (BOUNDARY_ARGUMENTS, keep_boundary)
+        ):
+            # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
+            # what is no triangle.
+            called = self.address + CONTEXT * WORD_BYTES, _address_of(function)
+            self.bits[first + 1] = _EVERY_FEATURE
+            self.bits[first + 2 : first + 6].view(np.int64)[:] = called
+        self.bits[CONTEXT : CONTEXT + 2] = NONE
+        self.bits[CONTEXT_OWN : CONTEXT_OWN + 4] = NONE
