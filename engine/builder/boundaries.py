@@ -14,23 +14,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from engine.builder.planes import MOST_PLANES, lies_in, planes_of
 from engine.scene.description import Instances, Mesh, SceneDescription
 
 #: How far boundaries are drawn apart, relative to the largest coordinate: more than four times the error of a point
 #: (`engine.kernels.surface.surface_point`), twice of which a ray may skip.
-APART = 2.0**-17
+_APART = 2.0**-17
 #: How far apart two planes may be to count as one, in the same unit.
-TOUCHING = 0.5
-#: Plane faces of a boundary that are looked at. What has more is curved, and lies in nothing but a copy of itself.
-_MOST_PLANES = 64
+_TOUCHING = 0.5
 #: Vertices of a mesh that are looked at, and pairs of boundaries and instances.
-MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
+_MOST_VERTICES, _MOST_PAIRS = 1_000_000, 100_000_000
 #: Corners of a box: whether each is on the low (0) or the high side (1) along each axis.
-BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
+_BOX_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
 @dataclass(frozen=True)
-class Boxes:
+class _Boxes:
     """World-space boxes of all instances, float64 (N, 3), and the largest coordinate of each, float64 (N,)."""
 
     low: np.ndarray
@@ -38,23 +37,23 @@ class Boxes:
     extent: np.ndarray
 
 
-def box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Low and high corner of the box around points (N, 3), N > 0. Numpy takes long for short axes."""
     columns = [points[:, axis] for axis in range(3)]
     return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
 
 
-def instance_boxes(instances: Instances, meshes: list[Mesh]) -> Boxes:
+def _instance_boxes(instances: Instances, meshes: list[Mesh]) -> _Boxes:
     """Boxes around instances; of one without vertices, or whose transform is not finite, an empty one."""
     corners = np.full((max(len(meshes), 1), 8, 4), np.nan)
     for index, mesh in enumerate(meshes):
         if len(mesh.vertices):
-            corners[index, :, :3] = np.array(box_around(mesh.vertices))[BOX_CORNERS, np.arange(3)]
+            corners[index, :, :3] = np.array(_box_around(mesh.vertices))[_BOX_CORNERS, np.arange(3)]
             corners[index, :, 3] = 1.0
     matrices = instances.transform[:, :3].astype(np.float64)
     placed = np.einsum("nij,nkj->nki", matrices, corners[instances.mesh])
     low, high = placed.min(axis=1, initial=np.inf), placed.max(axis=1, initial=-np.inf)
-    return Boxes(low, high, np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0))
+    return _Boxes(low, high, np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0))
 
 
 def _boundary_rows(instances: Instances, meshes: list[Mesh], is_boundary: npt.NDArray[np.bool_]) -> list[int]:
@@ -70,30 +69,10 @@ def _boundary_rows(instances: Instances, meshes: list[Mesh], is_boundary: npt.ND
     return sorted(rows)
 
 
-def world_vertices(instances: Instances, meshes: list[Mesh], row: int) -> np.ndarray:
+def _world_vertices(instances: Instances, meshes: list[Mesh], row: int) -> np.ndarray:
     """Vertices of an instance, float64 (V, 3)."""
     matrix = instances.transform[row].astype(np.float64)
     return meshes[instances.mesh[row]].vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-def _planes(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Planes of triangles, each once: unit normal and distance from the origin, float64 (P, 4)."""
-    v0, v1, v2 = (vertices[triangles[:, k]] for k in range(3))
-    normal = np.cross(v1 - v0, v2 - v0)
-    length = np.linalg.norm(normal, axis=1)
-    normal, v0 = normal[length > 0.0] / length[length > 0.0, None], v0[length > 0.0]
-    planes = np.concatenate([normal, (normal * v0).sum(axis=1, keepdims=True)], axis=1)
-    _, first = np.unique(planes.round(5), axis=0, return_index=True)
-    return planes[first]
-
-
-def _lies_in(planes: np.ndarray, vertices: np.ndarray, triangles: np.ndarray, tolerance: float) -> bool:
-    """Whether some triangle lies in one of the planes."""
-    for plane in planes:
-        is_on = np.abs(vertices @ plane[:3] - plane[3]) <= tolerance
-        if is_on.sum() >= 3 and is_on[triangles].all(axis=1).any():
-            return True
-    return False
 
 
 def _share_vertices(first: np.ndarray, second: np.ndarray, tolerance: float) -> bool:
@@ -104,13 +83,13 @@ def _share_vertices(first: np.ndarray, second: np.ndarray, tolerance: float) -> 
 
 
 def _touching(
-    instances: Instances, meshes: list[Mesh], rows: list[int], placed: Boxes
+    instances: Instances, meshes: list[Mesh], rows: list[int], placed: _Boxes
 ) -> Iterator[tuple[int, list[int]]]:
     """Boundaries with what has a face in one of theirs."""
-    reach = APART * placed.extent
+    reach = _APART * placed.extent
     for row in rows:
         mesh = meshes[instances.mesh[row]]
-        if not np.isfinite(placed.extent[row]) or len(mesh.vertices) > MOST_VERTICES:
+        if not np.isfinite(placed.extent[row]) or len(mesh.vertices) > _MOST_VERTICES:
             continue
         is_near = (placed.low <= placed.high[row] + reach[row]).all(axis=1)
         is_near &= (placed.high >= placed.low[row] - reach[row]).all(axis=1)
@@ -118,16 +97,16 @@ def _touching(
         near = np.flatnonzero(is_near)
         if not len(near):
             continue
-        vertices = world_vertices(instances, meshes, row)
-        planes = _planes(vertices, mesh.triangles)
+        vertices = _world_vertices(instances, meshes, row)
+        planes = planes_of(vertices, mesh.triangles)
         found = []
         for other in near.tolist():
             triangles = meshes[instances.mesh[other]].triangles
-            tolerance = TOUCHING * max(reach[row], reach[other])
-            others = world_vertices(instances, meshes, other)
-            if len(others) > MOST_VERTICES:
+            tolerance = _TOUCHING * max(reach[row], reach[other])
+            others = _world_vertices(instances, meshes, other)
+            if len(others) > _MOST_VERTICES:
                 continue
-            if (_lies_in(planes, others, triangles, tolerance) if len(planes) <= _MOST_PLANES
+            if (lies_in(planes, others, triangles, tolerance) if len(planes) <= MOST_PLANES
                     else _share_vertices(vertices, others, tolerance)):  # fmt: skip
                 found.append(other)
         if found:
@@ -160,13 +139,13 @@ def touching_boundaries(description: SceneDescription, is_boundary: npt.NDArray[
     rows = _boundary_rows(instances, meshes, is_boundary) if is_boundary.any() and len(instances.mesh) else []
     if not rows or len(rows) * len(instances.mesh) > _MOST_PAIRS:
         return {}
-    placed = instance_boxes(instances, meshes)
+    placed = _instance_boxes(instances, meshes)
     levels: dict[int, int] = {}
     distances: dict[int, float] = {}
     for row, others in _touching(instances, meshes, rows, placed):
         taken = {levels.get(other, 0) for other in others}
         levels[row] = next(level for level in range(1, len(taken) + 2) if level not in taken)
-        distances[row] = levels[row] * APART * float(placed.extent[[row, *others]].max())
+        distances[row] = levels[row] * _APART * float(placed.extent[[row, *others]].max())
     return distances
 
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where rays start and end in place: at lamps that lie in a surface, and on what is far from the origin.
+"""Where rays start and end in place: at lamps that lie in a surface, far from the origin, and where glass may touch.
 
 Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
 start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at area lamps in the
-plane of a surface, and on instances so far from the origin that the error is a part of their size, or of that of what
-stands on them. Surfaces elsewhere that lie in one place with others do not shadow each other (docs/differences.md).
+plane of a surface, on glass that may touch something and on what it may touch, and on instances so far from the origin
+that the error is a part of their size, or of that of what stands on them. Surfaces elsewhere that lie in one place with
+others do not shadow each other (docs/differences.md).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from engine.builder.touching_glass import touching_glass
+from engine.builder.world_boxes import REACH, WorldBoxes, has_triangles, world_boxes, world_matrices
 from engine.kernels.surface import RELATIVE_ERROR
 from engine.scene.description import VISIBLE_SHADOW, Light, Notice
 from engine.state import geometry as layout
@@ -24,8 +27,6 @@ from engine.state.geometry import GeometryArrays
 #: How large the rounding error of a point may be, relative to the size of its instance; and that of all its points,
 #: relative to the size of the scene's smaller instances, which may stand on it.
 _LARGEST_ERROR, _LARGEST_ERROR_BESIDE_OTHERS = 1e-3, 3e-2
-#: How far from a surface a lamp lies in it, in rounding errors: rays end before a light by two, those of both points.
-_REACH = 4.0
 #: Vertices and triangles that are looked at for lamps; of further lamps nothing is known. About 0.1 s.
 _MOST_LOOKS = 20_000_000
 #: What else takes time, in the same measure: an instance's box, what a lamp is near, a triangle in the lamp's plane.
@@ -43,7 +44,7 @@ class SamePlace:
     Attributes
     ----------
     instances : bool (I,)
-        Which are far from the origin for their size.
+        Which are far from the origin for their size, or glass that may touch something, or what it may touch.
     lights : int64 (L,)
         Area lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
@@ -55,62 +56,12 @@ class SamePlace:
     notices: list[Notice]
 
     def mark(self, geometry: GeometryArrays) -> GeometryArrays:
-        """The geometry with what is far from the origin marked; the same one where nothing is."""
+        """The geometry with these instances marked; the same one where there are none."""
         if not self.instances.any():
             return geometry
         table = geometry.instance_table.copy()
         table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_FAR
         return geometry._replace(instance_table=table)
-
-
-@dataclass(frozen=True)
-class _Boxes:
-    """World-space boxes of all instances, float64 (I, 3), and the largest coordinate on the way there, float64 (I,)."""
-
-    low: np.ndarray
-    high: np.ndarray
-    extent: np.ndarray
-
-
-def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
-    """Middles and half sizes of meshes, float64 (M, 3), of their first shapes."""
-    middle = np.zeros((len(geometry.mesh_table), 3))
-    half = np.zeros_like(middle)
-    rows = np.flatnonzero(geometry.mesh_table[:, layout.MESH_VERTEX_COUNT] > 0)
-    if len(rows):
-        first, count = geometry.mesh_table[rows][:, [layout.MESH_FIRST_VERTEX, layout.MESH_VERTEX_COUNT]].T
-        # Behind each mesh's vertices may be others, of its further steps or of no mesh.
-        ends = np.stack([first, first + count], axis=1).ravel().astype(np.int64)
-        ends = ends[:-1] if ends[-1] == len(geometry.vertices) else ends
-        low = np.minimum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
-        high = np.maximum.reduceat(geometry.vertices, ends)[::2].astype(np.float64)
-        middle[rows], half[rows] = 0.5 * (low + high), 0.5 * (high - low)
-    return middle, half
-
-
-def _is_baked(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
-    return (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
-
-
-def _has_triangles(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
-    meshes = geometry.instance_table[:, layout.INSTANCE_MESH]
-    has: npt.NDArray[np.bool_] = geometry.mesh_table[meshes, layout.MESH_TRIANGLE_COUNT] > 0
-    return has
-
-
-def _matrices(geometry: GeometryArrays) -> np.ndarray:
-    """From stored vertices to the world, float64 (I, 3, 4), at the middle of the shutter."""
-    matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
-    return np.where(_is_baked(geometry)[:, None, None], np.eye(3, 4), matrices)
-
-
-def _boxes(geometry: GeometryArrays, matrices: np.ndarray) -> _Boxes:
-    middle, half = (found[geometry.instance_table[:, layout.INSTANCE_MESH]] for found in _mesh_boxes(geometry))
-    linear = np.abs(matrices[:, :, :3])
-    half_size = (linear @ half[:, :, None])[:, :, 0]
-    at = (matrices[:, :, :3] @ middle[:, :, None])[:, :, 0] + matrices[:, :, 3]
-    within = (linear @ (np.abs(middle) + half)[:, :, None])[:, :, 0]
-    return _Boxes(at - half_size, at + half_size, np.maximum(np.abs(at) + half_size, within).max(axis=1))
 
 
 def _are_far(extent: np.ndarray, size: np.ndarray) -> npt.NDArray[np.bool_]:
@@ -119,7 +70,7 @@ def _are_far(extent: np.ndarray, size: np.ndarray) -> npt.NDArray[np.bool_]:
     return far
 
 
-def _far_instances(boxes: _Boxes, is_there: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _far_instances(boxes: WorldBoxes, is_there: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Instances on which rounding errors show, or beside which."""
     sizes = (boxes.high - boxes.low).max(axis=1, initial=0.0)
     usual = sizes[is_there & (sizes > 0.0) & (sizes < np.inf)]
@@ -200,13 +151,13 @@ def _triangles_in(
 
 
 def _surfaces_of(
-    quads: np.ndarray, geometry: GeometryArrays, matrices: np.ndarray, boxes: _Boxes
+    quads: np.ndarray, geometry: GeometryArrays, matrices: np.ndarray, boxes: WorldBoxes
 ) -> list[list[int]]:
     """The instances, of those that shadow, in which each lamp lies."""
     table = geometry.instance_table
     counts = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
     looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
-    shadows = _has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
+    shadows = has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
     found: list[list[int]] = [[] for _ in quads]
     # Only the first of the lamps in one ceiling looks at all of it.
     planes: dict[tuple[float, ...], _Plane] = {}
@@ -220,7 +171,7 @@ def _surfaces_of(
             continue
         normal, along = normal / area, along / np.linalg.norm(along)
         errors = RELATIVE_ERROR * np.maximum(boxes.extent, np.abs(quad).max())
-        low, high = quad.min(axis=0) - _REACH * errors[:, None], quad.max(axis=0) + _REACH * errors[:, None]
+        low, high = quad.min(axis=0) - REACH * errors[:, None], quad.max(axis=0) + REACH * errors[:, None]
         for instance in np.flatnonzero(shadows & ((boxes.low <= high) & (boxes.high >= low)).all(axis=1)).tolist():
             error = float(errors[instance])
             key = (instance, *np.round(normal, 6).tolist(), round(float(normal @ quad[0]) / error))
@@ -229,11 +180,11 @@ def _surfaces_of(
                 break
             if key not in planes:
                 axes = np.stack([along, np.cross(normal, along)], axis=1)
-                corners = _triangles_in(geometry, instance, matrices[instance], quad[0], normal, _REACH * error)
+                corners = _triangles_in(geometry, instance, matrices[instance], quad[0], normal, REACH * error)
                 planes[key] = _Plane(quad[0], axes, (corners - quad[0]) @ axes)
             plane = planes[key]
             looked += len(plane.triangles) * _LOOKS_A_TRIANGLE_IN_PLANE
-            if _overlaps((quad - plane.origin) @ plane.axes, plane.triangles, 2.0 * _REACH * error):
+            if _overlaps((quad - plane.origin) @ plane.axes, plane.triangles, 2.0 * REACH * error):
                 of_lamp.append(instance)
     return found
 
@@ -245,20 +196,24 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(known[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str]) -> SamePlace:
-    """Find lamps that lie in surfaces, and what is far from the origin.
+def find_same_place(
+    geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str], is_glass: npt.NDArray[np.bool_]
+) -> SamePlace:
+    """Find lamps that lie in surfaces, what is far from the origin, and glass that may touch something.
 
     Parameters
     ----------
     names : sequence of str (I,)
         Names of the instances' objects.
+    is_glass : bool (I,)
+        Which instances have a material that bends light.
     """
     # Vertices may be infinite, or not a number: these are in no place.
     with np.errstate(all="ignore"):
-        matrices = _matrices(geometry)
-        boxes = _boxes(geometry, matrices)
+        matrices = world_matrices(geometry)
+        boxes = world_boxes(geometry, matrices)
         quads, of_lights = _lamp_corners(lights)
-        is_far = _far_instances(boxes, _has_triangles(geometry))
+        instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(geometry, boxes, is_glass)
         sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)
         is_far_lamp = _are_far(np.abs(quads).max(axis=(1, 2), initial=0.0), sizes)
         surfaces = _surfaces_of(quads, geometry, matrices, boxes)
@@ -270,4 +225,4 @@ def find_same_place(geometry: GeometryArrays, lights: Sequence[Light], names: Se
         for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
     ]  # fmt: skip
     in_place = is_far_lamp | np.array([bool(inside) for inside in surfaces], bool)
-    return SamePlace(instances=is_far, lights=of_lights[in_place], notices=notices)
+    return SamePlace(instances=instances, lights=of_lights[in_place], notices=notices)

@@ -24,7 +24,6 @@ from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
-from engine.builder.touching_glass import draw_into_glass, touching_faces
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.content import Kept, Versions
 from engine.scene.description import UNDEFORMED, VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
@@ -89,12 +88,21 @@ class SceneCache:
         self.same_place: Kept[SamePlace] = Kept()
         self.marked_geometry: Kept[GeometryArrays] = Kept()
         self.boundaries: Kept[dict[int, float]] = Kept()
-        self.glass: Kept[dict[int, np.ndarray]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
         self.bounds = KeptBounds()
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
+
+
+def _have_some(geometry: GeometryArrays, slot_counts: np.ndarray, programs: np.ndarray) -> np.ndarray:
+    """Which instances have some of these programs, bool (M,) by program, among their materials: bool (I,)."""
+    table, materials = geometry.instance_table, geometry.instance_materials
+    sums = np.concatenate([[0], np.cumsum(programs[materials])]) if len(materials) else np.zeros(1, np.int64)
+    starts = table[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64)
+    ends = np.minimum(starts + slot_counts[table[:, INSTANCE_MESH]], len(materials))
+    has: np.ndarray = sums[ends] > sums[starts]
+    return has
 
 
 def _shadow_masks(
@@ -111,14 +119,9 @@ def _shadow_masks(
     for index, material in enumerate(description.materials):
         if not material.use_transparent_shadow and not flags[index] & PROGRAM_IS_BOUNDARY:
             may_pass[index] = False
-    materials = geometry.instance_materials
-    material_passes = may_pass[materials] if len(materials) else np.zeros(0, bool)
     masks = np.zeros(len(table), np.uint32)
     if len(table):
-        starts = table[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64)
-        sums = np.concatenate([[0], np.cumsum(material_passes)])
-        ends = np.minimum(starts + slot_counts[table[:, INSTANCE_MESH]], len(material_passes))
-        has_passing = sums[ends] > sums[starts]
+        has_passing = _have_some(geometry, slot_counts, may_pass)
         casts = (table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0
         masks[casts & ~has_passing] = MASK_SHADOW_OPAQUE
         masks[casts & has_passing] = MASK_SHADOW_TRANSPARENT
@@ -132,9 +135,11 @@ def _find_same_place(cache: SceneCache, description: SceneDescription, geometry:
     lamps = [(light.name, light.shape, light.size_x, light.size_y, light.transform)
              for light in description.lights if light.kind == "AREA"]  # fmt: skip
     names = tuple(description.instances.name)
+    refracts = np.array([program.refracts for program in cache.programs.compiled], bool)
+    is_glass = _have_some(geometry, cache.geometry.slot_counts, refracts)
     return cache.same_place.get(
-        (cache.geometry.geometry.version, names, content_digest(lamps)),
-        lambda: find_same_place(geometry, description.lights, names),
+        (cache.geometry.geometry.version, names, content_digest(lamps), is_glass.tobytes()),
+        lambda: find_same_place(geometry, description.lights, names, is_glass),
     )
 
 
@@ -193,24 +198,18 @@ def _build_lights(
 
 
 def _draw_apart(cache: SceneCache, description: SceneDescription) -> SceneDescription:
-    """The description with boundaries of media, and faces of glass, drawn apart from what they touch."""
+    """The description with boundaries of media drawn apart from what they touch."""
     compiled = cache.programs.compiled[: len(description.materials)]
     is_boundary = np.array([program.is_boundary and program.medium is not None for program in compiled], bool)
-    refracts = np.array([program.refracts for program in compiled], bool)
     instances = description.instances
-    used = instances.materials[instances.materials >= 0]
-    if not is_boundary[used].any() and not refracts[used].any():
+    if not is_boundary[instances.materials[instances.materials >= 0]].any():
         return description
     columns = (instances.mesh, instances.transform, instances.material_offset, instances.materials)
     places = (cache.placed_meshes.of(description.meshes), *(column.tobytes() for column in columns))
     distances = cache.boundaries.get(
         (*places, is_boundary.tobytes()), lambda: touching_boundaries(description, is_boundary)
     )
-    offsets = cache.glass.get(
-        (*places, is_boundary.tobytes(), refracts.tobytes()),
-        lambda: touching_faces(description, refracts, is_boundary),
-    )
-    return draw_into_glass(separate_boundaries(description, distances), offsets)
+    return separate_boundaries(description, distances)
 
 
 def _build_media(

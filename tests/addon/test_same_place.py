@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lamps in the plane of a surface, and scenes far from the origin, beside Cycles."""
+"""Lamps in the plane of a surface, glass on a table, and scenes far from the origin, beside Cycles."""
 
 from __future__ import annotations
 
@@ -89,15 +89,16 @@ def means(scene: Any, folder: Path, samples: int, cells: tuple[int, int] = (1, 1
     return found[0], found[1]
 
 
-def transparent(share: float) -> Any:
-    """A material that lets a share of the light through, and reflects nothing."""
-    material = bpy.data.materials.new("Veil")
+def material_of(kind: str, **inputs: Any) -> Any:
+    """A material of one node."""
+    material = bpy.data.materials.new(kind)
     if material.node_tree is None:
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    node, output = tree.nodes.new("ShaderNodeBsdfTransparent"), tree.nodes.new("ShaderNodeOutputMaterial")
-    node.inputs["Color"].default_value = (share, share, share, 1.0)
+    node, output = tree.nodes.new(kind), tree.nodes.new("ShaderNodeOutputMaterial")
+    for name, value in inputs.items():
+        node.inputs[name].default_value = value
     tree.links.new(node.outputs[0], output.inputs["Surface"])
     return material
 
@@ -105,9 +106,9 @@ def transparent(share: float) -> Any:
 def room_with_lamp(gap: float, *, is_instanced: bool = False, share: float = 0.0) -> Any:
     """A lamp so far below a ceiling that is an instance of the floor's mesh, or lets a share of the light through."""
     scene = scene_of()
-    material = transparent(share) if share else None
+    veil = material_of("ShaderNodeBsdfTransparent", Color=(share, share, share, 1.0)) if share else None
     floor = plane("Floor", 6.0, (0.0, 0.0, 0.0))
-    ceiling = plane("Ceiling", 6.0, (0.0, 0.0, 2.4), looks_down=True, material=material)
+    ceiling = plane("Ceiling", 6.0, (0.0, 0.0, 2.4), looks_down=True, material=veil)
     if is_instanced:
         ceiling.data = floor.data
     lamp("AREA", 100.0, (0.3, 0.2, 2.4 - gap), size=0.5)
@@ -144,6 +145,37 @@ def test_a_transparent_ceiling_dims_the_lamp_that_lies_in_it(blender: Any, tmp_p
     free, _ = means(room_with_lamp(APART, share=share), tmp_path, 64)
     assert ours / free == pytest.approx(share, abs=0.05)
     assert ours == pytest.approx(theirs, rel=0.03)
+
+
+def table_with_glass(gap: float, roughness: float) -> Any:
+    """A box of glass that stands on a floor, or so far above it, under a white world."""
+    scene = scene_of(world=1.0)
+    for name in ("max_bounces", "transmission_bounces", "glossy_bounces"):
+        setattr(scene.cycles, name, 12)
+    scene.cycles.blur_glossy = 0.0
+    plane("Floor", 8.0, (0.0, 0.0, 0.0))
+    material = material_of("ShaderNodeBsdfGlass", Roughness=roughness, IOR=1.5)
+    cube("Box", 2.0, (0.0, 0.0, 1.0 + gap)).data.materials.append(material)
+    scene.camera.location, scene.camera.rotation_euler = (0.0, -5.0, 4.0), (1.03, 0.0, 0.0)
+    return scene
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.3], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    "rotation, most", [((0.0, 0.0, 0.0), 0.8), ((0.3, 0.2, 0.1), 0.99)], ids=["level", "tilted"]
+)
+def test_glass_on_a_table_is_as_dark_as_in_cycles(
+    blender: Any, tmp_path: Path, rotation: Any, most: float, roughness: float
+):
+    """Cycles' rays skip only the very triangle that they start on. So the faces shadow each other."""
+    found = []
+    for gap in (0.0, APART):
+        scene = table_with_glass(gap, roughness)
+        turn_all(rotation)
+        ours, theirs = means(scene, tmp_path, 64)
+        assert ours == pytest.approx(theirs, rel=0.01)
+        found.append(ours)
+    assert found[0] < most * found[1]
 
 
 def survey(distance: float, size: float = 60.0) -> Any:
