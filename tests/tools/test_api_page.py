@@ -44,9 +44,7 @@ def test_examples_use_nothing_else() -> None:
     assert [item for item in sorted(used - listed) if not item[0].startswith(FOR_KERNELS)] == []
 
 
-def test_docstrings_become_markdown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "shop.py").write_text(
-        '''
+SHOP = '''
 #: How many
 #: there are.
 COUNT = 3
@@ -91,14 +89,9 @@ class Basket:
 
     def _hidden(self) -> None:
         """Not for scripts."""
-''',
-        "utf-8",
-    )
-    monkeypatch.setattr(api_page, "ROOT", tmp_path)
-    monkeypatch.setattr(
-        api_page, "SECTIONS", (api_page.Section("Buy", "Apples.", {"shop": ("COUNT", "Basket")}),)
-    )
-    assert api_page.api_page().partition("## Buy")[2] == """
+'''
+
+SHOP_PAGE = """
 
 Apples.
 
@@ -155,6 +148,15 @@ Take all out.
 - **ValueError**
     <br>If it is locked.
 """
+
+
+def test_docstrings_become_markdown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "shop.py").write_text(SHOP, "utf-8")
+    monkeypatch.setattr(api_page, "ROOT", tmp_path)
+    monkeypatch.setattr(
+        api_page, "SECTIONS", (api_page.Section("Buy", "Apples.", {"shop": ("COUNT", "Basket")}),)
+    )
+    assert api_page.api_page().partition("## Buy")[2] == SHOP_PAGE
     monkeypatch.setattr(api_page, "SECTIONS", (api_page.Section("Buy", "Apples.", {"shop": ("Plum",)}),))
     with pytest.raises(LookupError, match="Plum"):
         api_page.api_page()

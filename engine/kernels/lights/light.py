@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 _Vector = tuple[float, float, float]
 
 
@@ -40,9 +42,9 @@ class Choice(NamedTuple):
         Cluster of the background in which to draw a direction, -1: anywhere.
     """
 
-    emitter: int
+    emitter: int | np.int64
     pmf: float
-    patch: int
+    patch: int | np.int64
 
 
 class LightSample(NamedTuple):

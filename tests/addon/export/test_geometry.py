@@ -10,46 +10,12 @@ import pytest
 
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_GLOSSY, Mesh, SceneDescription
 from tests.helpers.blender_scenes import empty_scene, export, render_and_export
+from tests.helpers.plain_meshes import add_material, add_mesh, add_square
 
 
 @pytest.fixture
 def scene() -> Any:
     return empty_scene()
-
-
-def add_mesh(vertices: list, faces: list, name: str = "Object") -> Any:
-    import bpy
-
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(vertices, [], faces)
-    item = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
-
-
-def add_square(name: str = "Square") -> Any:
-    return add_mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2, 3)], name)
-
-
-def add_material(item: Any, *nodes: tuple[str, dict[str, Any]], output: str = "Color") -> Any:
-    """A material whose emission shows the output of the last of `nodes`."""
-    import bpy
-
-    material = bpy.data.materials.new("Material")
-    tree = material.node_tree
-    tree.nodes.clear()
-    last = None
-    for kind, properties in nodes:
-        last = tree.nodes.new(kind)
-        for key, value in properties.items():
-            setattr(last, key, value)
-    emission = tree.nodes.new("ShaderNodeEmission")
-    result = tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(emission.outputs[0], result.inputs[0])
-    if last is not None:
-        tree.links.new(last.outputs[output], emission.inputs["Color"])
-    item.data.materials.append(material)
-    return material
 
 
 def corner_points(mesh: Mesh) -> np.ndarray:
