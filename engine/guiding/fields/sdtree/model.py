@@ -33,6 +33,7 @@ from engine.guiding.fields.sdtree import quadtree, space
 from engine.guiding.fields.sdtree.field import QUAD_LEAF, SPLIT_WIDTH, SdTreeField
 from engine.guiding.fields.sdtree.quadtree import QuadPool
 from engine.guiding.fields.sdtree.query import find_sdtree_regions
+from engine.guiding.fields.sdtree.refining import empty_pool, refine
 from engine.guiding.fields.sdtree.space import SpaceTree
 from engine.guiding.fields.update import (
     PIECES_PER_THREAD,
@@ -69,10 +70,15 @@ def _box(bounds: npt.ArrayLike) -> tuple[Float32Array, Float32Array]:
     return box, np.stack([box[0], box[0] + (box[1] - box[0]).max()])
 
 
-def _empty_pool(root: Int32Array) -> QuadPool:
-    """Room for quadtrees of given nodes."""
-    shape = (int(root[-1]), 4)
-    return QuadPool(root, np.empty(shape, np.int32), np.empty(shape, np.float32), np.empty(shape, np.float32))
+def _with_room(old: SpaceTree, region_capacity: int) -> SpaceTree:
+    """The same tree with room for this many regions and their nodes."""
+    if region_capacity <= len(old.region_node):
+        return old
+    count = max(region_capacity, min(2 * len(old.region_node), _MAX_REGIONS))
+    return SpaceTree(
+        grown(old.node_split, 2 * count), grown(old.node_link, 2 * count), old.bounds, old.box,
+        grown(old.extent, count), grown(old.corner, count), grown(old.region_node, count),
+    )
 
 
 class SdTreeModel:
@@ -144,7 +150,8 @@ class SdTreeModel:
             np.zeros((1, 4), np.float32),
         )  # fmt: skip
         run = make_runner(None, 1)
-        self._pool = self._refine(whole, np.full((1, 4), 0.25), run, 1)
+        pieces = self._pieces(np.diff(whole.root), 1)
+        self._pool = refine(whole, np.full((1, 4), 0.25), flux_share, max_quadtree_depth, run, pieces)
         self.field = self._publish(run, 1)
 
     def update(
@@ -261,7 +268,7 @@ class SdTreeModel:
         known = self._totals[:, quadtree.TOTAL_COUNT]
         kept = 1.0 - forgotten * np.minimum(2.0 * new / np.maximum(known, 1.0), 1.0)
         capacity = min(count + 4 * int(len(order) / limit) + 128, _MAX_REGIONS)
-        self._reserve(capacity)
+        self._space = _with_room(self._space, capacity)
         room = max(capacity, count)
         source = grown(np.arange(count, dtype=np.int32), room)
         share = grown(kept.astype(np.float32), room)
@@ -273,24 +280,12 @@ class SdTreeModel:
         self.split_log = log_splits(parents, count, self.region_count)
         return source[: self.region_count].copy(), share[: self.region_count].copy()
 
-    def _reserve(self, region_capacity: int) -> None:
-        """Make room for this many regions and their nodes."""
-        old = self._space
-        if region_capacity <= len(old.region_node):
-            return
-
-        count = max(region_capacity, min(2 * len(old.region_node), _MAX_REGIONS))
-        self._space = SpaceTree(
-            grown(old.node_split, 2 * count), grown(old.node_link, 2 * count), old.bounds, old.box,
-            grown(old.extent, count), grown(old.corner, count), grown(old.region_node, count),
-        )
-
     def _inherit(self, source: Int32Array, share: Float32Array, run: Runner, thread_count: int) -> None:
         """Give every region its part of what was gathered before."""
         old = self._pool
         sizes = np.diff(old.root)[source]
         root = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-        pool = _empty_pool(root)
+        pool = empty_pool(root)
         pieces = self._pieces(sizes, thread_count)
 
         def work(piece: int) -> None:
@@ -366,7 +361,7 @@ class SdTreeModel:
             )
 
         run(collect, pieces.size - 1)
-        self._pool = self._refine(pool, values, run, thread_count)
+        self._pool = refine(pool, values, self._flux_share, self._max_depth, run, pieces)
         known = np.maximum(self._totals[:, quadtree.TOTAL_COUNT], 1.0)
         return SdTreeField(
             self._space.node_split[:nodes].copy(),
@@ -380,26 +375,3 @@ class SdTreeModel:
             (self._totals[:, quadtree.TOTAL_ENERGY] / known).astype(np.float32),
             is_ready,
         )
-
-    def _refine(self, pool: QuadPool, values: npt.NDArray[np.float64], run: Runner, thread_count: int) -> QuadPool:
-        """The pool that gathers next."""
-        counts = np.zeros(len(pool.root) - 1, np.int32)
-        pieces = self._pieces(np.diff(pool.root), thread_count)
-
-        def count(piece: int) -> None:
-            quadtree.count_refined(
-                int(pieces[piece]), int(pieces[piece + 1]), pool, values, self._flux_share, self._max_depth,
-                quadtree.allocate_refine_scratch(), counts,
-            )
-
-        run(count, pieces.size - 1)
-        refined = _empty_pool(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
-
-        def write(piece: int) -> None:
-            quadtree.write_refined(
-                int(pieces[piece]), int(pieces[piece + 1]), pool, values, self._flux_share, self._max_depth,
-                quadtree.allocate_refine_scratch(), refined,
-            )
-
-        run(write, pieces.size - 1)
-        return refined
