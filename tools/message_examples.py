@@ -149,6 +149,12 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "addon/export/scene.py": {"name": "ACEScg"},
     "addon/export/unsupported.py": {"level": "6", "modifier.render_levels": "11"},
     "addon/export/volumes.py": {"', '.join(names) or 'it has none'": "density", "path": "/caches/smoke_0001.vdb"},
+    "addon/figures.py": {
+        "layer_name": "ViewLayer",
+        "frame": "1",
+        "format_duration(seconds)": "1:36",
+        "report.peak_memory / 2 ** 20": "812",
+    },
     "addon/sequence.py": {"description.frame_current": "60", "frame": "60", "first": "1", "last": "48"},
     "engine/accel/hierarchies.py": {"error": "4"},
     "engine/accel/library.py": {"'; '.join(problems)": "libembree4.so: cannot open shared object file"},
