@@ -18,6 +18,7 @@ ROOT = TESTS.parent
 PUBLIC_ALL_THE_SAME = {"_asdict", "_fields", "_make", "_replace"}
 #: Private names of others, by the file that needs them.
 OF_OTHERS = {
+    "tests/engine/state/test_lane_columns.py": {"_numba_type_"},  # numba's own name of a type that an object has
     "tests/engine/kernels/test_rng.py": {"_sv"},  # scipy's direction numbers, which nothing else of scipy gives
 }
 #: Calls that take the name of an attribute as a string.
