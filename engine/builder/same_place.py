@@ -60,7 +60,7 @@ class SamePlace:
         if not self.instances.any():
             return geometry
         table = geometry.instance_table.copy()
-        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_FAR
+        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_IN_PLACE
         return geometry._replace(instance_table=table)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from engine.kernels.constants import FAR
 from engine.kernels.path_depths import store_depths
-from engine.kernels.surface import is_far, program_of
+from engine.kernels.surface import program_of, starts_in_place
 from engine.kernels.vector import dot, store
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_LIGHT_GROUP
@@ -102,7 +102,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
             LAMP_FLAG_IN_SURFACE
         ):
             flags |= LIGHT_ENDS_IN_PLACE
-    elif is_far(geometry, instance):
+    elif starts_in_place(geometry, instance):
         flags |= LIGHT_ENDS_IN_PLACE
     if flags & LIGHT_ENDS_IN_PLACE:
         samples.emitter[lane] = emitter

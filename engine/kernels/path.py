@@ -12,7 +12,7 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import (
     LIGHT_ENDS_IN_PLACE,
     LIGHT_IS_LAMP,
-    POINT_FLAG_FAR,
+    POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -73,7 +73,7 @@ def go_on(paths, lane, origin):
 def _leave(paths, points, lane, direction):
     """Where a ray starts that leaves a surface, and RAY_STARTS_ON if that is in place."""
     p = real_3(points, lane, POINT_P)
-    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR:
+    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_IN_PLACE:
         return p, RAY_STARTS_ON
     return offset_origin(p, real_3(points, lane, POINT_NG), direction, paths.offset[lane]), 0
 

@@ -29,7 +29,7 @@ from engine.kernels.vector import (
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
-    INSTANCE_FLAG_FAR,
+    INSTANCE_FLAG_IN_PLACE,
     INSTANCE_FLAG_MIRRORED,
     INSTANCE_FLAG_MOVING,
     INSTANCE_FLAGS,
@@ -39,7 +39,7 @@ from engine.state.geometry import (
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
-    POINT_FLAG_FAR,
+    POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_LIGHT,
@@ -123,9 +123,9 @@ def surface_point(geometry, instance, triangle, u, v, time):
 
 
 @kernel
-def is_far(geometry, instance):
-    """Whether an instance is so far from the origin that rays leave and meet it in place."""
-    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR != 0
+def starts_in_place(geometry, instance):
+    """Whether rays leave and meet an instance in place, not a rounding error off (`engine.builder.same_place`)."""
+    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE != 0
 
 
 @kernel
@@ -137,8 +137,8 @@ def prepare_point(geometry, points, lane, instance, triangle, u, v, direction, t
         ng = negate(ng)
         ns = negate(ns)
         flags = POINT_FLAG_BACKFACING
-    if is_far(geometry, instance):
-        flags |= POINT_FLAG_FAR
+    if starts_in_place(geometry, instance):
+        flags |= POINT_FLAG_IN_PLACE
     real = points.real
     for k in range(3):
         real[lane, POINT_P + k] = p[k]
@@ -178,7 +178,7 @@ def skipped_distance(ng, direction, offset):
 @kernel
 def gap_before(geometry, instance, ng, direction, offset):
     """How far before a surface dense media end [m]: as far as rays skip that leave it, which is nothing in place."""
-    if is_far(geometry, instance):
+    if starts_in_place(geometry, instance):
         return 0.0 * offset
     return skipped_distance(ng, direction, offset)
 

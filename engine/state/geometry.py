@@ -44,8 +44,8 @@ INSTANCE_FLAG_HOLDOUT = 4
 INSTANCE_FLAG_MOVING = 8
 #: A shadow catcher, and no holdout.
 INSTANCE_FLAG_CATCHER = 16
-#: So far from the origin for its size that rays start on it in place: see `engine.builder.same_place`.
-INSTANCE_FLAG_FAR = 32
+#: Rays start and end on it in place, not a rounding error off: see `engine.builder.same_place`.
+INSTANCE_FLAG_IN_PLACE = 32
 
 # Columns of GeometryArrays.mesh_table
 MESH_FIRST_TRIANGLE = 0

@@ -113,8 +113,8 @@ POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
 POINT_INTEGER_WIDTH = 11
 
 POINT_FLAG_BACKFACING = 1
-#: Of an instance that is far from the origin: see INSTANCE_FLAG_FAR.
-POINT_FLAG_FAR = 2
+#: On an instance of INSTANCE_FLAG_IN_PLACE.
+POINT_FLAG_IN_PLACE = 2
 
 
 class ShadePoints(Bundle):

@@ -19,7 +19,7 @@ from engine.kernels.surface import offset_origin, prepare_point, program_of
 from engine.kernels.vector import length, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
-    POINT_FLAG_FAR,
+    POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_NG,
@@ -170,8 +170,8 @@ def pass_transparent(scene, unit, work, queue):
             p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
             ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
             skips = name_passed(scene, work, lane, instance, triangle)
-            origin = p if points.integer[row, POINT_FLAGS] & POINT_FLAG_FAR else offset_origin(p, ng, direction, error)
-            store(shadows.origin, row, origin)
+            in_place = points.integer[row, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
+            store(shadows.origin, row, p if in_place else offset_origin(p, ng, direction, error))
             shadows.distance[row] -= distance
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:

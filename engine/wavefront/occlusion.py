@@ -22,7 +22,7 @@ from engine.state.lanes import (
     CLOSURE_N,
     CLOSURE_WEIGHT,
     LIGHT_ENDS_IN_PLACE,
-    POINT_FLAG_FAR,
+    POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -71,7 +71,7 @@ def aim_occlusion(scene, unit, work, queue):
             continue
         n = _diffuse_normal(closures, points, lane)
         wi, _ = sample_cosine_hemisphere(n, paths.random[lane, 1], paths.random[lane, 2])
-        in_place = points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR != 0
+        in_place = points.integer[lane, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
         origin, wi, distance, in_place = shadow_ray(
             geometry, paths.hit_instance[lane], paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane],
             real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG), real_3(points, lane, POINT_NS), wi,

@@ -2,7 +2,7 @@
 """What shadow rays skip that start or end in place."""
 
 from engine.accel.skipped_triangles import end_on, start_on
-from engine.kernels.surface import is_far
+from engine.kernels.surface import starts_in_place
 from engine.runtime.jit import kernel
 from engine.state.lanes import LIGHT_ENDS_IN_PLACE, RAY_SHADOW_IN_PLACE
 from engine.state.lights import EMITTER_INSTANCE, EMITTER_TRIANGLE
@@ -37,11 +37,11 @@ def name_ends(scene, work, lane):
 
 @kernel
 def name_passed(scene, work, lane, instance, triangle):
-    """Say that the shadow ray of a lane goes on in place behind a triangle, if that is far from the origin.
+    """Say that the shadow ray of a lane goes on in place behind a triangle, if rays start in place on it.
 
     Returns
     -------
     bool
         Whether it skips any.
     """
-    return _name(scene, work, lane, instance if is_far(scene.geometry, instance) else -1, triangle)
+    return _name(scene, work, lane, instance if starts_in_place(scene.geometry, instance) else -1, triangle)

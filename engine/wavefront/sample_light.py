@@ -58,7 +58,7 @@ from engine.state.lanes import (
     LIGHT_HAS_PROGRAM,
     LIGHT_IS_OF_SEGMENT,
     LIGHT_USES_MIS,
-    POINT_FLAG_FAR,
+    POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
@@ -345,7 +345,7 @@ def connect_lights(scene, unit, work, queue):
         wi = (samples.direction[lane, 0], samples.direction[lane, 1], samples.direction[lane, 2])
         instance = paths.hit_instance[lane]
         in_place = flags & LIGHT_ENDS_IN_PLACE != 0
-        in_place |= instance >= 0 and points.integer[lane, POINT_FLAGS] & POINT_FLAG_FAR != 0
+        in_place |= instance >= 0 and points.integer[lane, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
         origin, wi, distance, in_place = shadow_ray(
             geometry, instance, paths.hit_triangle[lane], paths.hit_u[lane], paths.hit_v[lane], p, ng, ns, wi,
             samples.distance[lane], paths.offset[lane], in_place, paths.time[lane],

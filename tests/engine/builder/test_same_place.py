@@ -8,7 +8,7 @@ import pytest
 
 from engine.builder.same_place import find_same_place
 from engine.scene.description import VISIBLE_ALL, VISIBLE_SHADOW, Light
-from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAG_FAR, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAG_IN_PLACE, INSTANCE_FLAGS
 from tests.helpers.placed_quads import QUAD_TRIANGLES, at, built, quad_scene, turned
 
 #: A ceiling of 6 m by 6 m, 2 m high.
@@ -109,8 +109,8 @@ def test_what_is_far_from_the_origin_for_its_size_is_marked(distance, size, is_f
     assert place.instances.tolist() == [is_far]
     marked = place.mark(geometry)
     assert (marked is geometry) is not is_far
-    assert bool(marked.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR) is is_far
-    assert not geometry.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR, "others may read it meanwhile"
+    assert bool(marked.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE) is is_far
+    assert not geometry.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE, "others may read it meanwhile"
 
 
 def test_what_small_things_stand_on_is_far_where_they_are():

@@ -11,7 +11,7 @@ from engine.builder.touching_glass import touching_glass
 from engine.builder.world_boxes import world_boxes, world_matrices
 from engine.scene.description import Link, Material, Node, NodeGraph
 from engine.settings import RenderSettings
-from engine.state.geometry import INSTANCE_FLAG_FAR, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_IN_PLACE, INSTANCE_FLAGS
 from tests.helpers.media_scenes import media_scene, placed
 from tests.helpers.placed_quads import at, built, quad_scene, turned
 from tests.helpers.small_scenes import material
@@ -104,7 +104,7 @@ def box_on_a_floor(gap=0.0, first=None):
 def in_place(scene, cache=None):
     """On which instances rays start in place."""
     built_scene = build_scene(scene, RenderSettings(samples=1, threads=1, spectral="OFF"), cache or SceneCache())
-    return (built_scene.geometry.instance_table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_FAR != 0).tolist()
+    return (built_scene.geometry.instance_table[:, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE != 0).tolist()
 
 
 def test_rays_start_in_place_on_glass_and_what_it_stands_on():
