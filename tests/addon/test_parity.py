@@ -162,3 +162,10 @@ def test_a_record_counts_for_its_scene_its_samples_and_its_blender(monkeypatch: 
     monkeypatch.undo()
     monkeypatch.setattr(recorded, "blender_version", lambda: "4.2.0")
     assert recorded.recorded(PLAIN, "textured") is None
+
+
+def test_words_about_a_scene_leave_its_record_current_and_its_code_does_not() -> None:
+    code = 'def build():\n    """One."""\n    return "# two"  # three\n'
+    same = '"""Four."""\n\n# Five\ndef build():\n    """Six.\n\n    Seven.\n    """\n    return "# two"\n'
+    assert recorded.code_of(code) == recorded.code_of(same)
+    assert recorded.code_of(code) != recorded.code_of(code.replace("# two", "# 2"))

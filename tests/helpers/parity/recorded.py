@@ -11,7 +11,9 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
+import io
 import json
+import tokenize
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +69,26 @@ def _builder_sources(modules: frozenset[str]) -> frozenset[Path]:
     return frozenset(found)
 
 
+@functools.cache
+def code_of(text: str) -> str:
+    """A module's lines without docstrings, comments and blank ones: the same by every version of Python."""
+    lines = text.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            last = node.end_lineno or node.lineno
+            lines[node.lineno - 1 : last] = [""] * (last - node.lineno + 1)
+    return "\n".join(line.rstrip() for line in lines if line.strip())
+
+
 def scene_hash(name: str) -> str:
-    """Identity of a built-in scene: the modules that register and build it, and those that these import."""
+    """Identity of a built-in scene: the code that registers and builds it, and of the modules that this imports."""
     digest = hashlib.sha256()
     for file in sorted(_builder_sources(frozenset({SCENES[name].module, SCENES[name].build.__module__}))):
-        digest.update(file.read_bytes())
+        digest.update(code_of(file.read_text("utf-8")).encode())
     return digest.hexdigest()[:16]
 
 
