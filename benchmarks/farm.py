@@ -92,19 +92,19 @@ def scheduler_costs(task_count: int = 2000, size: int = 1 << 20) -> tuple[float,
 
 def ticket_cost(worker_count: int = 1000) -> float:
     """Processor time [s] of handing out one range, a worker that there is."""
-    from engine.cluster.crew import Crew
+    from engine.cluster.dispatcher import Dispatcher
     from engine.cluster.ranges import TaskRange
 
-    crew = Crew(20.0)
-    crew.meet(frozenset(f"tcp://{index}" for index in range(worker_count)))
+    dispatcher = Dispatcher(20.0)
+    dispatcher.meet(frozenset(f"tcp://{index}" for index in range(worker_count)))
     began = time.process_time()
     tickets = []
     for number in range(worker_count):
-        name = crew.idlest()
+        name = dispatcher.idlest()
         assert name is not None
-        tickets.append(crew.assign(name, TaskRange(number, (), 1), 0.0))
+        tickets.append(dispatcher.assign(name, TaskRange(number, (), 1), 0.0))
     for ticket in tickets:
-        crew.take_back(ticket, 1.0, is_done=True)
+        dispatcher.take_back(ticket, 1.0, is_done=True)
     return (time.process_time() - began) / worker_count**2
 
 
@@ -114,8 +114,8 @@ def render_costs() -> dict[str, float]:
     from engine.guiding.policy.guidance import Guidance
     from engine.guiding.policy.rules import RULES
     from engine.guiding.policy.trial import Part
-    from engine.render.course import Course
     from engine.render.film import Film
+    from engine.render.render_loop import RenderLoop
     from engine.render.session import Session
     from engine.render.tiles import FrameTiles
     from engine.state.unit import CURRENT
@@ -137,15 +137,15 @@ def render_costs() -> dict[str, float]:
     count, sums, _, _, vertices, _ = packed
     times = []
     for _ in range(_REPEATS):
-        course = Course(frame, Film(x1 - x0, y1 - y0), settings, 1, lambda guidance: None)
-        course.ready()
-        tasks = [course.take() for _ in tiles]
+        loop = RenderLoop(frame, Film(x1 - x0, y1 - y0), settings, 1, lambda guidance: None)
+        loop.ready()
+        tasks = [loop.take() for _ in tiles]
         began = time.process_time()
         again = unpack_traced(packed, layout)
-        course.keep_alike(tasks, [course.unit(task) for task in tasks], again.sums, again.costs, again.records)
+        loop.keep_alike(tasks, [loop.unit(task) for task in tasks], again.sums, again.costs, again.records)
         times.append((time.process_time() - began) / count)
-        assert course.learner is not None
-        course.learner.close()
+        assert loop.learner is not None
+        loop.learner.close()
     pixel_seconds = min(times)
     session.close()
     return {

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.cluster.crew import TICKETS
+from engine.cluster.dispatcher import TICKETS
 from engine.cluster.job import MOST_PATHS
 from engine.cluster.ranges import tiles_in_range
 from engine.guiding.policy.iterations import iteration_lengths

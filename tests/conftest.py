@@ -19,7 +19,7 @@ _Report = TypeVar("_Report", pytest.TestReport, pytest.CollectReport)
 
 def pytest_configure() -> None:
     """Compile as sessions do, in tests that have none."""
-    from engine.render.uncollected import collect_nothing_while_compiling
+    from engine.render.garbage_collection import collect_nothing_while_compiling
 
     collect_nothing_while_compiling()
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Workers behind a scheduler of Dask.
 
-Who does what is decided by `engine.cluster.crew`: each task is for one worker. Dask carries orders, scenes and sums,
-and knows who is there. Who may come in is the affair of `engine.cluster.encryption`.
+`engine.cluster.dispatcher` decides who does what: each task is for one worker. Dask carries orders, scenes and
+sums, and knows who is there. Who may come in is the affair of `engine.cluster.encryption`.
 """
 
 from __future__ import annotations

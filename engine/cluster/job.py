@@ -8,14 +8,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
-from engine.cluster.crew import Crew, Ticket
+from engine.cluster.dispatcher import Dispatcher, Ticket
 from engine.cluster.pool import ClusterError, Pool
 from engine.cluster.ranges import RangeCutter, TaskRange, tiles_in_range
 from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, digest_of, pack, pack_guidance, unpack_traced
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Statistics
-from engine.render.course import Course, CourseJob
 from engine.render.film import Film
+from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
 from engine.render.traced import TracedTiles
 from engine.scene.description import Notice
@@ -32,7 +32,7 @@ _ROLL_CALL = 0.5
 _LEARNING_POLL = 0.01
 
 
-class ClusterJob(CourseJob):
+class ClusterJob(RenderLoopJob):
     """One render, as `engine.render.job.AnyJob`; all but learning happens in the thread that calls `wait`.
 
     Between iterations it learns here, from what all workers have recorded, in the order of the tiles. What is learned
@@ -44,7 +44,7 @@ class ClusterJob(CourseJob):
         That holds the scene.
     scene : str
         Digest of the description.
-    course : Course
+    loop : RenderLoop
         Which tells `follow` what tasks go by.
     patience : float
         Least time [s] that a range may take before others are asked for it as well.
@@ -53,13 +53,13 @@ class ClusterJob(CourseJob):
     prepare_seconds = 0.0
     is_preparing = False
 
-    def __init__(self, pool: Pool, scene: str, course: Course, patience: float = PATIENCE) -> None:
-        self.film: Film = course.film
+    def __init__(self, pool: Pool, scene: str, loop: RenderLoop, patience: float = PATIENCE) -> None:
+        self.film: Film = loop.film
         self.render_seconds = 0.0
         self._notices: list[Notice] = []
-        self._pool, self._scene, self._course = pool, scene, course
-        self._crew = Crew(patience)
-        self._cutter = RangeCutter(course)
+        self._pool, self._scene, self._loop = pool, scene, loop
+        self._dispatcher = Dispatcher(patience)
+        self._cutter = RangeCutter(loop)
         self._statistics = Statistics()
         self._failures: Counter[int] = Counter()
         self._left_out: set[str] = set()
@@ -79,7 +79,7 @@ class ClusterJob(CourseJob):
     @property
     def notices(self) -> list[Notice]:
         """What users should know of how it went."""
-        return [*self._notices, *self._course.notices]
+        return [*self._notices, *self._loop.notices]
 
     def follow(self, guidance: Guidance) -> None:
         """Take what tasks go by from now on."""
@@ -89,11 +89,11 @@ class ClusterJob(CourseJob):
 
     def start(self) -> None:
         """Begin; kernels of learning are loaded while workers trace the first samples."""
-        course = self._course
-        if course.learner is not None:
-            self._executor.submit(course.learner.rehearse)
-        course.ready()
-        course.begin()
+        loop = self._loop
+        if loop.learner is not None:
+            self._executor.submit(loop.learner.rehearse)
+        loop.ready()
+        loop.begin()
 
     def stop(self) -> None:
         """End with what is there."""
@@ -127,15 +127,15 @@ class ClusterJob(CourseJob):
 
     def join(self) -> None:
         """Leave what is still out."""
-        self._pool.cancel(list(self._crew.tickets))
+        self._pool.cancel(list(self._dispatcher.tickets))
         self._executor.shutdown(wait=True)
         self.ended_by = self.ended_by or "SAMPLES"
-        self.render_seconds = self._course.elapsed
+        self.render_seconds = self._loop.elapsed
 
     @property
     def has_paths(self) -> bool:
         """Whether there is anything to show; it may be a part of the image."""
-        return self._course.has_paths
+        return self._loop.has_paths
 
     def statistics(self) -> Statistics:
         """Sum over all ranges on the film."""
@@ -145,13 +145,13 @@ class ClusterJob(CourseJob):
 
     def progress(self) -> Progress:
         """Where it stands now."""
-        count = len(self._crew.names)
+        count = len(self._dispatcher.names)
         message = f"{count} workers" if count != 1 else "1 worker"
         if not count:
             message = "Waiting for workers"
         elif self._learning is not None:
             message += ", learning"
-        return self._course.progress(sum(self._statistics.rays.values()), message)
+        return self._loop.progress(sum(self._statistics.rays.values()), message)
 
     # -- the work -----------------------------------------------------------------------------------------------------
 
@@ -161,14 +161,14 @@ class ClusterJob(CourseJob):
         if now - self._counted < _ROLL_CALL:
             return
         self._counted = now
-        for name in self._crew.meet(self._pool.workers() - self._left_out):
+        for name in self._dispatcher.meet(self._pool.workers() - self._left_out):
             self._notice(f"worker {name}", "is gone", "others render what it had")
-            tickets = self._crew.dismiss(name)
+            tickets = self._dispatcher.dismiss(name)
             self._give_up(tickets, is_failure=True)
-        for name in self._crew.find_late(now):
+        for name in self._dispatcher.find_late(now):
             self._notice(f"worker {name}", "is far slower than the others, or hangs", "others render what it has too")
-            for number in self._crew.tickets_of(name):
-                self._again(self._crew.tickets[number].item)
+            for number in self._dispatcher.tickets_of(name):
+                self._again(self._dispatcher.tickets[number].item)
 
     def _hand_out(self) -> None:
         """Give work to all who have room for it."""
@@ -176,88 +176,88 @@ class ClusterJob(CourseJob):
             if self._waiting and self._waiting[0].number not in self._open:
                 self._waiting.popleft()
                 continue
-            name = self._crew.idlest()
+            name = self._dispatcher.idlest()
             if name is None:
                 return
             self._submit(name, self._waiting.popleft() if self._waiting else self._cut())
         # Nothing is left but what is out: whoever has nothing to do helps with that.
-        for name in self._crew.idle():
-            item = self._crew.takeable(self._pool.now)
+        for name in self._dispatcher.idle():
+            item = self._dispatcher.takeable(self._pool.now)
             if item is None:
                 return
             self._submit(name, item)
 
     def _cut(self) -> TaskRange:
         """A range of tasks that nobody had before."""
-        tiles, crew = self._course.tiles, self._crew
+        tiles, dispatcher = self._loop.tiles, self._dispatcher
         seconds = None
-        if crew.path_seconds is not None:
+        if dispatcher.path_seconds is not None:
             task = self._cutter.next_task
-            seconds = crew.path_seconds * len(tiles) * len(tiles[task.tile][0]) * task.part.sample_count
-        item = self._cutter.cut(tiles_in_range(len(tiles), len(crew.names), seconds), MOST_PATHS)
+            seconds = dispatcher.path_seconds * len(tiles) * len(tiles[task.tile][0]) * task.part.sample_count
+        item = self._cutter.cut(tiles_in_range(len(tiles), len(dispatcher.names), seconds), MOST_PATHS)
         self._open[item.number] = item
         return item
 
     def _submit(self, name: str, item: TaskRange) -> None:
-        number = self._crew.assign(name, item, self._pool.now)
+        number = self._dispatcher.assign(name, item, self._pool.now)
         self._pool.hold_learned(*self._learned)
         self._pool.submit(number, name, pack(self._order(item)))
 
     def _order(self, item: TaskRange) -> Order:
-        course, task = self._course, item.tasks[0]
+        loop, task = self._loop, item.tasks[0]
         indices = tuple(task.tile for task in item.tasks)
-        tiles = [course.tiles[index] for index in indices]
+        tiles = [loop.tiles[index] for index in indices]
         weights = self._weights
         if weights is not None:
             weights = weights[np.concatenate([film_index for _, film_index in tiles])]
-        is_whole = course.has_all_pixels
+        is_whole = loop.has_all_pixels
         return Order(
-            self._scene, self._learned[0], course.settings, course.film.layout, indices if is_whole else (),
+            self._scene, self._learned[0], loop.settings, loop.film.layout, indices if is_whole else (),
             None if is_whole else [pixels for pixels, _ in tiles], task.part, task.stratum, weights,
-            course.records(task.part.arm),
+            loop.records(task.part.arm),
         )
 
     def _receive(self, number: int, answer: Answer) -> None:
         """A ticket has come back."""
-        ticket = self._crew.take_back(number, self._pool.now, is_done=answer.kind == SUMS)
+        ticket = self._dispatcher.take_back(number, self._pool.now, is_done=answer.kind == SUMS)
         if ticket is None:
             return
         if answer.kind == SUMS:
             self._keep(ticket.item, answer)
         elif answer.kind == LOST:
             # Whether the worker is still there will be seen.
-            self._give_up(self._crew.dismiss(ticket.worker), is_failure=False)
+            self._give_up(self._dispatcher.dismiss(ticket.worker), is_failure=False)
             self._fail(ticket.item, answer.sentence)
         else:
             self._do_without(ticket, answer)
 
     def _keep(self, item: TaskRange, answer: Answer) -> None:
         """Put a range on the film, once."""
-        course = self._course
+        loop = self._loop
         if self._open.pop(item.number, None) is None:
             return
         if answer.statistics is not None:
             self._statistics.add(answer.statistics)
-        is_waiting = self._put_on_film(item, unpack_traced(answer.traced, course.film.layout))
+        is_waiting = self._put_on_film(item, unpack_traced(answer.traced, loop.film.layout))
         # What others have not begun of the same range would come for nothing.
         spare = [
             number
-            for number, ticket in self._crew.tickets.items()
+            for number, ticket in self._dispatcher.tickets.items()
             if ticket.item.number == item.number and ticket.began is None
         ]
         self._give_up(spare, is_failure=False)
         if is_waiting:
-            self._learning = self._executor.submit(course.begin_next, self.statistics())
+            self._learning = self._executor.submit(loop.begin_next, self.statistics())
 
     def _put_on_film(self, item: TaskRange, traced: TracedTiles) -> bool:
-        """Put tasks on the film; True if the course waits for what follows."""
-        course = self._course
-        units = [course.unit(task) for task in item.tasks]
-        with course.film_lock:
-            course.keep_alike(item.tasks, units, traced.sums, traced.costs, traced.records)
+        """Put tasks on the film; True if the loop waits for what follows."""
+        loop = self._loop
+        units = [loop.unit(task) for task in item.tasks]
+        with loop.film_lock:
+            loop.keep_alike(item.tasks, units, traced.sums, traced.costs, traced.records)
         is_waiting = False
         for task in item.tasks:
-            is_waiting |= course.finish(task)
+            is_waiting |= loop.finish(task)
         return is_waiting
 
     def _do_without(self, ticket: Ticket, answer: Answer) -> None:
@@ -272,7 +272,7 @@ class ClusterJob(CourseJob):
             self._again(ticket.item)
         else:
             self._fail(ticket.item, sentence)
-        self._give_up(self._crew.dismiss(name), is_failure=False)
+        self._give_up(self._dispatcher.dismiss(name), is_failure=False)
 
     def _give_up(self, tickets: list[int], *, is_failure: bool) -> None:
         """Expect these tickets no more; their ranges are handed out again, if nobody else has them."""
@@ -280,7 +280,7 @@ class ClusterJob(CourseJob):
         if tickets:
             self._pool.cancel(tickets)
         for number in tickets:
-            ticket = self._crew.take_back(number, self._pool.now, is_done=False)
+            ticket = self._dispatcher.take_back(number, self._pool.now, is_done=False)
             if ticket is None:
                 continue
             if is_failure and ticket.began is not None:
@@ -297,7 +297,7 @@ class ClusterJob(CourseJob):
     def _again(self, item: TaskRange) -> None:
         """Have a range done by somebody, before all others, if it has not come and nobody is at it."""
         is_needed = item.number in self._open and item not in self._waiting
-        if is_needed and not self._crew.is_in_hand(item):
+        if is_needed and not self._dispatcher.is_in_hand(item):
             self._waiting.appendleft(item)
 
     def _notice(self, subject: str, problem: str, fallback: str) -> None:

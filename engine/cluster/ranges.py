@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from engine.render.course import Course
+from engine.render.render_loop import RenderLoop
 from engine.render.schedule import Task, is_alike
 
 #: Ranges a worker that the tasks of an iteration are divided into.
@@ -57,15 +57,15 @@ class TaskRange:
 
 
 class RangeCutter:
-    """Bundles a course's tasks in their order.
+    """Bundles a loop's tasks in their order.
 
     Parameters
     ----------
-    course : Course
+    loop : RenderLoop
     """
 
-    def __init__(self, course: Course) -> None:
-        self._course = course
+    def __init__(self, loop: RenderLoop) -> None:
+        self._loop = loop
         #: Was taken, and did not fit to those before.
         self._held: Task | None = None
         self._next_number = 0
@@ -73,15 +73,15 @@ class RangeCutter:
     @property
     def has_task(self) -> bool:
         """Whether there is something to hand out now."""
-        if not self._course.has_task and self._course.ended_by:
+        if not self._loop.has_task and self._loop.ended_by:
             self._held = None
-        return self._held is not None or self._course.has_task
+        return self._held is not None or self._loop.has_task
 
     @property
     def next_task(self) -> Task:
         """The first task of the next range; there must be one."""
         if self._held is None:
-            self._held = self._course.take()
+            self._held = self._loop.take()
         return self._held
 
     def cut(self, tile_count: int, most_paths: int) -> TaskRange:
@@ -89,8 +89,8 @@ class RangeCutter:
         tasks: list[Task] = []
         path_count = 0
         while len(tasks) < tile_count and self.has_task:
-            task, self._held = self._held or self._course.take(), None
-            paths = len(self._course.tiles[task.tile][0]) * task.part.sample_count
+            task, self._held = self._held or self._loop.take(), None
+            paths = len(self._loop.tiles[task.tile][0]) * task.part.sample_count
             if tasks and (not is_alike(task, tasks[0]) or path_count + paths > most_paths):
                 self._held = task
                 break

@@ -14,8 +14,8 @@ from engine.cluster.pool import Pool
 from engine.cluster.work import digest_of
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.request import LearningRequest
-from engine.render.course import Course
 from engine.render.film import Film
+from engine.render.render_loop import RenderLoop
 from engine.render.report import Progress
 from engine.render.session import Session
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
@@ -79,16 +79,16 @@ class ClusterSession(Session):
         jobs: weakref.WeakSet[ClusterJob] = weakref.WeakSet()
 
         def follow(guidance: Guidance) -> None:
-            # A job that is over is freed with its course: neither waits for the garbage collector.
+            # A job that is over is freed with its loop: neither waits for the garbage collector.
             for job in jobs:
                 job.follow(guidance)
 
         tracer = self._take_tracer(scene, settings, film.layout)
-        course = Course(
+        loop = RenderLoop(
             scene.description.frame, film, settings, self.thread_count, follow, tracer.light_clusters, request,
             samples,
         )
-        job = ClusterJob(self._pool, self._digest, course, self._patience)
+        job = ClusterJob(self._pool, self._digest, loop, self._patience)
         jobs.add(job)
         return job
 

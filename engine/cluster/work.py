@@ -20,8 +20,8 @@ import numpy as np
 from engine.cluster.version import source_version
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.trial import Part
-from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import TaughtRecords, join_taught
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, join_records
 from engine.render.batch import Statistics
 from engine.render.session import Session

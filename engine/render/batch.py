@@ -13,8 +13,8 @@ from engine.accel.scratch import RayScratch
 from engine.guiding.networks.onnx_session import RadianceSession
 from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import TAUGHT_ROWS, allocate_taught_records
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin

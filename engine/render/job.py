@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One render's threads: they take tasks from its course, trace them, and bring what comes of them."""
+"""One render's threads: they take tasks from its loop, trace them, and bring what comes of them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
-from engine.render.course import Course, CourseJob
 from engine.render.film import Film
+from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
 from engine.render.schedule import Task
 from engine.render.tracer import Tracer
@@ -78,7 +78,7 @@ class AnyJob(Protocol):
         """Where it stands."""
 
 
-class Job(CourseJob):
+class Job(RenderLoopJob):
     """One render.
 
     Parameters
@@ -102,7 +102,7 @@ class Job(CourseJob):
         self.thread_count = thread_count
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self._course = Course(
+        self._loop = RenderLoop(
             frame, film, settings, thread_count, tracer.follow, tracer.light_clusters, request, samples
         )
         self._busy = 0
@@ -117,7 +117,7 @@ class Job(CourseJob):
     @property
     def notices(self) -> list[Notice]:
         """What users should know of how it went."""
-        return self._course.notices
+        return self._loop.notices
 
     def start(self) -> None:
         """Begin: one thread readies the kernels on a single path, then all trace."""
@@ -125,9 +125,9 @@ class Job(CourseJob):
 
     def stop(self) -> None:
         """Ask all threads to stop at the next stage."""
-        with self._course.changed:
+        with self._loop.changed:
             self._stop_flag[0] = 1
-            self._course.changed.notify_all()
+            self._loop.changed.notify_all()
 
     @property
     def _stop(self) -> bool:
@@ -156,18 +156,18 @@ class Job(CourseJob):
     @property
     def has_paths(self) -> bool:
         """Whether there is anything to show; it may be a part of the image."""
-        return self._course.has_paths
+        return self._loop.has_paths
 
     @property
     def is_preparing(self) -> bool:
         """Whether kernels are still being loaded, which cannot be interrupted where one must be compiled."""
-        return not self._course.has_begun
+        return not self._loop.has_begun
 
     def join(self) -> None:
         """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""
         self._pool.shutdown(wait=not (self._stop and self.is_preparing))
-        self._course.ended_by = self._course.ended_by or "SAMPLES"
-        self.render_seconds = self._course.elapsed
+        self._loop.ended_by = self._loop.ended_by or "SAMPLES"
+        self.render_seconds = self._loop.elapsed
 
     def statistics(self) -> Statistics:
         """Sum over threads."""
@@ -181,54 +181,54 @@ class Job(CourseJob):
         if self.is_preparing:
             elapsed = time.perf_counter() - self._created
             message = self._first_calls.message(_PREPARING)
-            return Progress(0.0, 0, self._course.samples, elapsed, None, 0.0, message)
-        return self._course.progress(sum(sum(batch.statistics.rays.values()) for batch in self._batches))
+            return Progress(0.0, 0, self._loop.samples, elapsed, None, 0.0, message)
+        return self._loop.progress(sum(sum(batch.statistics.rays.values()) for batch in self._batches))
 
     def _prepare(self) -> None:
-        tracer, course = self.tracer, self._course
-        learner = course.learner
+        tracer, loop = self.tracer, self._loop
+        learner = loop.learner
         self._batches = tracer.make_batches(
-            self.thread_count, course.largest * course.strata, is_guided=self.settings.is_guided,
+            self.thread_count, loop.largest * loop.strata, is_guided=self.settings.is_guided,
             records=learner is not None,
         )
-        if course.tiles and not tracer.is_linked(self._batches[0]):
+        if loop.tiles and not tracer.is_linked(self._batches[0]):
             if learner is not None:
                 learner.rehearse()
             tracer.warm_up(self._batches[0])
-        course.ready()
+        loop.ready()
         self.prepare_seconds = time.perf_counter() - self._created
         if self._stop:
             return
-        course.begin()
+        loop.begin()
         self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
 
     def _next_task(self) -> Task | None:
-        course = self._course
-        with course.changed:
-            while not course.has_task and self._busy and not self._stop:
-                course.changed.wait(0.5)
-            if self._stop or not course.has_task:
+        loop = self._loop
+        with loop.changed:
+            while not loop.has_task and self._busy and not self._stop:
+                loop.changed.wait(0.5)
+            if self._stop or not loop.has_task:
                 return None
             self._busy += 1
-            return course.take()
+            return loop.take()
 
     def _work(self, batch: Batch) -> None:
-        course = self._course
+        loop = self._loop
         try:
             while (task := self._next_task()) is not None:
-                unit = course.unit(task)
+                unit = loop.unit(task)
                 if self.tracer.trace_unit(batch, unit, self._stop_flag):
-                    records = batch.take_records() if course.records(unit.arm) else None
-                    with course.film_lock:
-                        course.keep(task, unit, batch.film, batch.unit_costs, records)
-                    with course.changed:
-                        is_waiting = course.finish(task)
+                    records = batch.take_records() if loop.records(unit.arm) else None
+                    with loop.film_lock:
+                        loop.keep(task, unit, batch.film, batch.unit_costs, records)
+                    with loop.changed:
+                        is_waiting = loop.finish(task)
                     if is_waiting:
                         # One thread only: the others find no task.
-                        course.begin_next(self.statistics(), is_stopped=self._stop)
-                with course.changed:
+                        loop.begin_next(self.statistics(), is_stopped=self._stop)
+                with loop.changed:
                     self._busy -= 1
-                    course.changed.notify_all()
+                    loop.changed.notify_all()
         except BaseException:
             self.stop()
             raise

@@ -27,6 +27,7 @@ from engine.render.batch import Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
 from engine.render.film import Film, Images, PassImages, film_layout
+from engine.render.garbage_collection import collect_nothing_while_compiling
 from engine.render.job import AnyJob, Job
 from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
@@ -35,7 +36,6 @@ from engine.render.resolution import is_spectral, resolve
 from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
-from engine.render.uncollected import collect_nothing_while_compiling
 from engine.runtime import heap
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
@@ -400,7 +400,7 @@ class Session:
         self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
         guidance: Guidance | None, *, records: bool,
     ) -> tuple[TracedTiles, Statistics]:
-        """Trace samples of some of the loaded scene's tiles, for whoever puts them on a film (`Course`).
+        """Trace samples of some of the loaded scene's tiles, for whoever puts them on a film (`RenderLoop`).
 
         Parameters
         ----------

@@ -13,7 +13,7 @@ import numpy as np
 from engine.array_types import Int32Array
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.trial import Part
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.render.batch import Batch, Statistics
 from engine.render.tiles import TILE_SIZE
 from engine.render.tracer import Tracer

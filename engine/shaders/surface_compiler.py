@@ -8,12 +8,12 @@ from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
-from engine.shaders.facts import with_facts
 from engine.shaders.media import LEFT_OUT, VaryingError, fold_medium, is_shader
 from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value, is_zero
+from engine.shaders.program_analysis import with_analysis
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
 from engine.shaders.varying_media import lower_medium
 from engine.state.shaders import (
@@ -58,7 +58,7 @@ class SurfaceCompiler:
             self._displacement()
             self._surface()
             self._aovs()
-        program = with_facts(self.source, self._code.instructions, self._roots, asked, notices)
+        program = with_analysis(self.source, self._code.instructions, self._roots, asked, notices)
         if self._volume_link is not None:
             self._inside(program, self._volume_link)
         if self._is_boundary:

@@ -40,8 +40,8 @@ PROGRAM_FLAGS = 8
 #: Row of `images`, plus 1, that a lookup by an unchanged UV map will read; 0 = not known. And the map's slot, or -1.
 PROGRAM_AHEAD_IMAGE = 9
 PROGRAM_AHEAD_SLOT = 10
-#: For a world that is one image (`engine.shaders.facts`): its row of `images` plus 1, else 0; where in `tables` the
-#: matrix on directions is, or -1; and how the image is looked up.
+#: For a world that is one image (`engine.shaders.program_analysis`): its row of `images` plus 1, else 0; where in
+#: `tables` the matrix on directions is, or -1; and how the image is looked up.
 PROGRAM_WORLD_IMAGE = 11
 PROGRAM_WORLD_TABLE = 12
 PROGRAM_WORLD_INTERPOLATION = 13

@@ -5,7 +5,7 @@ from engine.guiding.sampling.candidate_rows import keep_candidate, open_vertex
 from engine.guiding.sampling.guide import ask_for_guide
 from engine.guiding.sampling.scattering import propose
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
-from engine.ris.spread import rotated
+from engine.ris.rotation import rotated
 from engine.runtime.jit import kernel
 from engine.wavefront.columns import (
     CANDIDATES,

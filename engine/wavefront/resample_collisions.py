@@ -9,7 +9,7 @@ from engine.guiding.sampling.collisions import PhaseCandidate, propose_at_collis
 from engine.guiding.sampling.guide import ask_for_guide
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_throughput, lane_ahead
 from engine.kernels.vector import load
-from engine.ris.spread import rotated
+from engine.ris.rotation import rotated
 from engine.runtime.jit import kernel
 from engine.wavefront.columns import (
     CANDIDATES,

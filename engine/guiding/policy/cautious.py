@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.rules import RULES, Rules
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 
 
 class CautiousTrial:

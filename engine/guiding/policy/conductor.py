@@ -21,7 +21,7 @@ from engine.guiding.policy.recording import Recording
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.way import Way
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import allocate_vertex_records
 from engine.guiding.saved.learned import LearnedField
 from engine.state.film import FilmTile
@@ -83,15 +83,15 @@ class Conductor:
         return self._evidence.weights.of(first_sample, arm, is_guided=self.agenda.way.is_guided, is_part=is_part)
 
     def begin(self) -> None:
-        self._evidence.horizon.begin()
+        self._evidence.remaining.begin()
         for question in self.agenda.questions:
             question.begin()
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         self._recording.budget.paths_per_sample = pixel_count
-        self._evidence.horizon.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
+        self._evidence.remaining.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
         for question in self.agenda.questions:
-            question.narrow(pixel_count, self._evidence.horizon.expected_samples)
+            question.narrow(pixel_count, self._evidence.remaining.expected_samples)
 
     def rehearse(self) -> None:
         rng = np.random.default_rng(0)

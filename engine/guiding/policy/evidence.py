@@ -9,8 +9,8 @@ import numpy as np
 
 from engine.guiding.policy.agenda import Agenda
 from engine.guiding.policy.cautious import CautiousTrial
-from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iteration import Iteration, Traced
+from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.sample_weights import SampleWeights
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import ComparedValues, NewestVariance
@@ -26,7 +26,7 @@ class Evidence:
 
     Parameters
     ----------
-    horizon : Horizon
+    remaining : RemainingSamples
     ends_at : float
         Samples a pixel after which nobody will go by what is found; infinite: what is learned outlives the render.
     weights : SampleWeights
@@ -41,7 +41,7 @@ class Evidence:
 
     Attributes
     ----------
-    horizon : Horizon
+    remaining : RemainingSamples
     weights : SampleWeights
     index : int
         Iterations so far.
@@ -51,11 +51,11 @@ class Evidence:
     """
 
     def __init__(
-        self, horizon: Horizon, ends_at: float, weights: SampleWeights, standing: Standing,
+        self, remaining: RemainingSamples, ends_at: float, weights: SampleWeights, standing: Standing,
         newest: NewestVariance | None = None, compared: ComparedValues | None = None,
         cautious: CautiousTrial | None = None,
     ) -> None:
-        self.horizon, self._ends_at, self.weights, self._standing = horizon, ends_at, weights, standing
+        self.remaining, self._ends_at, self.weights, self._standing = remaining, ends_at, weights, standing
         self._newest, self._compared, self._cautious = newest, compared, cautious
         self._start: LearnedField | None = None
         self.index = 0
@@ -98,7 +98,7 @@ class Evidence:
             self._before, self.image = self.image, self._look(traced)
         return Iteration(
             traced, self.index, tuple(agenda.parts), agenda.way.is_guided, agenda.pixel_share, samples, self.image,
-            is_early, self.horizon.samples_left(next_sample), sum(traced.next_range) >= self._ends_at,
+            is_early, self.remaining.samples_left(next_sample), sum(traced.next_range) >= self._ends_at,
             learning_seconds,
         )
 

@@ -12,7 +12,7 @@ import math
 
 from engine.guiding.models.predictors import Predictor
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.policy.horizon import Horizon
+from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.rules import RULES, Rules
 
 
@@ -23,19 +23,20 @@ class Gate:
     ----------
     predictor : Predictor
     report : GuidingReport
-    horizon : Horizon
+    remaining : RemainingSamples
     judges_on : bool
         Whether it is still judged once it is kept: where nobody compares by rendered samples.
     rules : Rules
     """
 
     def __init__(
-        self, predictor: Predictor, report: GuidingReport, horizon: Horizon, *, judges_on: bool, rules: Rules = RULES
+        self, predictor: Predictor, report: GuidingReport, remaining: RemainingSamples, *, judges_on: bool,
+        rules: Rules = RULES,
     ) -> None:
         self._rules = rules
         self.predictor = predictor
         self._report = report
-        self._horizon = horizon
+        self._remaining = remaining
         self._judges_on = judges_on
         self._until = self._trained_until = math.inf
         self._is_kept = False
@@ -58,18 +59,19 @@ class Gate:
 
     def begin_clock(self) -> None:
         """Tracing begins."""
-        self._horizon.begin()
+        self._remaining.begin()
 
     def expect(self, samples: float) -> None:
         """Take how many samples all pixels are still to get on average, as far as their noise tells."""
-        self._horizon.expected_samples = samples
+        self._remaining.expected_samples = samples
 
     def begin(self, next_sample: int, region_count: int) -> None:
         """Begin training if the render is long enough; once guiding is settled. The field has so many regions."""
-        if self.predictor.has_begun or next_sample < self._rules.network_from or not self._horizon.is_long(next_sample):
+        is_early = next_sample < self._rules.network_from
+        if self.predictor.has_begun or is_early or not self._remaining.is_long(next_sample):
             return
         self.predictor.begin(region_count)
-        left = self._horizon.samples_left(next_sample)
+        left = self._remaining.samples_left(next_sample)
         self._until = next_sample + max(self._rules.network_trial_share * left, self._rules.network_least_trial)
         self._trained_until = max(self._until, self._rules.network_trained_share * (next_sample + left))
 

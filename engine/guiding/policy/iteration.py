@@ -10,7 +10,7 @@ from functools import cached_property
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.trial import Part
 from engine.guiding.policy.way import ImageState
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, join_records
 from engine.state.film import FilmTile
 from engine.state.unit import PLAIN

@@ -17,7 +17,7 @@ from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.questions.guiding import GuidingQuestion
 from engine.guiding.policy.questions.method import MethodQuestion
 from engine.guiding.policy.recording import Recording
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import join_records
 from engine.guiding.saved.learned import LearnedField
 

@@ -10,7 +10,7 @@ from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.trial import Part
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.saved.learned import LearnedField
 from engine.scene.description import Notice
 from engine.state.film import FilmTile

@@ -21,7 +21,6 @@ from engine.guiding.policy.costs import MethodCosts
 from engine.guiding.policy.evidence import Evidence
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.gate import Gate
-from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.cache import LearnedCache
@@ -40,6 +39,7 @@ from engine.guiding.policy.questions.method import Ladder, MethodQuestion
 from engine.guiding.policy.questions.network import NetworkQuestion
 from engine.guiding.policy.questions.roulette import RouletteQuestion
 from engine.guiding.policy.recording import CacheRecording, GuidedRecording, Recording, UnguidedRecording
+from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.sample_weights import GrowingWeights, SampleWeights, TrialWeights
 from engine.guiding.policy.standing import Standing
@@ -93,8 +93,8 @@ def _without_guiding(
     recording: Recording,
 ) -> Conductor:
     standing = Standing(is_over=True)
-    horizon = Horizon(facts.settings, facts.pixel_count, uses_clock=False, rules=facts.rules)
-    evidence = Evidence(horizon, facts.settings.samples, weights, standing)
+    remaining = RemainingSamples(facts.settings, facts.pixel_count, uses_clock=False, rules=facts.rules)
+    evidence = Evidence(remaining, facts.settings.samples, weights, standing)
     return Conductor(
         facts, standing, [one for one in learnables if one is not None], Agenda(questions), evidence,
         MethodCosts({}, uses_clock=False, rules=facts.rules), recording,
@@ -137,11 +137,11 @@ class _Guided:
         is_apart = self.weighs_arms and model is None and request.sink is None and not self.has_cache
         self.trial_share = facts.trial_share if is_apart else 1.0
         self.cautious = CautiousTrial(facts.rules) if facts.has_media and is_apart else None
-        self.horizon = self._horizon()
+        self.remaining = self._remaining()
 
-    def _horizon(self, caution: float = 1.0) -> Horizon:
+    def _remaining(self, caution: float = 1.0) -> RemainingSamples:
         facts = self.facts
-        return Horizon(
+        return RemainingSamples(
             facts.settings, facts.pixel_count, uses_clock=self.uses_clock, caution=caution, rules=facts.rules
         )
 
@@ -150,9 +150,9 @@ class _Guided:
         networks, rules = self.predictors.networks, self.facts.rules
         if not networks or not ladder.counts_worth:
             return None
-        horizon = self._horizon(rules.auto_caution if ladder.is_auto else 1.0)
+        remaining = self._remaining(rules.auto_caution if ladder.is_auto else 1.0)
         # AUTO compares what is kept by rendered samples.
-        return Gate(networks[0][1], self.facts.report, horizon, judges_on=not ladder.is_auto, rules=rules)
+        return Gate(networks[0][1], self.facts.report, remaining, judges_on=not ladder.is_auto, rules=rules)
 
     def conductor(self) -> Conductor:
         """All of it together."""
@@ -228,7 +228,7 @@ class _Guided:
             weights = GrowingWeights(settings, 0.0 if self.start is None else self.start.samples, rules)
         outlives = facts.request.keeps or facts.request.sink is not None or self.has_cache
         evidence = Evidence(
-            self.horizon, math.inf if outlives else settings.samples, weights, self.standing,
+            self.remaining, math.inf if outlives else settings.samples, weights, self.standing,
             NewestVariance(facts.pixel_count, rules), ComparedValues(facts.pixel_count) if self.weighs_arms else None,
             self.cautious,
         )

@@ -6,7 +6,7 @@ from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.rng import sample_4d
 from engine.kernels.vector import store
-from engine.ris.spread import SET_CANDIDATES
+from engine.ris.rotation import SET_CANDIDATES
 from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_P, RGB
 

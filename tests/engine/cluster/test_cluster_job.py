@@ -17,8 +17,8 @@ from engine.cluster.pool import ClusterError
 from engine.cluster.ranges import RANGE_SECONDS, RANGES_PER_WORKER, RangeCutter, tiles_in_range
 from engine.cluster.version import source_version
 from engine.cluster.work import REFUSED, SUMS, Answer, pack_traced, trace
-from engine.render.course import Course
 from engine.render.film import Film
+from engine.render.render_loop import RenderLoop
 from engine.render.tiles import FrameTiles
 from engine.render.traced import TracedTiles
 from engine.scene.description import Frame
@@ -102,16 +102,16 @@ def ones(order):
     return TracedTiles(tile, [UnitCosts()] * len(order.tiles), None)
 
 
-def plain_course(film, samples=SAMPLES):
+def plain_loop(film, samples=SAMPLES):
     """Of an unguided render."""
     settings = RenderSettings(samples=samples, guiding_method="OFF", roulette="THROUGHPUT")
-    return Course(FRAME, film, settings, 1, lambda guidance: None)
+    return RenderLoop(FRAME, film, settings, 1, lambda guidance: None)
 
 
 def run(pool, samples=SAMPLES, limit=10000.0):
     """A whole render; the film and the job."""
     film = Film(96, 64)
-    job = ClusterJob(pool, "scene", plain_course(film, samples), 1.0)
+    job = ClusterJob(pool, "scene", plain_loop(film, samples), 1.0)
     job.start()
     while not job.wait(1.0):
         assert pool.now < limit, "the render does not end"
@@ -126,8 +126,8 @@ def is_whole(film, samples=SAMPLES):
 def test_ranges_cover_each_sample_of_each_tile_once_and_in_order():
     for tile_count, most_paths in ((1, 1), (2, 1 << 20), (100, 40000), (100, 1 << 20)):
         film = Film(96, 64)
-        course = plain_course(film)
-        cutter = RangeCutter(course)
+        loop = plain_loop(film)
+        cutter = RangeCutter(loop)
         reached = np.zeros(6, int)
         numbers = []
         while cutter.has_task:
@@ -137,7 +137,7 @@ def test_ranges_cover_each_sample_of_each_tile_once_and_in_order():
             for task in item.tasks:
                 assert task.part[:2] == item.tasks[0].part[:2] and task.part.first_sample == reached[task.tile]
                 reached[task.tile] += task.part.sample_count
-                course.finish(task)
+                loop.finish(task)
         assert (reached == SAMPLES).all() and len(set(numbers)) == len(numbers)
 
 

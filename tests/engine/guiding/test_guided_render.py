@@ -22,7 +22,7 @@ from engine.ris.orca import (
     pixel_weights,
 )
 from engine.ris.resample import product_target, resample
-from engine.ris.spread import rotated
+from engine.ris.rotation import rotated
 from engine.settings import MAX_CANDIDATES, RenderSettings
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene

@@ -13,7 +13,7 @@ from engine.denoise import library
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.conductor import Conductor
 from engine.render.afterwards import Afterwards
-from engine.render.course import Course
+from engine.render.render_loop import RenderLoop
 from engine.render.session import Session
 from engine.settings import RenderSettings
 from tests.helpers.small_scenes import corner_scene
@@ -84,16 +84,16 @@ def test_what_was_learned_may_be_lost_but_not_the_picture(monkeypatch: Any, step
 
 def test_what_was_rendered_before_a_thread_failed_is_shown(monkeypatch: Any) -> None:
     """The last picture may be minutes old by then."""
-    finish = Course.finish
+    finish = RenderLoop.finish
     tasks = []
 
-    def fail_later(self: Course, task: Any) -> bool:
+    def fail_later(self: RenderLoop, task: Any) -> bool:
         tasks.append(task)
         if len(tasks) == 3:
             raise MemoryError
         return finish(self, task)
 
-    monkeypatch.setattr(Course, "finish", fail_later)
+    monkeypatch.setattr(RenderLoop, "finish", fail_later)
     session = Session(RenderSettings(samples=64, threads=1))
     session.load(corner_scene())
     shown: list[np.ndarray] = []

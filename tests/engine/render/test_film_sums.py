@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy.trial import Part
-from engine.render.course import Course
 from engine.render.film import Film
+from engine.render.render_loop import RenderLoop
 from engine.render.schedule import is_alike
 from engine.render.strata import StrataFilm
 from engine.scene.description import Frame
@@ -65,22 +65,22 @@ def test_alike_tasks_at_once_are_what_they_are_one_by_one(strata):
     for at_once in (False, True):
         random = np.random.default_rng(7)
         film = Film(96, 64, LAYOUT) if strata == 1 else StrataFilm(96, 64, strata, LAYOUT)
-        course = Course(frame, film, settings, 1, lambda guidance: None)
-        course.ready()
-        tasks = [course.take() for _ in course.tiles]
+        loop = RenderLoop(frame, film, settings, 1, lambda guidance: None)
+        loop.ready()
+        tasks = [loop.take() for _ in loop.tiles]
         assert all(is_alike(task, tasks[0]) for task in tasks) and tasks[0].part == Part(*tasks[0].part)
-        units = [course.unit(task) for task in tasks]
+        units = [loop.unit(task) for task in tasks]
         counts = [len(unit.pixels) * strata for unit in units]
         ends = np.cumsum(counts)
         sums, costs = some_sums(random, int(ends[-1])), [UnitCosts(1.0, 7, 3, 2)] * len(tasks)
         if at_once:
-            course.keep_alike(tasks, units, sums, costs, None)
+            loop.keep_alike(tasks, units, sums, costs, None)
         else:
             for task, unit, count, end in zip(tasks, units, counts, ends, strict=True):
-                course.keep(task, unit, rows_of(sums, end - count, end), costs[0], None)
+                loop.keep(task, unit, rows_of(sums, end - count, end), costs[0], None)
         films.append(film)
-        learners.append(course.progress(0).fraction)
-        course.learner.close()
+        learners.append(loop.progress(0).fraction)
+        loop.learner.close()
     one, other = (film.sums._asdict() for film in films)
     for name, column in one.items():
         np.testing.assert_array_equal(column, other[name], name)

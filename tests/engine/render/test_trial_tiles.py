@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy import trial
-from engine.render.course import Course
+from engine.render.render_loop import RenderLoop
 from engine.render.session import Session
 from engine.render.tiles import FrameTiles, TrialTiles
 from engine.settings import RenderSettings
@@ -135,13 +135,13 @@ def test_unguided_pixels_cost_a_trial_nothing(monkeypatch):
 def arms_of_units(monkeypatch):
     """Arms of all units, in the order in which they were put on the film."""
     arms = []
-    keep_alike = Course.keep_alike
+    keep_alike = RenderLoop.keep_alike
 
-    def kept(course, tasks, *others):
+    def kept(loop, tasks, *others):
         arms.extend(task.part.arm for task in tasks)
-        keep_alike(course, tasks, *others)
+        keep_alike(loop, tasks, *others)
 
-    monkeypatch.setattr(Course, "keep_alike", kept)
+    monkeypatch.setattr(RenderLoop, "keep_alike", kept)
     return arms
 
 
@@ -227,12 +227,12 @@ def test_tiles_are_the_frame_s_again_after_the_trial(monkeypatch):
     """Workers of a cluster then know them by number."""
     rules = outcome(1e9)
     seen = []
-    begin_next = Course.begin_next
+    begin_next = RenderLoop.begin_next
 
-    def begun(course, *arguments, **options):
-        begin_next(course, *arguments, **options)
-        seen.append((type(course.tiles), course.has_all_pixels))
+    def begun(loop, *arguments, **options):
+        begin_next(loop, *arguments, **options)
+        seen.append((type(loop.tiles), loop.has_all_pixels))
 
-    monkeypatch.setattr(Course, "begin_next", begun)
+    monkeypatch.setattr(RenderLoop, "begin_next", begun)
     render("VMM", 1, scene=scene, samples=32, rules=rules)
     assert seen == [(TrialTiles, False), (TrialTiles, False), (FrameTiles, True)]

@@ -23,12 +23,12 @@ from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.learnables.predictors import LearnedPredictors
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.resampling_gain import ResamplingGain
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.staged import StagedVerdict, Verdict
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import GuidingTrial, Part, halves
 from engine.guiding.policy.way import Way
-from engine.guiding.policy.worth import ResamplingWorth
 from engine.methods import METHODS
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
@@ -254,7 +254,7 @@ class MethodQuestion(Question):
     ) -> None:
         self._facts, self._standing, self._regions, self._predictors = facts, standing, regions, predictors
         self._costs, self._ladder, self._gate = costs, ladder, gate
-        self._worth = ResamplingWorth(facts.rules)
+        self._gain = ResamplingGain(facts.rules)
         self._is_narrow = False
         self.trial = MethodTrial(facts.pixel_count, ladder.coarsest, facts.rules)
 
@@ -283,7 +283,7 @@ class MethodQuestion(Question):
                 self._facts.report.trials.append(said)
                 self._facts.report.chosen = choice.rung
         if costs.guided_vertices and self._ladder.is_probing(choice):
-            self._worth.count(costs, iteration.traced.recorded_share)
+            self._gain.count(costs, iteration.traced.recorded_share)
 
     def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
         choice, models = self.trial, self._regions.models
@@ -292,7 +292,7 @@ class MethodQuestion(Question):
             # Costs of an iteration that compares are those of two methods.
             if len(iteration.parts) == 1:
                 self._costs.measure(choice.rung, iteration.costs)
-            offers = self._ladder.offers(choice, iteration.next_sample, self._worth.is_worth_it, models, self._gate)
+            offers = self._ladder.offers(choice, iteration.next_sample, self._gain.is_worth_it, models, self._gate)
         if self._is_narrow or iteration.is_next_last:
             choice.drop()
             return ()

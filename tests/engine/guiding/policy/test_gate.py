@@ -11,8 +11,8 @@ from engine.guiding.models.predictors import Predictor, TablePredictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.gate import Gate
-from engine.guiding.policy.horizon import Horizon
 from engine.guiding.policy.questions.method import Ladder, MethodTrial
+from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import allocate_vertex_records
 from engine.methods import RUNGS
@@ -46,8 +46,8 @@ class Counting(Predictor):
 def gate_of(pixels: float = RULES.least_paths_left, *, judges_on: bool = True) -> tuple[Gate, Counting, GuidingReport]:
     report = GuidingReport()
     predictor = Counting(report)
-    horizon = Horizon(RenderSettings(samples=SAMPLES), int(pixels), uses_clock=False)
-    return Gate(predictor, report, horizon, judges_on=judges_on), predictor, report
+    remaining = RemainingSamples(RenderSettings(samples=SAMPLES), int(pixels), uses_clock=False)
+    return Gate(predictor, report, remaining, judges_on=judges_on), predictor, report
 
 
 def test_whatever_the_mixture_promises_a_long_render_trains_a_network() -> None:
@@ -125,16 +125,16 @@ def test_training_ends_after_a_quarter_of_the_render_and_what_was_learned_stays(
 
 def test_samples_left_go_by_the_clock_where_there_is_a_limit() -> None:
     settings = RenderSettings(samples=SAMPLES, time_limit=1e-6)
-    assert Horizon(settings, 10**9, uses_clock=True).samples_left(10) == 0.0
-    assert not Horizon(settings, 10**9, uses_clock=True).is_long(10)
-    assert Horizon(settings, 10**9, uses_clock=False).samples_left(10) == SAMPLES - 10
+    assert RemainingSamples(settings, 10**9, uses_clock=True).samples_left(10) == 0.0
+    assert not RemainingSamples(settings, 10**9, uses_clock=True).is_long(10)
+    assert RemainingSamples(settings, 10**9, uses_clock=False).samples_left(10) == SAMPLES - 10
 
 
 def test_caution_asks_for_so_many_times_as_long_a_render() -> None:
     enough = -(-int(RULES.least_paths_left) // (SAMPLES - 10))
     for pixels, caution, is_long in ((enough, 1.0, True), (enough, 5.0, False), (5 * enough, 5.0, True)):
-        horizon = Horizon(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution)
-        assert horizon.is_long(10) == is_long
+        remaining = RemainingSamples(RenderSettings(samples=SAMPLES), pixels, uses_clock=False, caution=caution)
+        assert remaining.is_long(10) == is_long
 
 
 def test_auto_compares_a_network_that_is_kept_whatever_coarser_methods_promise() -> None:

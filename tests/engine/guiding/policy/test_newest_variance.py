@@ -12,8 +12,8 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import NewestVariance
-from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import allocate_taught_records
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import LEAST_RETURN, CandidateCosts, pixel_weights
 from engine.settings import RenderSettings

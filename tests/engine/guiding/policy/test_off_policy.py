@@ -75,7 +75,7 @@ def test_moments_are_those_of_the_densities(alpha: float) -> None:
         target = cosine_density(grid) * predicted(grid)
         density = alpha * target / whole(target) + (1.0 - alpha) * source
         found = moments(held, predicted(held.records.direction.astype(np.float64)).astype(np.float32), alpha)
-        # Directions below the horizon leave no record; they count as black.
+        # Directions below the remaining leave no record; they count as black.
         scale = found.count[0] / COUNT
         assert scale * found.source[0] == pytest.approx(whole(reflected**2 / source), rel=0.02)
         assert scale * found.target[0] == pytest.approx(whole(reflected**2 / density), rel=0.05)

@@ -18,7 +18,7 @@ from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.staged import StagedVerdict, Verdict
 from engine.guiding.policy.trial import GuidingTrial, Part, halves
 from engine.guiding.policy.way import ImageState, Way
-from engine.render import course
+from engine.render import render_loop
 from engine.settings import RenderSettings
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, Unit
@@ -83,7 +83,7 @@ def test_a_learnable_and_a_question_are_a_class_and_a_line_each(monkeypatch: pyt
         return learner
 
     alone = render("VMM", 1, **settings)
-    monkeypatch.setattr(course, "make_learner", with_both)
+    monkeypatch.setattr(render_loop, "make_learner", with_both)
     result = render("VMM", 1, **settings)
     assert 0.0 < reach.reach < 100.0
     # The last iteration's records are of no use, unless somebody asks for them.

@@ -10,8 +10,8 @@ from engine.array_types import Float32Array
 from engine.cluster import work
 from engine.guiding.records import vertices
 from engine.guiding.records.light import Records
-from engine.guiding.records.of_unit import UnitRecords
 from engine.guiding.records.taught import TaughtRecords, allocate_taught_records, join_taught
+from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, as_records, join_records
 from engine.render.traced import TracedTiles
 from engine.state.columns import column, columns_of, copy_of, rows_of

@@ -10,7 +10,7 @@ import numba
 import pytest
 from numba.core import event
 
-from engine.render.uncollected import collect_nothing_while_compiling
+from engine.render.garbage_collection import collect_nothing_while_compiling
 
 
 class _Watch(event.Listener):

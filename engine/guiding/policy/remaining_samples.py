@@ -10,7 +10,7 @@ from engine.guiding.policy.rules import RULES, Rules
 from engine.settings import RenderSettings
 
 
-class Horizon:
+class RemainingSamples:
     """What is left of a render.
 
     Parameters

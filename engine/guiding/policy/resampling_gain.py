@@ -8,7 +8,7 @@ from engine.guiding.policy.rules import RULES, Rules
 from engine.ris.orca import FLOOR, PROBED_SHARE
 
 
-class ResamplingWorth:
+class ResamplingGain:
     """Counts iterations running in which enough vertices were worth several candidates.
 
     Parameters

@@ -42,7 +42,7 @@ class _Worker:
     is_late: bool = False
 
 
-class Crew:
+class Dispatcher:
     """The workers of a render.
 
     Parameters

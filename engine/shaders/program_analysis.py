@@ -20,7 +20,7 @@ from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 _TRANSMISSION = 13
 
 
-def with_facts(
+def with_analysis(
     source: ProgramSource,
     instructions: list[Instruction],
     roots: dict[int, list[int]],

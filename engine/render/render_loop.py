@@ -22,7 +22,7 @@ from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import Part
-from engine.guiding.records.of_unit import UnitRecords
+from engine.guiding.records.unit_records import UnitRecords
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.film import Film
@@ -52,8 +52,8 @@ _LEAST_TRIAL_PIXELS = 1 << 12
 _STEP_GROWTH = 4
 
 
-class Course:
-    """One render's course.
+class RenderLoop:
+    """One render's loop.
 
     Who shares it among threads holds `changed` for `has_task`, `take`, `clear` and `finish`, and `film_lock` for
     `keep`. `begin_next` takes `changed` itself.
@@ -430,31 +430,31 @@ class Course:
         )
 
 
-class CourseJob:
-    """What a session asks of a job and the job's course knows, whoever traces."""
+class RenderLoopJob:
+    """What a session asks of a job and the job's loop knows, whoever traces."""
 
-    _course: Course
+    _loop: RenderLoop
 
     @property
     def film_lock(self) -> threading.Lock:
         """For whoever reads the film meanwhile."""
-        return self._course.film_lock
+        return self._loop.film_lock
 
     @property
     def learner(self) -> Learner | None:
         """What learns."""
-        return self._course.learner
+        return self._loop.learner
 
     @property
     def guidance(self) -> Guidance | None:
         """What the newest iteration goes by; None of a render that learns nothing."""
-        return self._course.guidance
+        return self._loop.guidance
 
     @property
     def ended_by(self) -> str:
         """Of `ENDINGS`, once it is known."""
-        return self._course.ended_by
+        return self._loop.ended_by
 
     @ended_by.setter
     def ended_by(self, ending: str) -> None:
-        self._course.ended_by = ending
+        self._loop.ended_by = ending
