@@ -20,6 +20,7 @@ from enum import Enum
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.runtime.bundle import Bundle
 
@@ -108,14 +109,27 @@ def _declared(table: type[Bundle]) -> dict[str, tuple[Column, np.dtype]]:
 def _read(table: type[Bundle]) -> Iterator[tuple[str, tuple[Column, np.dtype]]]:
     hints = get_type_hints(table)
     for name in table._fields:
-        if get_origin(hints[name]) is not np.ndarray:
+        element = _element(hints[name])
+        if element is None:
             continue
         declared = getattr(table, name, None)
         if not isinstance(declared, Column):
             raise TypeError(f"{table.__name__}.{name} is not declared by column()")
-        # NDArray[np.float32] is ndarray[shape, dtype[float32]].
-        (element,) = get_args(get_args(hints[name])[1])
         yield name, (declared, np.dtype(element))
+
+
+def _element(hint: Any) -> Any:
+    """Type of the elements of `NDArray[...]`, None of any other annotation."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is np.ndarray:
+        # ndarray[shape, dtype[float32]]
+        (element,) = get_args(arguments[1])
+    elif origin is npt.NDArray:
+        # An alias that keeps its name, from numpy 2.5 on.
+        (element,) = arguments
+    else:
+        return None
+    return element
 
 
 def allocate(table: type[Table], sizes: Mapping[str, int], has: Any = None, **given: Any) -> Table:
