@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from tools.repository_files import ROOT, repository_files
+
 MOST_MANUAL_WORDS = 1500
 
 _CODE_BLOCK = re.compile(r"^ *```.*?^ *```[^\n]*$", re.MULTILINE | re.DOTALL)
@@ -17,13 +17,6 @@ _LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?\s*\)")
 _HEADING = re.compile(r"^#+ +(.*?) *#*$", re.MULTILINE)
 _PAGE_IN_SOURCE = re.compile(r"docs/[\w./-]+\.md(?:#[\w-]+)?")
 _SOURCE_IN_PAGE = re.compile(r"(?:addon|benchmarks|demo|engine|tests|tools)/[\w./*-]*\w\.(?:py|sh|npz)")
-
-
-def _files(pattern: str) -> list[Path]:
-    """Files of the repository, those not yet added included, ignored ones not."""
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", pattern]
-    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
-    return sorted(path for name in names if name and (path := ROOT / name).is_file())
 
 
 def _anchors(page: Path) -> set[str]:
@@ -81,7 +74,7 @@ def test_the_index_of_decisions_has_them_all() -> None:
 def test_decisions_come_before_their_figures() -> None:
     late = [
         f"{page.name}: {part.partition(chr(10))[0]}"
-        for page in _files("docs/decisions/*.md")
+        for page in repository_files("docs/decisions/*.md")
         for part in re.split(r"^## ", page.read_text("utf-8"), flags=re.MULTILINE)[1:]
         if (figures := part.find("**Figure")) >= 0 and not 0 <= part.find("**Decision.**") < figures
     ]
@@ -89,7 +82,7 @@ def test_decisions_come_before_their_figures() -> None:
 
 
 def test_links_point_at_what_exists() -> None:
-    pages = _files("*.md")
+    pages = repository_files("*.md")
     assert len(pages) > 20
     broken = [f"{page.relative_to(ROOT)}: {link}" for page in pages for link in _broken_links(page)]
     assert not broken, "\n".join(broken)
@@ -111,7 +104,8 @@ def test_the_manual_of_the_benchmarks_is_short() -> None:
 
 
 def test_sources_name_pages_that_exist() -> None:
-    named = [(source, name) for source in _files("*.py") for name in _PAGE_IN_SOURCE.findall(source.read_text("utf-8"))]
+    sources = repository_files("*.py")
+    named = [(source, name) for source in sources for name in _PAGE_IN_SOURCE.findall(source.read_text("utf-8"))]
     assert len(named) > 20
     missing = []
     for source, name in named:
@@ -122,7 +116,7 @@ def test_sources_name_pages_that_exist() -> None:
 
 
 def test_pages_name_sources_that_exist() -> None:
-    pages = [ROOT / "README.md", *_files("docs/*.md")]
+    pages = [ROOT / "README.md", *repository_files("docs/*.md")]
     named = [
         (page, path)
         for page in pages
@@ -135,7 +129,7 @@ def test_pages_name_sources_that_exist() -> None:
 
 def _commands() -> Iterator[tuple[Path, str, str]]:
     """Page, program and what it runs: targets of make, and modules that Python runs."""
-    for page in _files("*.md"):
+    for page in repository_files("*.md"):
         text = "\n".join([*_CODE_BLOCK.findall(page.read_text("utf-8")), *_CODE_SPAN.findall(page.read_text("utf-8"))])
         yield from ((page, "make", target) for target in re.findall(r"^ *make ([a-z0-9./-]+)", text, re.MULTILINE))
         yield from ((page, "python", module) for module in re.findall(r"python -m ([\w.]+)", text))

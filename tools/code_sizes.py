@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import argparse
 import ast
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from tools.repository_files import ROOT, repository_files
+
 LISTED = Path(__file__).with_suffix(".txt")
 
 #: The largest that is allowed, by what is measured. A class or a function counts from its first line to its last,
@@ -129,9 +129,7 @@ def list_text(sizes: Mapping[Key, int]) -> str:
 
 def repository_sources() -> dict[str, str]:
     """All Python of the repository, files that are not yet added included."""
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
-    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    return {name: (ROOT / name).read_text("utf-8") for name in sorted(set(names)) if (ROOT / name).is_file()}
+    return {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in repository_files("*.py")}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

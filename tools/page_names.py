@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from tools.repository_files import ROOT, repository_files
 
 _CODE_BLOCK = re.compile(r"^ *```.*?^ *```[^\n]*$", re.MULTILINE | re.DOTALL)
 _NAME = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*"
@@ -111,15 +110,10 @@ def stale_names(pages: Mapping[str, str], files: Mapping[str, Path]) -> list[str
     return sentences
 
 
-def _repository_files(pattern: str) -> list[str]:
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", pattern]
-    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    return [name for name in sorted(set(names)) if (ROOT / name).is_file()]
-
-
 def main() -> int:
-    pages = {name: (ROOT / name).read_text("utf-8") for name in _repository_files("*.md")}
-    sentences = stale_names(pages, {name: ROOT / name for name in _repository_files("*.py")})
+    pages = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in repository_files("*.md")}
+    files = {path.relative_to(ROOT).as_posix(): path for path in repository_files("*.py")}
+    sentences = stale_names(pages, files)
     print("\n".join(sentences), file=sys.stderr, end="\n" if sentences else "")
     return 1 if sentences else 0
 

@@ -213,7 +213,9 @@ def find_same_place(
         matrices = world_matrices(geometry)
         boxes = world_boxes(geometry, matrices)
         quads, of_lights = _lamp_corners(lights)
-        instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(geometry, boxes, is_glass)
+        instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(
+            geometry, matrices, boxes, is_glass
+        )
         sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)
         is_far_lamp = _are_far(np.abs(quads).max(axis=(1, 2), initial=0.0), sizes)
         surfaces = _surfaces_of(quads, geometry, matrices, boxes)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.builder.planes import MOST_PLANES, lies_in, planes_of
-from engine.builder.world_boxes import REACH, WorldBoxes, has_triangles, world_matrices
+from engine.builder.world_boxes import REACH, WorldBoxes, has_triangles, is_baked
 from engine.kernels.surface import RELATIVE_ERROR
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
@@ -27,12 +27,11 @@ _MOST_TRIANGLES = 4096
 class _Near:
     """Finds the triangles of instances that are near something."""
 
-    def __init__(self, geometry: GeometryArrays) -> None:
+    def __init__(self, geometry: GeometryArrays, matrices: np.ndarray) -> None:
         self._geometry = geometry
-        is_baked = geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED != 0
         back = geometry.inverses.astype(np.float64).reshape(-1, 3, 4)
-        self._to_world = world_matrices(geometry)
-        self._to_stored = np.where(is_baked[:, None, None], np.eye(3, 4), back)
+        self._to_world = matrices
+        self._to_stored = np.where(is_baked(geometry)[:, None, None], np.eye(3, 4), back)
         #: Low and high corners of the boxes around triangles, float32 (3, T), by mesh.
         self._boxes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -87,7 +86,7 @@ def _may_touch(first: np.ndarray, second: np.ndarray, tolerance: float) -> bool:
 
 
 def touching_glass(
-    geometry: GeometryArrays, boxes: WorldBoxes, is_glass: npt.NDArray[np.bool_]
+    geometry: GeometryArrays, matrices: np.ndarray, boxes: WorldBoxes, is_glass: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
     """Glass that may touch something, and what it may touch: bool (I,).
 
@@ -97,16 +96,20 @@ def touching_glass(
 
     Parameters
     ----------
+    matrices : float64 (I, 3, 4)
+        The instances' `world_matrices`.
     boxes : WorldBoxes
         Of all instances.
     is_glass : bool (I,)
         Which have a material that bends light.
     """
     found = np.zeros(len(is_glass), bool)
+    if not is_glass.any():
+        return found
     reach = REACH * RELATIVE_ERROR * boxes.extent
     low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
     is_there = has_triangles(geometry) & np.isfinite(boxes.extent)
-    near = _Near(geometry)
+    near = _Near(geometry, matrices)
     looked = 0
     for glass in np.flatnonzero(is_glass & is_there).tolist():
         looked += _LOOKS_A_BOX * len(is_glass)

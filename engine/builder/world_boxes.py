@@ -41,7 +41,8 @@ def _mesh_boxes(geometry: GeometryArrays) -> tuple[np.ndarray, np.ndarray]:
     return middle, half
 
 
-def _is_baked(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+def is_baked(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    """Which instances have their vertices stored in the world: bool (I,)."""
     return (geometry.instance_table[:, layout.INSTANCE_FLAGS] & layout.INSTANCE_FLAG_BAKED) != 0
 
 
@@ -55,7 +56,7 @@ def has_triangles(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
 def world_matrices(geometry: GeometryArrays) -> np.ndarray:
     """From stored vertices to the world, float64 (I, 3, 4), at the middle of the shutter."""
     matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)
-    return np.where(_is_baked(geometry)[:, None, None], np.eye(3, 4), matrices)
+    return np.where(is_baked(geometry)[:, None, None], np.eye(3, 4), matrices)
 
 
 def world_boxes(geometry: GeometryArrays, matrices: np.ndarray) -> WorldBoxes:

@@ -102,9 +102,7 @@ class PlainTrial:
         if is_aside:
             self._plain.add(*sums)
         elif self._is_comparing and self._trial is not None:
-            is_guided = unit.arm == CURRENT
-            self._trial.add(*sums, is_guided)
-            self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_guided)
+            self._trial.add_unit(unit, film, cost, unit.arm == CURRENT)
         elif self._tries_plain and not self._knows_something:
             self._plain.add(*sums)
 

@@ -56,6 +56,9 @@ def make_learner(
     trial_share: float = 1.0, *, has_media: bool = False,
 ) -> Conductor | None:
     """What learns in a render by these settings; None: nothing does. Parameters are those of `RenderFacts`."""
+    is_needed = settings.is_guided or settings.radiance_cache != "OFF" or settings.learns_roulette
+    if not is_needed and light_clusters is None:
+        return None
     report = GuidingReport(method=settings.guiding_method if settings.is_guided else "OFF")
     facts = RenderFacts(
         settings, thread_count, pixel_count, unit_pixels or pixel_count, request, light_clusters, trial_share,
@@ -65,7 +68,7 @@ def make_learner(
         return _Guided(facts).conductor()
     if settings.radiance_cache != "OFF":
         return _cached(facts)
-    return _unguided(facts) if settings.learns_roulette or light_clusters is not None else None
+    return _unguided(facts)
 
 
 def _unguided(facts: RenderFacts) -> Conductor:

@@ -20,7 +20,8 @@ import numpy as np
 from engine.guiding.policy.rules import RULES, Rules
 from engine.kernels.sample_moments import add_moments, add_values, add_weighted
 from engine.ris.orca import pixel_weights, sample_variance
-from engine.state.unit import CHALLENGER, CURRENT, PLAIN
+from engine.state.film import FilmTile
+from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
 
 #: Where a trial begins anew: of what has just begun to learn, and of what is known well.
 BEFORE_FIRST = 1
@@ -251,6 +252,11 @@ class GuidingTrial:
         self._moments = (other or SampleMoments(pixel_count), SampleMoments(pixel_count))
         self._costs: tuple[list[float], list[float]] = ([], [])
         self._paths = [0, 0]
+
+    def add_unit(self, unit: Unit, film: FilmTile, cost: float, is_challenger: bool) -> None:
+        """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
+        self.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
+        self.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
 
     def add(
         self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_challenger: bool

@@ -35,8 +35,9 @@ def found(*transforms, is_glass=(True,), **mesh):
     which = np.zeros(len(transforms), bool)
     which[: len(is_glass)] = is_glass
     with np.errstate(all="ignore"):
-        boxes = world_boxes(geometry, world_matrices(geometry))
-    return touching_glass(geometry, boxes, which).tolist()
+        matrices = world_matrices(geometry)
+        boxes = world_boxes(geometry, matrices)
+    return touching_glass(geometry, matrices, boxes, which).tolist()
 
 
 @pytest.mark.parametrize(

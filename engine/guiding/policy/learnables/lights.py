@@ -20,10 +20,8 @@ from engine.guiding.policy.learnables.face import Learnable, Rehearsal
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import ImageState, Way
-from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, as_records
+from engine.guiding.records.vertices import VertexRecords, as_records
 from engine.state.lights import LightSelection, no_selection
-
-_REHEARSED_RECORDS = 16
 
 
 class LightsOfRegions(Learnable):
@@ -96,9 +94,7 @@ class LightsAlone(Learnable):
         return replace(guidance, lights=self._lights.selection)
 
     def rehearse(self, rehearsal: Rehearsal) -> None:
-        records = allocate_vertex_records(_REHEARSED_RECORDS)
-        records.position[:] = np.arange(_REHEARSED_RECORDS)[:, None]
-        LightsByRegion(self._is_possible).learn(records, _REHEARSED_RECORDS)
+        LightsByRegion(self._is_possible).learn(rehearsal.records, rehearsal.row_count)
 
 
 class LightsByRegion:

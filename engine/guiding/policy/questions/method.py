@@ -71,11 +71,8 @@ class MethodTrial:
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
-        if self._trial is None:
-            return
-        is_challenger = unit.arm == CHALLENGER
-        self._trial.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
-        self._trial.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+        if self._trial is not None:
+            self._trial.add_unit(unit, film, cost, unit.arm == CHALLENGER)
 
     def judge(self, weights: np.ndarray, next_sample: int, overhead: float) -> str:
         """After an iteration: draw the conclusion, if it compared.

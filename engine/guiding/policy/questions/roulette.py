@@ -25,10 +25,9 @@ def _add_unit(
     rules: Rules,
 ) -> None:
     """Take a unit whose paths ended by the throughput, or (the challenger) by what was learned."""
-    moments.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
     if is_challenger and not uses_clock:
         cost *= rules.roulette_counted_overhead
-    moments.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+    moments.add_unit(unit, film, cost, is_challenger)
 
 
 class RouletteElsewhere:
