@@ -110,7 +110,7 @@ class GeometryCache:
         Parameters
         ----------
         first_user, users : int64 (M,)
-            Of each mesh the first instance, and how many there are.
+            First instance of each mesh, and how many instances there are.
         """
         moved = np.zeros(len(users), np.bool_)
         if not self._expects_moves:

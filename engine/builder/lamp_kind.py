@@ -78,7 +78,7 @@ class LampColumns:
 
     @property
     def direction(self) -> np.ndarray:
-        """Of its own -z, unit, (N, 3)."""
+        """Direction of the lamp's own -z, unit, (N, 3)."""
         return unit(-self.matrix[:, :3, 2])
 
 

@@ -39,7 +39,7 @@ class Lamps:
     bounds : float32 (L, BOUNDS_WIDTH)
         Not read of those that are infinitely far away.
     distant : float64 (L, 3)
-        Of those that are infinitely far away: cosine and sine of the half angle, irradiance [W m^-2].
+        Lamps that are infinitely far away: cosine and sine of the half angle, irradiance [W m^-2].
     """
 
     values: Float32Array
@@ -163,7 +163,7 @@ def _notice(
 
 
 def _has_size(lamps: LampColumns) -> np.ndarray:
-    """Of which lamps all that says how large they are is a number, bool (N,)."""
+    """Which lamps have numbers for all that says how large they are, bool (N,)."""
     known = np.isfinite(lamps.temperature)
     for name, kind in LAMP_KINDS.items():
         measures = np.stack([lamps.own[measure] for measure in kind.measures])

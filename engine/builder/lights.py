@@ -38,7 +38,7 @@ def build_lights(
     geometry : GeometryArrays
     program_info : ProgramInfo
     environment : EnvironmentMap or None
-        Of the world's radiance on a grid of directions. None: the background is not sampled as a light, scattered rays
+        The world's radiance on a grid of directions. None: the background is not sampled as a light, scattered rays
         find it; right for worlds of one colour and for `World.sampling` 'NONE'.
     notices : list of Notice, appended to
     """

@@ -99,7 +99,7 @@ def touching_glass(
     matrices : float64 (I, 3, 4)
         The instances' `world_matrices`.
     boxes : WorldBoxes
-        Of all instances.
+        Boxes of all instances.
     is_glass : bool (I,)
         Which have a material that bends light.
     """

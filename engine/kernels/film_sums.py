@@ -67,7 +67,7 @@ def sums_adder(table: type[FilmTile]) -> Any:
     Returns
     -------
     kernel (film, pixels, tile, factor)
-        Of two `table`, the pixels of the rows as int64 (N,), each once, and the weight of each of the samples as
+        It takes two `table`, the pixels of the rows as int64 (N,), each once, and the weight of each of the samples as
         float32.
 
     Raises

@@ -57,7 +57,7 @@ def weigh_found(options, lights, paths, lane, emitter, leaves_dim, pdf):
     weight : float32
         MIS weight.
     unguided : Unguided
-        Of the contribution with this weight.
+        That of the contribution with this weight.
     """
     plain_pdf = paths.unguided_pdf[lane]
     factor = paths.unguided[lane]
@@ -172,7 +172,7 @@ def add_found(options, spectrum, paths, passes, lane, contribution, unguided, gr
     Parameters
     ----------
     unguided : Unguided
-        Of the contribution (`weigh_found`).
+        That of the contribution (`weigh_found`).
     group : int
         Light group, or NO_GROUP.
     feature : int

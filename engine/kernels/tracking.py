@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Following a ray through media that vary in space, by possible collisions at the rate of a bound on their density.
 
-Of media that overlap each collides at the rate of its own bound, so that only the chosen one has to be looked up.
+Each of several media that overlap collides at the rate of its own bound: only the chosen one has to be looked up.
 
 References
 ----------

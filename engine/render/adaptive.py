@@ -169,7 +169,7 @@ class ActivePixels:
         Parameters
         ----------
         samples : int
-            Of a pixel that has been active all along.
+            Samples of a pixel that has been active all along.
         """
         self._looked_at, self.has_looked = samples, True
         film, active = self._film, np.flatnonzero(self._is_active)

@@ -151,7 +151,7 @@ class Batch:
         *, is_guided: bool = False, records: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
-        # Of one type, though AOVs are of surfaces alone: shaders are compiled once for both.
+        # Both have one type, though only surfaces have AOVs: shaders are compiled once for both.
         closures, light_closures = (
             allocate_closures(lanes, channel_count, layout.data.options.aov_width) for _ in range(2)
         )

@@ -66,7 +66,7 @@ class Denoising:
     ) -> bool:
         """Replace Combined by the denoised picture; alpha stays.
 
-        Of a render that ends paths in the radiance cache their light is denoised, and what it lacks is added then: that
+        A render that ends paths in the radiance cache has their light denoised, and what it lacks is added then: that
         is known in bands, whose noise a denoiser takes for detail.
 
         Parameters

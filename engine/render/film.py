@@ -338,7 +338,7 @@ class PassImages(MutableMapping[str, np.ndarray]):
     ----------
     film : Film
     names : set of str
-        Of passes that the film has.
+        Passes that the film has.
     exposure : float
         Factor on radiance.
     lock : lock

@@ -23,7 +23,7 @@ def caught_share(caught: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     caught : float32 (P, CAUGHT_WIDTH)
         Sums or means of samples.
     alpha : float32 (P,)
-        Of the picture with its catchers.
+        Opacity of the picture with its catchers.
     """
     light, alone = caught[:, CAUGHT_LIGHT : CAUGHT_LIGHT + RGB], caught[:, CAUGHT_ALONE : CAUGHT_ALONE + RGB]
     share = np.where(alone != 0.0, light / np.where(alone != 0.0, alone, np.float32(1.0)), np.float32(1.0))

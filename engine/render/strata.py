@@ -59,7 +59,7 @@ def strata_count(settings: RenderSettings, film_bytes: int) -> int:
     ----------
     settings : RenderSettings
     film_bytes : int
-        Of a film without strata.
+        Size of a film without strata.
     """
     if not settings.is_guided or not SOURCES[settings.source].is_mixture:
         return 1
@@ -157,7 +157,7 @@ def _factor_of_strata(weight: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     weight : float32 (strata, P)
-        Of the samples of each.
+        Weight of the samples of each stratum.
     """
     total, is_present = weight.sum(axis=0), weight > 0.0
     factor: np.ndarray = np.where(is_present, total / np.maximum(is_present.sum(axis=0), 1), np.float32(0.0))

@@ -111,7 +111,7 @@ class TrialTiles(_Tiles):
         self._columns = -(-(x1 - x0) // _GROUP_SIZE)
         self.trial_count = self._columns * -(-(y1 - y0) // _GROUP_SIZE)
         width, height = x1 - x0, y1 - y0
-        # Of quads that the border cuts, some have theirs outside.
+        # The border cuts some quads: part of their pixels lie outside.
         cut = [
             self._places(np.arange(-(-height // 2)), np.full(-(-height // 2), width // 2), 0),
             self._places(np.full(width // 2, height // 2), np.arange(width // 2), 0),

@@ -21,7 +21,7 @@ class TimeLeft:
     Parameters
     ----------
     limit : float [s]
-        Of the whole render; 0: there is none.
+        Limit of the whole render; 0: there is none.
     """
 
     def __init__(self, limit: float) -> None:

@@ -21,7 +21,7 @@ def plain_instances(
     ----------
     transforms : float (N, 4, 4), object to world
     meshes, materials : int or sequence of N
-        Of all, or of each.
+        One for all, or one for each.
     """
     transforms = np.asarray(transforms, np.float32).reshape(-1, 4, 4)
     count = len(transforms)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is linked to a volume output, folded into the coefficients of a medium that is the same everywhere.
 
-Of a medium that varies `engine.shaders.varying_media` makes a program.
+`engine.shaders.varying_media` makes a program of a medium that varies.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ def columns_of(table: type[Bundle]) -> dict[str, Column]:
 
 
 def dtype_of(table: type[Bundle], name: str) -> np.dtype:
-    """Of the elements of a column."""
+    """Type of the elements of a column."""
     return _declared(table)[name][1]
 
 

@@ -479,7 +479,7 @@ class LightSamples(Bundle):
     weight: Float32Array = column(
         "1 / probability of taking a sample at all, set before; 0 = not to be taken", "L", fill=1.0, line=0
     )
-    # Of lanes that are recorded, and of all where clamping has to know what learned choices have changed.
+    # For lanes that are recorded, and for all where clamping has to know what learned choices have changed.
     cluster: Int32Array = column("of the light that was chosen, -1 = none", "L", line=1)
     cluster_pmf: Float32Array = column("probability with which it was", "L", line=1)
     tree_pmf: Float32Array = column("and with which it would have been by the light tree alone", "L", line=1)

@@ -249,7 +249,7 @@ def follow_footprints(scene, unit, work, queue):
         ask_for_ray(paths, ahead)
         ask_for_history(paths, ahead)
         prefetch(cached.depth, ahead)
-        # Of paths that nothing came of too: they have found nothing.
+        # Paths that nothing came of count too: they have found nothing.
         if cached.may_teach[lane] != 0 and _teaches(closures, lane):
             cached.taught_count[lane] += 1
         if paths.alive[lane] == 0 or paths.depth[lane] == cached.depth[lane]:

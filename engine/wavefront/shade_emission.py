@@ -84,7 +84,7 @@ def shade_emission(scene, unit, work, queue):
                 for c in range(len(paths.channels)):
                     average += paths.throughput[lane, c]
                 paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
-                # Of a sum of holdouts that is more than a hole the rest is seen, as in Cycles.
+                # Where holdouts sum to more than a hole the rest is seen, as in Cycles.
                 if abs(holdout - 1.0) < 1e-4:
                     paths.alive[lane] = 0
                     continue

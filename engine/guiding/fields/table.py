@@ -202,7 +202,7 @@ class TableModel:
     Parameters
     ----------
     region_count : int
-        Of the model, before its update that is the first to learn from.
+        Regions of the model before its update that is the first to learn from.
     channel_count : int
     statistics_limit : float
         Samples a region remembers; `inherited_share` of them pass to its children when it is cut.

@@ -56,7 +56,7 @@ class Predictor:
     is_asynchronous : bool
         Learning goes on beside the render: it takes time from all paths, and the image depends on the clock.
     part : str
-        Of a learned field, that holds its state.
+        Part of a learned field that holds its state.
     candidate_costs : CandidateCosts
         Before there is anything to measure.
     """

@@ -86,7 +86,7 @@ class RegionModels:
     selection : SelectionModel
     light_share : LightShareModel
     guiding_probability : float
-        Of all regions while nothing is known.
+        Probability of all regions while nothing is known.
     max_distance : float [m]
         Records' distances are cut to this.
     """
@@ -216,7 +216,7 @@ class RegionModels:
         Parameters
         ----------
         variance : float
-            Of a sample of a pixel, mean over the image, weighted as the records' contributions are.
+            Variance of a sample of a pixel, mean over the image, weighted as the records' contributions are.
         ray_count : float
             Cost of a path in rays.
         was_guided : bool
@@ -252,7 +252,7 @@ class RegionModels:
 
     @property
     def lights_share(self) -> float:
-        """Of the regions that choose lights by what they have learned."""
+        """Share of the regions that choose lights by what they have learned."""
         return 0.0 if self._light_selection is None else self._light_selection.share
 
     def variance_deltas(self) -> Float32Array:

@@ -131,9 +131,9 @@ def known_residual(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int
     Parameters
     ----------
     sums : float32 (P, 6)
-        Of a film (`FilmTile.residual`), over the weight of all its samples.
+        Sums of a film (`FilmTile.residual`), over the weight of all its samples.
     variance : float32 (P,)
-        Of what `sums` says in all (`FilmTile.residual_square`, over the squared weight of all samples).
+        Variance of what `sums` says in all (`FilmTile.residual_square`, over the squared weight of all samples).
     shape : (int, int)
         Rows and columns of the image.
 
@@ -245,7 +245,7 @@ def residual_error(
     ----------
     sums, variance, shape : see `known_residual`
     weights : float32 (P,)
-        Of the pixels' squared errors (`engine.ris.orca.pixel_weights`).
+        Weights of the pixels' squared errors (`engine.ris.orca.pixel_weights`).
     """
     weight = [weights.reshape(*shape, 1)]
     while max(weight[-1].shape[:2]) > 1:

@@ -165,7 +165,7 @@ class SelectionModel:
         leaf : int32 (R,)
             Region of each record, -1 = none.
         variance : float
-            Of a sample of a pixel, mean over the image, weighted as the records' contributions are.
+            Variance of a sample of a pixel, mean over the image, weighted as the records' contributions are.
         ray_count : float
             Cost of a path in rays.
         """

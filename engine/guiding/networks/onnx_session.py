@@ -134,7 +134,7 @@ class RadianceSession:
     Parameters
     ----------
     providers : RuntimeProviders
-        Of the render.
+        The render's.
     shape : NetworkShape
     snapshot : Snapshot
 

@@ -25,7 +25,7 @@ class Agenda:
     ----------
     questions : list of Question
     parts : list of Part
-        Of the iteration in work.
+        Those of the iteration in work.
     way : Way
         How its paths go.
     challenger : Way or None

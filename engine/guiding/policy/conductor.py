@@ -38,7 +38,7 @@ class Conductor:
     ----------
     facts : RenderFacts
     standing : Standing
-        Of guiding.
+        Guiding's.
     learnables : sequence of Learnable
         In the order in which they learn; each may read what those before it have learned.
     agenda : Agenda

@@ -37,7 +37,7 @@ class MethodCosts:
     Parameters
     ----------
     candidates : mapping of str to CandidateCosts
-        Of each method, before there is anything to measure.
+        Costs of each method, before there is anything to measure.
     uses_clock : bool
         Whether the image may depend on the clock.
     rules : Rules

@@ -31,7 +31,7 @@ class Evidence:
         Samples a pixel after which nobody will go by what is found; infinite: what is learned outlives the render.
     weights : SampleWeights
     standing : Standing
-        Of guiding.
+        Guiding's.
     newest : NewestVariance or None
         None: nothing is ever guided.
     compared : ComparedValues or None
@@ -107,7 +107,7 @@ class Evidence:
         self.image = replace(self._before, weights=self.image.weights)
 
     def _pixel_weights(self, traced: Traced) -> np.ndarray:
-        """Of the pixels' variances, float32 (P,)."""
+        """Weights of the pixels' variances, float32 (P,)."""
         if self._compared is not None and not self._standing.is_over:
             return self._compared.weights(traced.size)
         return pixel_weights(_mean(traced.sums).reshape(*traced.size, -1))

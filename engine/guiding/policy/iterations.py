@@ -87,7 +87,7 @@ class RecordBudget:
     paths_per_sample : int
         Pixels that are rendered.
     unit_pixels : int
-        Of the largest unit of work, whose records must fit (`RECORD_ROWS`): what does not is dropped.
+        Pixels of the largest unit of work. Its records must fit (`RECORD_ROWS`): what does not fit is dropped.
     records_per_iteration : int, optional
         What an iteration aims at; None: what the rules say.
     rules : Rules
@@ -96,7 +96,7 @@ class RecordBudget:
     ----------
     paths_per_sample : int
     records_per_path : float
-        Of paths that are recorded, as far as is known.
+        Records of a path that is recorded, as far as is known.
     is_frugal : bool
         Whether few are wanted, since nobody knows yet whether what is learned pays.
     samples_left : float

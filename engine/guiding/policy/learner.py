@@ -35,7 +35,7 @@ class Learner(Protocol):
 
     @property
     def other_parts(self) -> Sequence[Part]:
-        """Of the units that have no pixels of a trial; empty: all units have the same parts."""
+        """Parts of units that have no pixels of a trial; empty: all units have the same parts."""
 
     @property
     def is_over(self) -> bool:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a predictor would bring to resampling, told by records of paths that knew nothing of it: nothing is rendered.
 
-Of infinitely many candidates resampling picks directions by p_t = alpha p̂ / Z + (1 - alpha) q: p̂ is what the predictor
+Given infinite candidates, resampling picks directions by p_t = alpha p̂ / Z + (1 - alpha) q: p̂ is what the predictor
 says, times the BSDF, Z its integral, and the rest is the defensive part (Rath et al. 2025, Eq. 8) of the source density
 q. A vertex then adds the second moment M = integral (T f L)^2 / p_t, under source sampling integral (T f L)^2 / q. A
 record that was taken with weight W is an estimate of both, from the same direction: c^2 / (W p_t), c being what it
@@ -130,7 +130,7 @@ def hold_out(
     Parameters
     ----------
     records : VertexRecords
-        Of paths that were guided by `field` with `probability`; neither has learned from them.
+        Records of paths that were guided by `field` with `probability`; neither has learned from them.
     row_count : int
     probability : float32 (regions,) or twice as many, of guiding, as `RegionModels.probability`
     path_count : float
@@ -250,7 +250,7 @@ def promised_efficiency(
     path_count : float
         Paths that the records are of.
     variance : float
-        Of a sample of a pixel, weighted as the records' contributions are (`image_variance`).
+        Variance of a sample of a pixel, weighted as the records' contributions are (`image_variance`).
     ray_count : float
         Cost of a path in rays.
     costs : CandidateCosts

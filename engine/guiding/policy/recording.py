@@ -155,7 +155,7 @@ class CacheRecording(Recording):
     facts : RenderFacts
     budget : RecordBudget
     standing : Standing
-        Of the cache.
+        The cache's.
     """
 
     def __init__(self, facts: RenderFacts, budget: RecordBudget, standing: Standing) -> None:

@@ -23,7 +23,7 @@ class SampleWeights:
         Parameters
         ----------
         first_sample : int
-            Of the iteration.
+            The iteration's.
         arm : int
         is_guided : bool
             Whether the iteration's samples are guided, but for those of the arm PLAIN.

@@ -141,7 +141,7 @@ class SampleMoments:
 
     @property
     def is_known(self) -> np.ndarray:
-        """Of which pixels there are two samples or more, bool (P,)."""
+        """Which pixels have two samples or more, bool (P,)."""
         return self._count > 1
 
     def variance(self) -> np.ndarray:
@@ -229,7 +229,7 @@ class ComparedValues:
         add_values(self._weight, self._total, pixels, radiance, sample_count, np.float32(weight))
 
     def weights(self, size: tuple[int, int]) -> np.ndarray:
-        """Of the pixels' variances, float32 (P,); the image has so many rows and columns."""
+        """Weights of the pixels' variances, float32 (P,); the image has so many rows and columns."""
         total = np.zeros((len(self._weight), 1), np.float32) if self._total is None else self._total
         return pixel_weights((total / np.maximum(self._weight, 1e-20)[:, None]).reshape(*size, -1))
 
@@ -241,7 +241,7 @@ class GuidingTrial:
     ----------
     pixel_count : int
     other : SampleMoments, optional
-        Of what is to be beaten, where more of its samples are known than those of the iterations compared.
+        Samples of what is to be beaten, where more of them are known than those of the iterations compared.
     rules : Rules
     """
 

@@ -236,7 +236,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
     Parameters
     ----------
     pixel_weight : float32 (P,)
-        Of the unit's pixels, see `engine.ris.orca.pixel_weights`.
+        Weights of the unit's pixels, see `engine.ris.orca.pixel_weights`.
     max_distance : float32 [m]
         Distances are cut off here; light from outside the scene has this one.
     records : VertexRecords; record_count : int
@@ -306,7 +306,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.radiance[record_count, c] = value
                 if known_count > 0 and total < 1e30:
                     for c in range(channel_count):
-                        # Of wavelengths only the mean is learned: each path has its own.
+                        # Only the mean over wavelengths is learned: each path has its own wavelengths.
                         if channel_count > RGB or records.radiance[record_count, c] < 0.0:
                             records.radiance[record_count, c] = total / known_count
                     for c in range(3):

@@ -66,7 +66,7 @@ def expected_survival(unit, paths, lane, radiance, total):
     radiance : float32
         That is expected to arrive, mean over channels.
     total : float32
-        Of the path's throughput, sum over channels.
+        The path's throughput, sum over channels.
     """
     # Over the pixel's value.
     expected = radiance * math.sqrt(unit.pixel_weight[paths.pixel[lane]])

@@ -62,7 +62,7 @@ class Implementation(Protocol):
         """What its directions come closest to: 'RADIANCE', or 'PRODUCT' with the BSDF and the cosine."""
 
     def design(self, settings: RenderSettings) -> NetworkDesign:
-        """Of networks only: shape and training."""
+        """Shape and training of a network; other sources have none."""
 
 
 @kernel

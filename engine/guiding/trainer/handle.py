@@ -70,12 +70,12 @@ class NetworkTrainer:
     Parameters
     ----------
     shape : NetworkShape, MixtureShape
-        Of the network; its kind says how it is trained.
+        The network's; its kind says how it is trained.
     bounds : float32 (2, 3) [m] or None
         What the network resolves; None: nearly all of the first records' positions (`radiance.robust_bounds`).
     seed : int
     training_share : float in (0, 1]
-        Of the machine's processor time that training may use.
+        Share of the machine's processor time that training may use.
     deterministic : bool
         Train in `train_until` only, on one thread: the same records give the same snapshot.
     settings : TrainingSettings, MixtureSettings

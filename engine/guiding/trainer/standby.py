@@ -125,7 +125,7 @@ def keep(worker: Child, reader: threading.Thread) -> None:
     Parameters
     ----------
     worker : Child
-        Of this process's Python.
+        The process, which runs this one's Python.
     reader : Thread
         Reads the worker's answers, and ends with the one that says that it has left.
     """

@@ -36,7 +36,7 @@ class BestParameters:
         Parameters
         ----------
         losses : (N,)
-            Of each held-out row.
+            Loss of each held-out row.
         parameters : (parameter_count,)
             Written to if they are worse.
 

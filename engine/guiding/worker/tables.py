@@ -27,7 +27,7 @@ class LearnedTable:
     parameters : float32 (entries, features)
         Changed in place.
     backpropagate : kernel
-        Of the encoding that reads the table: `backpropagate_positions` and others of its signature.
+        That of the encoding that reads the table: `backpropagate_positions` and others of its signature.
     level_count : int
     learning_rate : float
     first_column : int

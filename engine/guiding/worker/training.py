@@ -85,7 +85,7 @@ class Training(ABC):
         return np.ones(rows.shape[0], bool)
 
     def _choose(self, rows: Float32Array) -> Float32Array:
-        """Of fit rows those that have a gradient. The others only count."""
+        """Those fit rows that have a gradient. The others only count."""
         return rows
 
     @abstractmethod

@@ -79,7 +79,7 @@ class LightSample(NamedTuple):
     use_mis : bool
         False: its weight is 1, nothing else finds this light.
     shows_back : bool
-        Of a triangle: the receiver sees its back.
+        The light is a triangle, and the receiver sees its back.
     pmf : float32
         As in `Choice`.
     """

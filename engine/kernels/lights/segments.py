@@ -31,7 +31,7 @@ from engine.state.lights import (
     NODE_TWO_SIDED,
 )
 
-# Of a group, and as a node: int64, as in `engine.kernels.lights.tree`.
+# Nodes of a group: int64, as in `engine.kernels.lights.tree`.
 _ROOT = np.int64(0)
 _LAST = np.int64(GROUP_SIZE - 1)
 #: [rad]

@@ -54,7 +54,7 @@ from engine.state.lights import (
     NODE_TWO_SIDED,
 )
 
-# Of a group, and as a node: int64, not literals, since each type of index would compile `group_importances` again.
+# Nodes of a group: int64, not literals, since each type of index would compile `group_importances` again.
 _ROOT = np.int64(0)
 _LAST = np.int64(GROUP_SIZE - 1)
 

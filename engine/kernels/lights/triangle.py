@@ -94,7 +94,7 @@ def triangle_solid_angle(a, edge1, edge2, normal):
 def sampled_solid_angle(a, edge1, edge2, normal):
     """Solid angle [sr] of a triangle that is to be sampled by it, 0 where area is the better measure.
 
-    Of eight triangles, or of one, as all that does not branch here.
+    It takes one triangle or eight at once, as do all kernels here that do not branch.
     """
     edge3 = subtract(edge2, edge1)
     longest = larger(larger(dot(edge1, edge1), dot(edge2, edge2)), dot(edge3, edge3))

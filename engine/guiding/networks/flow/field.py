@@ -75,7 +75,7 @@ def make_flow_field(shape: FlowShape, snapshot: Snapshot) -> FlowField:
     ValueError
         If the snapshot's sizes are not those of `shape`, or anything in it is not finite.
     """
-    # Of a shape it asks nothing but the number of parameters.
+    # The check asks a shape for nothing but its number of parameters.
     snapshot.validate(cast(Any, shape))
     return view_flow_field(shape, snapshot.bounds, snapshot.parameters.copy(), True)
 

@@ -104,7 +104,7 @@ def _cells(graph: GraphBuilder, coordinates: str, resolutions: Int64Array, *, is
 
 
 def _corner_products(graph: GraphBuilder, op_type: str, lower: str, upper: str, axis_count: int) -> str:
-    """Of every corner of a cell, the first axis fastest, what an operator makes of its axes' values.
+    """For every corner of a cell, the first axis fastest: what an operator makes of its axes' values.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ class LearnedCache(Learnable):
     ----------
     facts : RenderFacts
     standing : Standing
-        Of the cache.
+        The cache's.
     """
 
     def __init__(self, facts: RenderFacts, standing: Standing) -> None:

@@ -119,7 +119,7 @@ class LightsByRegion:
 
     @property
     def share(self) -> float:
-        """Of the regions that choose by what they have learned."""
+        """Share of the regions that choose by what they have learned."""
         return self._model.share
 
     def learn(self, records: VertexRecords, row_count: int) -> None:

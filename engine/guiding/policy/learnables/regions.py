@@ -28,7 +28,7 @@ class LearnedRegions(Learnable):
     facts : RenderFacts
     standing : Standing
     costs : MethodCosts
-        Of candidates, which are allotted by them.
+        They say what candidates cost, which are allotted by that.
     """
 
     def __init__(self, facts: RenderFacts, standing: Standing, costs: MethodCosts) -> None:

@@ -30,7 +30,7 @@ def _variance_gain(
     weights : float32 (P,)
         See `pixel_weights`, by what the variance of a pixel's mean is of that of one sample.
     cut_percent : float
-        Of the pixels: so many of the largest and of the smallest are cut to the next.
+        Percentage of the pixels: so many of the largest and of the smallest are cut to the next.
     """
     gain = (square_gain - (known * (known + 2.0 * mean)).mean(axis=1)) * weights
     low, high = np.percentile(gain, (cut_percent, 100.0 - cut_percent))
@@ -43,9 +43,9 @@ class CacheQuestion(Question):
     Parameters
     ----------
     facts : RenderFacts
-        Of a render with a radiance cache.
+        Those of a render with a radiance cache.
     standing : Standing
-        Of the cache: this says when it is given up.
+        The cache's: this says when it is given up.
     """
 
     def __init__(self, facts: RenderFacts, standing: Standing) -> None:
@@ -77,7 +77,7 @@ class CacheQuestion(Question):
         weight = np.maximum(sums.weight, 1e-20)[:, None]
         mean = sums.radiance / weight
         weights = pixel_weights(mean.reshape(*iteration.traced.size, -1))
-        # Of variances of single samples: a noise threshold gives pixels different numbers of them.
+        # Variances are those of single samples: a noise threshold gives pixels different numbers of them.
         of_samples = weights * (sums.weight_squared / weight[:, 0] ** 2)
         cached = image_variance(sample_variance(mean, sums.square / weight), of_samples)
         error = residual_error(

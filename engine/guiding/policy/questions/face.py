@@ -21,7 +21,7 @@ class Question:
     Attributes
     ----------
     other_parts : sequence of Part
-        Of the units that have no pixels of a trial, in the iteration in work; empty: all units have the same parts.
+        Parts of units that have no pixels of a trial, in the iteration in work; empty: all units have the same parts.
     """
 
     other_parts: Sequence[Part] = ()

@@ -35,7 +35,7 @@ class GuidingQuestion(Question):
     ----------
     facts : RenderFacts
     standing : Standing
-        Of guiding: this says when it is given up.
+        Guiding's: this says when it is given up.
     regions : LearnedRegions
     source : LearnedSource or None
         What directions are drawn from, if not the mixture field.

@@ -186,7 +186,7 @@ class Ladder:
             Whether enough vertices were worth several candidates.
         regions : RegionModels
         gate : Gate or None
-            Of the network.
+            The network's.
         """
         coarsest = self._rungs[0]
         if not self.is_auto:
@@ -238,7 +238,7 @@ class MethodQuestion(Question):
     costs : MethodCosts
     ladder : Ladder
     gate : Gate or None
-        Of the network.
+        The network's.
 
     Attributes
     ----------

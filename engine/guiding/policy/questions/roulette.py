@@ -100,7 +100,7 @@ class RouletteTrial:
         self._rules = rules
         first, count = samples
         self.parts = halves(first, count)
-        # Of fewer nothing can be told.
+        # Fewer samples tell nothing.
         self.is_running = count // 2 > 1
         self.is_won = True
         #: Whether there is a comparison to judge.
@@ -134,7 +134,7 @@ class RouletteQuestion(Question):
     ----------
     facts : RenderFacts
     standing : Standing
-        Of guiding.
+        Guiding's.
     roulette : LearnedRoulette
     keeps_elsewhere : bool
         Whether samples of pixels that a trial leaves unguided are kept to judge by.
