@@ -72,8 +72,8 @@ def find_bias(images: Sequence[FloatArray], references: Sequence[FloatArray]) ->
     Parameters
     ----------
     images, references : sequence of float (height, width, 3 or more)
-        Of two sets of seeds that have none in common. Means over seeds are compared, so the numbers of samples of the
-        two may differ.
+        Pictures of two sets of seeds with none in common. Means over seeds are compared, so the two may have different
+        numbers of samples.
     """
     a = [np.asarray(image, np.float64)[..., :3] for image in images]
     b = [np.asarray(image, np.float64)[..., :3] for image in references]

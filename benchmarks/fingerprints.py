@@ -70,7 +70,7 @@ class CaseFingerprint:
     notices : list of str
         What the engine said of guiding: with a lost training process a picture is not that of the method.
     seconds : float
-        Of all renders.
+        Sum over all renders.
     """
 
     images: dict[str, ImageFingerprint] = field(default_factory=dict)

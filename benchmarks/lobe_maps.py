@@ -138,7 +138,7 @@ def look(
     -------
     surface : Surface
     density : float64 (rows, 2 * rows) [sr^-1]
-        Of the guide alone, without the BSDF's share of the candidates; 0 everywhere where paths are left to the BSDF
+        Density of the guide alone, without the BSDF's share; 0 everywhere where paths are left to the BSDF
         because what was learned does not reach the point (the mixture field is asked first, whatever the method).
 
     Raises
@@ -242,7 +242,7 @@ def trace_truth(
     settings : RenderSettings
         Those of the methods: limits of paths, light sampling, seed and threads.
     samples : int
-        Of each direction, in both maps together.
+        Samples of each direction, in both maps together.
     """
     rows = surface.f_cos.shape[0]
     scene = panorama(description, surface, rows)
@@ -345,9 +345,9 @@ def compare(
     pixel : (int, int)
         Column and row, row 0 at the bottom.
     rows : int
-        Of the maps, which have twice as many columns.
+        Rows of the maps, which have twice as many columns.
     truth_samples : int
-        Of each direction of the truth.
+        Samples of each direction of the truth.
 
     Raises
     ------

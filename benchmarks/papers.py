@@ -144,7 +144,7 @@ class Gain:
 
     def __str__(self) -> str:
         text = format_figure(self.median)
-        # Of two seeds both are as far from their mean: no range.
+        # Two seeds are both as far from their mean: no range.
         if math.isclose(self.least, self.most, rel_tol=1e-6) or math.isnan(self.least):
             return text
         return f"{text} ({format_figure(self.least)} to {format_figure(self.most)})"

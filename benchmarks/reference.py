@@ -70,7 +70,7 @@ class Reference:
         Parameters
         ----------
         size : (width, height), optional
-            Of the render; None where it will follow the reference.
+            Size of the render; None where it will follow the reference.
         """
         own_size = (self.image.shape[1], self.image.shape[0])
         if size is not None and size != own_size:

@@ -64,7 +64,7 @@ def _ends(records: VertexRecords, rows: Int64Array) -> tuple[BoolArray, Float32A
 
 
 def _follows(records: VertexRecords, row_count: int) -> BoolArray:
-    """Of every row but the first, whether the row before it is the next vertex of the same path, bool (R - 1,)."""
+    """For every row but the first: whether the row before it is the next vertex of the same path, bool (R - 1,)."""
     # Paths are recorded from their last vertex to their first.
     cost, rows = records.cost[:row_count], np.arange(1, row_count)
     along = -(records.wo[rows - 1] * records.direction[rows]).sum(axis=1)

@@ -79,7 +79,7 @@ def _nodes() -> Iterator[tuple[str, str]]:
     for kind in sorted(name for name in dir(bpy.types) if "Node" in name):
         try:
             node = tree.nodes.new(kind)
-        except RuntimeError:  # Of other trees.
+        except RuntimeError:  # It belongs to other trees.
             continue
         for sockets, what in ((node.inputs, "input"), (node.outputs, "output")):
             for socket in sockets:

@@ -59,7 +59,7 @@ def _sizes_below(node: ast.AST, file: str, qualifier: str) -> Iterator[tuple[Key
 def oversized(sources: Mapping[str, str]) -> dict[Key, int]:
     """What is above a limit, with its size.
 
-    Of several functions of one name (variants, properties' setters) the largest counts.
+    The largest of several functions of one name counts (variants, properties' setters).
 
     Parameters
     ----------

@@ -180,7 +180,7 @@ def build(
     level : str
         Processors that the library is for, by LLVM's name.
     parts : sequence of sequences of str
-        Of the kernels, by row.
+        Parts of the kernels, by row.
     python : str
         The Python that it is for, with numba.
     processes : int

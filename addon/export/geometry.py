@@ -165,7 +165,7 @@ def _add_attributes(
 def _add_undeformed(context: ExportContext, mesh: bpy.types.Mesh, exported: Mesh) -> None:
     """Where vertices were before deformation.
 
-    Of what is not deformed this is where they are. It is added too: a place within the mesh that is found back from the
+    Vertices that are not deformed are added too, where they are: a place within the mesh that is found back from
     world's space is off by rounding, so that patterns of cells speckle on faces that lie between two cells.
     """
     undeformed = read_undeformed(mesh)

@@ -96,7 +96,7 @@ def read_renders(folder: Path) -> tuple[list[Render], list[str]]:
 def collect(folder: Path, references: Path | None = None) -> tuple[list[SceneResults], list[str]]:
     """Scenes in the order of their names, and remarks that concern none of them.
 
-    Of several renders of one rival, budget and seed the newest counts.
+    The newest of several renders of one rival, budget and seed counts.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def least_deviation(ior: float, angle: float = PRISM_ANGLE) -> float:
 
 
 def rainbow_angle(ior: float) -> float:
-    """Of the primary bow from the antisolar point [degrees] (Descartes): where the deviation of a drop is least."""
+    """Angle of the primary bow from the antisolar point [degrees] (Descartes): the least deviation of a drop."""
     incidence = math.acos(math.sqrt((ior * ior - 1.0) / 3.0))
     return math.degrees(4.0 * math.asin(math.sin(incidence) / ior) - 2.0 * incidence)
 

@@ -117,7 +117,7 @@ def test_vectors_know_panoramas_and_zooms(cube_scene: Any, tmp_path: Path, kind:
 
 
 def test_vectors_of_orthographic_cameras_are_plain_shifts(cube_scene: Any, tmp_path: Path) -> None:
-    """Of what stands still, by how far the camera goes over its scale; Cycles projects them in perspective."""
+    """What stands still shifts by how far the camera goes over its scale; Cycles projects it in perspective."""
     scene, layer = cube_scene, busy_scene(cube_scene)
     layer.use_pass_vector = True
     scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 6.0
@@ -152,7 +152,7 @@ def test_mist_falls_off_as_in_cycles(cube_scene: Any, tmp_path: Path, falloff: s
 def test_the_alpha_threshold_says_what_passes_of_one_surface_show(cube_scene: Any, tmp_path: Path) -> None:
     """Indices are of the first sample: of a pane that is not opaque enough, only where the path did not go through.
 
-    Of about 130 pixels that see a pane, so many show it that both renderers' chances differ by 8 (one standard error);
+    About 130 pixels see a pane. So many of them show it that both renderers' chances differ by 8 (one standard error);
     24 are allowed.
     """
     scene, layer = cube_scene, busy_scene(cube_scene)

@@ -110,7 +110,7 @@ def test_panels_come_and_go(blender: Any) -> None:
         ]
 
     assert {"NEURALGUIDE_PT_sampling", "NEURALGUIDE_MATERIAL_PT_surface", "NEURALGUIDE_LIGHT_PT_light"} <= set(panels())
-    # Of what Cycles draws too there is one panel.
+    # There is one panel of what Cycles draws too.
     assert "OBJECT_PT_visibility" not in with_engine() and "NEURALGUIDE_OBJECT_PT_visibility" in panels()
     assert "RENDER_PT_output" in with_engine() or "RENDER_PT_format" in with_engine()
     addon.unregister()

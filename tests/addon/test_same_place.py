@@ -80,7 +80,7 @@ def scene_of(width: int = 32, height: int = 24, world: float = 0.0) -> Any:
 
 
 def means(scene: Any, folder: Path, samples: int, cells: tuple[int, int] = (1, 1)) -> tuple[np.ndarray, np.ndarray]:
-    """Of red, by cells, of ours and of Cycles."""
+    """Means of red by cells, ours and Cycles'."""
     found = []
     for image, _ in render_both(scene, folder, samples):
         red = image[next(channel for channel in image if channel.endswith("Combined.R"))]

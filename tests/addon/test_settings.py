@@ -427,6 +427,6 @@ def test_what_cycles_settings_ask_for_in_vain_is_named(problem: str, blender: An
     setattr(getattr(scene, owner), name, value)
     (notice,) = unsupported_settings(scene, layer)
     assert problem in notice.problem and "not supported" in notice.problem and notice.fallback
-    # Of no concern to a scene with settings of its own.
+    # It does not concern a scene with settings of its own.
     scene.neuralguide.use_cycles_settings = False
     assert unsupported_settings(scene, layer) == []

@@ -33,7 +33,7 @@ def pictures(rng, count, together, spread=0.2):
 
 @pytest.mark.parametrize("together", [-0.6, 0.0, 0.05])
 def test_false_alarms_are_as_many_as_said(together):
-    """Of the score of the whole mean, at a level that can be counted: 50 of 1,000 are expected, and 4 standard
+    """The score of the whole mean, at a level that can be counted: 50 of 1,000 are expected, and 4 standard
     deviations are 28. Pixels taken as independent would give 2 (at -0.6) and 334 (at 0.05)."""
     rng = np.random.default_rng(1)
     limit = NormalDist().inv_cdf(1.0 - LEVEL / 2.0)
@@ -56,7 +56,7 @@ def test_two_percent_are_seen(together):
 def test_noise_of_renders_is_that_of_their_means():
     """The variance over 48 seeds of a picture's mean, good to a fifth, is what blocks say of it.
 
-    Of this picture only edges are noisy, and within a block they err together: as if they were independent, pixels say
+    Only edges of this picture are noisy, and within a block they err together: as if they were independent, pixels say
     1.6 times too little.
     """
     images = [image.astype(np.float64) for image in render_seeds(corner_scene((40, 36)), range(48), samples=4)]

@@ -21,7 +21,7 @@ def blotched(seed: int, spread: float = 0.03) -> Float32Array:
 
 
 def is_found(a: list[Float32Array], b: list[Float32Array]) -> tuple[bool, bool]:
-    """Of cells, and of the picture."""
+    """Whether a difference is found in cells, and in the whole picture."""
     compared = compare_denoised(*(picture_means(images, 4, 6) for images in (a, b)))
     of_cells, of_mean = compared.limits(SIGMAS)
     return bool((np.abs(compared.difference) > of_cells).any()), abs(compared.mean_difference) > of_mean

@@ -64,7 +64,7 @@ def patches(picture: Float32Array) -> float:
 
 @pytest.mark.parametrize("samples", [6, 8])
 def test_a_trial_of_guiding_leaves_no_pattern_in_a_denoised_picture(samples: int) -> None:
-    """Of a quarter of the pixels some samples are guided, and have a sixth of the others' noise."""
+    """A quarter of the pixels have guided samples, with a sixth of the others' noise."""
     found = {}
     for method in ("OFF", "VMM"):
         with opened("clamped-ceiling-lamp", (160, 90), guiding_method=method, deterministic=True) as session:

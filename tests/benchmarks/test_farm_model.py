@@ -39,7 +39,7 @@ def test_the_link_and_learning_take_their_time() -> None:
 
 
 def test_more_threads_than_tiles_are_of_no_use() -> None:
-    """Of paths so dear that any number of ranges pays."""
+    """Paths are so dear that any number of ranges pays."""
     frame, dear = Frame(64, 64, 1, False), replace(FREE, path_seconds=1.0)
     assert simulate(frame, 1, 16, FAST_LINK, dear) == pytest.approx(simulate(frame, 1, 4, FAST_LINK, dear))
 

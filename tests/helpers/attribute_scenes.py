@@ -89,7 +89,7 @@ def compare_tiles(
     Returns
     -------
     list of (ours, theirs)
-        Of each case, float64 (9 pixels, 8): Color, Vector, Fac, Alpha.
+        Arrays of each case, float64 (9 pixels, 8): Color, Vector, Fac, Alpha.
     """
     import bpy
 

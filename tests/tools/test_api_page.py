@@ -69,7 +69,7 @@ class Basket:
 
     @property
     def weight(self) -> float:
-        """Of all [kg]."""
+        """Weight of all [kg]."""
 
     def empty(
         self, *, fast: bool
@@ -128,7 +128,7 @@ def __init__(self, apples: int, pears: int) -> None:
 def weight(self) -> float:
 ```
 
-Of all [kg].
+Weight of all [kg].
 
 ```python
 def empty(

@@ -80,7 +80,7 @@ def test_a_domain_is_a_box_with_the_grids_that_its_material_reads(scene: Any, mo
     description = export(monkeypatch, domain())
     assert description.notices == []
     (mesh,) = description.meshes
-    # Of the flame there is nothing, and the temperature is 0 everywhere.
+    # There is nothing of the flame, and the temperature is 0 everywhere.
     assert sorted(mesh.grids) == ["color", "density"] and mesh.volume_motion is None
     for index in ((0, 0, 0), (3, 4, 5), (1, 2, 3)):
         density = 1.0 + index[0] + 10.0 * index[1] + 100.0 * index[2]

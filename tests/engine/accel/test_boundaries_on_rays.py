@@ -80,7 +80,7 @@ def test_what_is_opaque_ends_the_search_wherever_it_lies_on_the_segment():
     assert _search_down(transforms, masks)[0] == -1
     assert _search_down(transforms, masks, far=6.0)[0] == 1
     assert _search_down(transforms, masks, mask=MASK_MEDIUM)[0] == 2
-    # Of an instance that is opaque and has a medium inside, the hit is kept: its program knows which it is there.
+    # The hit of an opaque instance with a medium inside is kept: its program knows which it is there.
     assert _search_down(transforms, [MASK_MEDIUM, MASK_SHADOW_OPAQUE | MASK_MEDIUM, MASK_MEDIUM])[0] == 3
 
 

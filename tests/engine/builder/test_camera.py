@@ -186,7 +186,7 @@ def test_cameras_that_do_not_zoom_are_left_alone():
 @pytest.mark.parametrize("duration", [0.0, 0.25, 1.0])
 def test_rows_are_exposed_from_the_top_to_the_bottom(duration):
     height = 40
-    # Of a picture with a border, rows are still those of the full image.
+    # Rows of a picture with a border are still those of the full image.
     frame = Frame(16, height, (4, 10, 12, 30))
     camera = build_camera(Camera(), frame, "BOX", 1.0, rolling_shutter_duration=duration).real
     rows = np.repeat(np.arange(height), 3).astype(np.int32)

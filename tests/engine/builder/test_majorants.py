@@ -41,7 +41,7 @@ def test_a_single_dense_voxel_is_found():
 
 @pytest.mark.parametrize(("count", "reach"), [(8, 1.0), (60, 2.0)])
 def test_a_dense_voxel_bounds_no_more_than_what_is_near_it(count, reach):
-    """Of few voxels each is looked up, of more those of blocks of two."""
+    """Few voxels are looked up one by one, more of them in blocks of two."""
     values = np.full((count, count, count, 1), 0.01, np.float32)
     dense = np.array([count // 3, count // 2, count // 4])
     values[tuple(dense)] = 1.0

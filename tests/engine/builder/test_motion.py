@@ -311,7 +311,7 @@ def test_light_sampling_and_scattering_agree_about_a_moving_emitter():
 def test_a_mixture_that_sees_the_time_is_unbiased_and_used_where_something_moves(
     mixture_u, is_moving, monkeypatch
 ):
-    """Of a network with parameters drawn at random: no other is as wrong."""
+    """A network with parameters drawn at random is as wrong as any can be."""
     seen = []
 
     def make(settings):

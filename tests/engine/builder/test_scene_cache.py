@@ -359,7 +359,7 @@ CHANGES: dict[str, list[Change]] = {
     "Material.graph": [_set("materials.0.graph", None), _set("materials.1.graph", _PLAIN)],
     "Material.pass_index": [_set("materials.2.pass_index", 3)],
     "Material.use_bump_map_correction": [_set("materials.2.use_bump_map_correction", False)],
-    # Of what has voxels inside.
+    # What has voxels inside.
     "Material.has_smooth_voxels": [lambda d: (_set("meshes.0.grids", {"Tint": _grid()})(d),
                                               _set("materials.0.graph", _VOXELS)(d),
                                               _set("materials.0.has_smooth_voxels", True)(d))],

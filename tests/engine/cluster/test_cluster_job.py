@@ -103,7 +103,7 @@ def ones(order):
 
 
 def plain_loop(film, samples=SAMPLES):
-    """Of an unguided render."""
+    """Loop of an unguided render."""
     settings = RenderSettings(samples=samples, guiding_method="OFF", roulette="THROUGHPUT")
     return RenderLoop(FRAME, film, settings, 1, lambda guidance: None)
 

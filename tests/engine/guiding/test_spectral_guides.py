@@ -239,7 +239,7 @@ def reference(roughness: float) -> list[np.ndarray]:
 def test_a_mixture_that_sees_the_wavelength_is_unbiased(
     roughness: float, scale: float, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a network with parameters drawn at random: no other is as wrong.
+    """A network with parameters drawn at random is as wrong as any can be.
 
     The one that says how often it is chosen is milder. Of twelve of scale 4, one chose itself almost always and looked
     past the light: its picture was 22% too dark at 255 samples, and 4% at 4,095.

@@ -49,7 +49,7 @@ def _draw_collisions(channels, coefficients, length, u, out):
 
 
 def _p_value(samples, edges, pdf):
-    """Of distances against a density [m^-1], by cells between `edges`."""
+    """Significance of distances against a density [m^-1], by cells between `edges`."""
     fine = [np.linspace(a, b, 65) for a, b in itertools.pairwise(edges)]
     mass = np.array([integrate.simpson([pdf(x) for x in cell], x=cell) for cell in fine])
     assert mass.sum() == pytest.approx(1.0, rel=2e-3)

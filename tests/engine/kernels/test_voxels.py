@@ -32,7 +32,7 @@ def _move(geometry, points, times, out):
 
 
 def _weights(at, is_smooth):
-    """Of all voxels along an axis, at coordinates float64 (N,): (N, SIZE)."""
+    """Weights of all voxels along an axis, at coordinates float64 (N,): (N, SIZE)."""
     distance = np.abs(at[:, None] - np.arange(SIZE))
     if not is_smooth:
         return np.maximum(1.0 - distance, 0.0)

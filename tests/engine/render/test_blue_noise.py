@@ -36,7 +36,7 @@ def left_in_means(noise, size):
 
 @pytest.mark.parametrize("samples, most", [(1, (0.6, 0.5)), (2, (0.75, 0.6)), (4, (0.95, 0.85)), (64, (1.2, 1.0))])
 def test_little_noise_is_left_in_means(samples, most):
-    """Of cells of 2 x 2 pixels, and of 4 x 4; with many samples at least no more than if pixels were independent."""
+    """Noise of cells of 2 x 2 and 4 x 4 pixels; with many samples at least no more than if pixels were independent."""
     noise = errors(samples)
     assert left_in_means(noise, 2) < most[0] and left_in_means(noise, 4) < most[1]
 

@@ -70,7 +70,7 @@ def test_strata_count_the_same_in_mattes():
 
 @pytest.mark.parametrize("method", ["OFF", pytest.param("VMM", marks=pytest.mark.slow)])
 def test_passes_depend_on_no_thread_and_change_no_picture(method):
-    """Of a floor and a wall: every pixel is one's or the other's, and where it is is the AOV's colour."""
+    """A floor and a wall share the pixels: each is one's or the other's, and where it is is the AOV's colour."""
     names = {"Combined", "Position", "Mist", aov_pass("Place"), *MATTES}
     settings = {"samples": 24, "guiding_method": method, "deterministic": True}
     images = []

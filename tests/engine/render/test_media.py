@@ -72,7 +72,7 @@ def test_what_scatters_all_light_is_not_seen_in_a_white_furnace(density):
 )
 def test_a_ball_that_scatters_all_light_is_not_seen_in_a_white_furnace(varies, g):
     color = {"Color": (1.0, 1.0, 1.0, 1.0), "Anisotropy": g}
-    # Of the one that varies the lower half is empty: there is no density below 0.
+    # The lower half of the one that varies is empty: there is no density below 0.
     fog = varying("Scatter", "Density", 4.0, **color) if varies else medium("Scatter", Density=2.0, **color)
     endless = {"volume_bounces": 1024, "max_bounces": 1024, "samples": 16}
     assert np.allclose(picture(put_into_ball(media_scene([fog], [placed()])), **endless), 1.0, atol=1e-4)

@@ -231,7 +231,7 @@ def test_cancel_stops_within_0_3_seconds_and_keeps_what_there_is():
             timer.set()
 
     result = session.render(should_cancel=should_cancel, on_progress=on_progress)
-    # Of two threads, and not of the clock: others may have the processors.
+    # Time of two threads, and not of the clock: others may have the processors.
     assert time.process_time() - cancelled_at[0] < 2.0 * 0.3
     assert result.report.cancelled
     assert result.report.sample_count > 0.0

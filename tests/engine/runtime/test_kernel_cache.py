@@ -47,7 +47,7 @@ print("files", sum(1 for _ in kernel_cache.cache_root().rglob("*.nbc")))
 
 
 def environment_with(cache: Path) -> dict[str, str]:
-    """Of a process that writes no byte code: Python itself puts half of it in place where files may not grow."""
+    """For a process that writes no byte code: Python itself puts half of it in place where files may not grow."""
     return {
         **os.environ,
         "PYTHONPATH": str(ROOT),

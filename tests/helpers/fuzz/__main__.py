@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Judges random scenes: `python -m tests.helpers.fuzz 17`, or `… 1000 6000 --keep out/fuzz` for a range.
 
-Of each scene that fails, or of a single one, it keeps the .blend and both pictures side by side.
+It keeps the .blend and both pictures side by side for each scene that fails, and for a single one.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def known_kinds() -> dict[str, list[str]]:
 def _fits(tree: Any, kind: str) -> bool:
     try:
         tree.nodes.remove(tree.nodes.new(kind))
-    except RuntimeError:  # Of another Blender, or of another kind of tree.
+    except RuntimeError:  # The kind is another Blender's, or of another kind of tree.
         return False
     return True
 
@@ -159,7 +159,7 @@ class GraphMaker:
         if socket.type == "VALUE":
             socket.default_value = self._number()
         elif socket.type == "RGBA":
-            # Of brighter ones some closures of Cycles make light below zero.
+            # Some closures of Cycles make light below zero out of brighter ones.
             socket.default_value = (*(min(max(self._number(), 0.0), 1.0) for _ in range(3)), 1.0)
         elif socket.type == "VECTOR":
             socket.default_value = [self._number() for _ in range(len(socket.default_value))]

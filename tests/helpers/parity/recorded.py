@@ -38,7 +38,7 @@ def grid_means(images: list[Float32Array]) -> PictureMeans:
 
 
 def blender_version() -> str:
-    """Of the Blender that runs, such as 5.0.1."""
+    """Version of the Blender that runs, such as 5.0.1."""
     import bpy
 
     return ".".join(map(str, bpy.app.version))

@@ -48,7 +48,7 @@ class Comparison:
     Attributes
     ----------
     samples : int
-        Of each pixel; 0: `sample_factor` times those that compare a scene well.
+        Samples of each pixel; 0: `sample_factor` times those that compare a scene well.
     at_defaults : bool
         Whether the settings of light paths are Blender's own, instead of those that cut nothing.
     noise_threshold : float

@@ -119,7 +119,7 @@ def test_paths_from_close_by_hardly_speak_for_paths_from_afar():
     assert known(model, point[0], 5) == (0.0, 100)
     model.learn(records(np.repeat(point, 100, axis=0), UP, 1.0, ASKS[3]))
     said = [known(model, point[0], level)[0] for level in range(LEVEL_COUNT)]
-    # Of footprints of the first kind the cells of levels 0 to 2 are small enough.
+    # The cells of levels 0 to 2 are small enough for footprints of the first kind.
     np.testing.assert_allclose(said, 3 * [0.1 / 1.1] + 3 * [1.0 / 1.1], rtol=1e-5)
 
 

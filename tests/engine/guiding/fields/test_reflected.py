@@ -14,7 +14,7 @@ DOWN = (np.float32(0.0), np.float32(0.0), np.float32(-1.0))
 
 
 def floor_records(count=1 << 14, seed=0):
-    """Of a floor of 8 by 8 m: two thirds of it dark, the rest ten times as bright, and everything costs two."""
+    """Records of a floor of 8 by 8 m: two thirds of it dark, the rest ten times as bright, and everything costs two."""
     rng = np.random.default_rng(seed)
     records = allocate_vertex_records(count)
     records.position[:, :2] = rng.random((count, 2)) * 8.0
@@ -74,7 +74,7 @@ def test_a_single_record_does_not_make_a_cell_dark():
 
 
 def test_a_single_record_does_not_make_others_bright():
-    """Of cells that have never met the like: paths would be long there for nothing."""
+    """Cells that have never met the like stay dark: paths would be long there for nothing."""
     records = floor_records(1 << 12)
     records.reflected[:] = 1.0
     records.reflected[0] = 100.0

@@ -53,7 +53,7 @@ def session() -> Any:
 
 @pytest.fixture(scope="module")
 def learned(session: Session) -> LearnedField:
-    """Of light from the left."""
+    """What a render has learned of light from the left."""
     session.load(lit_floor(-1.5))
     field = session.render(keep=True).learned
     assert field is not None
