@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from engine.ris.candidates import Candidates
 from engine.runtime.bundle import Bundle
 from engine.state import lanes
 from engine.state.columns import Column, columns_of, dtype_of
-from engine.state.film import FilmTile
+from engine.state.film import FilmTile, Merge
 from engine.state.media import MediaLanes
 from engine.state.tracking import TrackedLanes
 
@@ -26,13 +27,12 @@ it (`engine/state/columns.py`). `python -m tools.columns_page` writes this page 
 
 To add a column, add a line to its class, and write and read it. Nothing else knows which columns there are.
 
-- The film: `FilmTile` in `engine/state/film.py`. The line says how the column is merged. A stage in
-  `engine/wavefront/` writes it, and `engine/render/film.py` makes a pass of it.
-- Records: `VertexRecords` in `engine/guiding/records/vertices.py`, where `collect_records` writes it. A model in
-  `engine/guiding/` reads it.
-- Lanes: a class in `engine/state/`. The line says in which cache line the column lies. Stages write and read it.
+- The film: `FilmTile`. Its line says how it is merged. A stage writes it; `engine/render/film.py` makes a pass of it.
+- Records: `VertexRecords`. `collect_records` beside it writes it, and a model in `engine/guiding/` reads it.
+- Lanes: a class in `engine/state/`. Its line says in which cache line it lies. Stages write and read it.
 
-A size with a condition is 0 where that does not hold. `P` are pixels, `R` records, `L` lanes, `N` candidates and `C`
+A column is float32, one number a row, and in the film added with the samples' weight, where its line says nothing else.
+One with a condition is empty where that does not hold. `P` are pixels, `R` records, `L` lanes, `N` candidates and `C`
 channels.
 """
 
@@ -47,26 +47,32 @@ _PARTS: dict[str, tuple[type[Bundle], ...]] = {
 }  # fmt: skip
 
 
-def _shape(declared: Column) -> str:
-    rows, *inner = map(str, declared.shape)
-    if declared.needs:
-        rows = f"{rows} if `{declared.needs}`"
-    return " × ".join([rows, *inner])
+def _kind(dtype: str, declared: Column, rows: int | str) -> str:
+    """Element type, shape and condition, where they are not the usual ones."""
+    first, *inner = declared.shape
+    shape = "×".join(str(size) for size in ([first] if first != rows else []) + inner)
+    kinds = [dtype] if dtype != "float32" else []
+    kinds += [f"×{shape}" if first == rows else shape] if shape else []
+    kinds += [f"if `{declared.needs}`"] if declared.needs else []
+    return f" ({', '.join(kinds)})" if kinds else ""
+
+
+def _merged(declared: Column) -> str:
+    """How a film's column is merged, where it is not added by the usual weights."""
+    if declared.merge is None or (declared.merge is Merge.SUM and not declared.weight):
+        return ""
+    return f"; {declared.merge.value}" + (f", that of `{declared.weight}`" if declared.weight else "")
 
 
 def _table(table: type[Bundle]) -> Iterator[str]:
     declared = columns_of(table)
-    is_merged = any(of.merge for of in declared.values())
+    (rows, _count), *_rest = Counter(column.shape[0] for column in declared.values()).most_common()
     module = table.__module__.replace(".", "/") + ".py"
     yield f"### {table.__name__}\n"
     yield f"`{module}`. {(table.__doc__ or '').partition(chr(10))[0]}\n"
-    yield "| column | dtype | shape | holds |" + (" merged |" if is_merged else "")
-    yield "|---|---|---|---|" + ("---|" if is_merged else "")
-    for name, of in declared.items():
-        cells = [f"`{name}`", str(dtype_of(table, name)), _shape(of), of.about]
-        if of.merge:
-            cells.append(str(of.merge.value) + (f", that of `{of.weight}`" if of.weight else ""))
-        yield "| " + " | ".join(cells) + " |"
+    for name, column in declared.items():
+        kind = _kind(str(dtype_of(table, name)), column, rows)
+        yield f"- `{name}`{kind}: {column.about}{_merged(column)}"
     yield ""
 
 

@@ -165,14 +165,26 @@ def _collected() -> Iterator[tuple[Topic, str]]:
                 yield from ((topic, text) for text in sentences(file.read_text("utf-8"), path))
 
 
+def _without_variants(texts: set[str]) -> list[str]:
+    """Sorted; not what another one says with an addition in brackets, and once what differs in what is done instead."""
+    plain = [text for text in sorted(texts) if not (text.endswith(")") and text.rpartition(" (")[0] in texts)]
+    instead: dict[str, list[str]] = {}
+    for text in plain:
+        problem, _arrow, fallback = text.partition(" → ")
+        instead.setdefault(problem, []).append(fallback)
+    return [f"{problem} → {' / '.join(found)}" if found != [""] else problem for problem, found in instead.items()]
+
+
 def page() -> str:
     """The whole page."""
-    found = set(_collected())
+    found = list(_collected())
     lines = [_HEAD, _REPORT]
+    listed: set[str] = set()
     for topic in TOPICS:
         lines += [f"## {topic.title}\n", f"{topic.advice}\n"]
-        texts = sorted({" ".join(text.replace("`", "'").split()) for owner, text in found if owner is topic})
-        lines += [*(f"- `{text}`" for text in texts), ""]
+        texts = {" ".join(text.replace("`", "'").split()) for owner, text in found if owner is topic} - listed
+        listed |= texts
+        lines += [*(f"- `{text}`" for text in _without_variants(texts)), ""]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from engine.guiding.records.vertices import VertexRecords
@@ -18,8 +20,8 @@ def test_the_page_is_the_one_that_is_generated() -> None:
 
 
 @pytest.mark.parametrize("table", [FilmTile, VertexRecords, PathState])
-def test_every_column_has_a_row(table: type[Bundle]) -> None:
+def test_every_column_has_a_line(table: type[Bundle]) -> None:
     section = page().split(f"### {table.__name__}\n")[1].split("\n### ")[0]
     for name, declared in columns_of(table).items():
-        (row,) = [line for line in section.split("\n") if line.startswith(f"| `{name}` |")]
-        assert declared.about in row and "|" not in declared.about
+        (line,) = [text for text in section.split("\n") if re.match(rf"- `{name}`(?: \([^)]*\))?: ", text)]
+        assert declared.about in line

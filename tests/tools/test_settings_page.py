@@ -11,8 +11,8 @@ def test_the_page_is_the_one_that_is_generated() -> None:
     assert PAGE.read_text("utf-8") == page(), "run python -m tools.settings_page"
 
 
-def test_every_setting_has_one_row() -> None:
+def test_every_setting_has_one_line() -> None:
     lines = page().split("\n")
     for name, setting in SCENE_SETTINGS.items():
-        (row,) = [line for line in lines if line.startswith(f"| `{name}`: ")]
-        assert setting.sentence in row and "|" not in setting.sentence
+        (line,) = [text for text in lines if text.startswith(f"- `{name}` (")]
+        assert setting.sentence in line
