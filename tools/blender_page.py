@@ -53,7 +53,11 @@ def settings_of(properties: Any) -> list[str]:
 
 
 def _label(row: Row, properties: Any) -> str:
-    return f"{properties[row.name].name} (`{row.name}`)" if row.name in properties else f"`{row.name}`"
+    """The setting's name, and before it its label where that says something else."""
+    label = properties[row.name].name if row.name in properties else ""
+    if label.lower().replace(" ", "_") in ("", row.name, f"use_{row.name}", row.name.removeprefix("use_")):
+        return f"`{row.name}`"
+    return f"{label} (`{row.name}`)"
 
 
 def _panels() -> Iterator[str]:
