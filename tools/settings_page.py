@@ -149,8 +149,11 @@ def _values(setting: Setting) -> str:
 def _listed(section: str) -> Iterator[str]:
     for setting in settings_of(section):
         known = [setting.label, _values(setting)]
-        if setting.name in SHARED_SETTINGS:
-            known.append(f"`{'.'.join(SHARED_SETTINGS[setting.name])}`")
+        theirs = ".".join(SHARED_SETTINGS.get(setting.name, ()))
+        if theirs == f"cycles.{setting.name}":
+            known[0] += "°"
+        elif theirs:
+            known.append(f"`{theirs}`")
         yield f"- `{setting.name}` ({'; '.join(known)}): {setting.sentence}."
 
 
@@ -188,7 +191,8 @@ def page() -> str:
     return "\n".join([
         _HEAD,
         "## For users: `scene.neuralguide`\n",
-        "In brackets: label; default; values; the scene's property that counts instead while it follows Cycles.\n",
+        "In brackets: label; default; values; the scene's property that counts instead while it follows Cycles (°: that of",
+        "`scene.cycles` with the same name).\n",
         *(_section(section, listed) for section in SECTIONS),
         _ELSEWHERE,
         f"## For experiments: `scene.neuralguide.{EXPERIMENT}`\n",
