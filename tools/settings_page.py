@@ -191,7 +191,7 @@ def page() -> str:
     return "\n".join([
         _HEAD,
         "## For users: `scene.neuralguide`\n",
-        "In brackets: label; default; values; the scene's property that counts instead while it follows Cycles (°: that of",
+        "In brackets: label; default; values; the scene's property that counts while it follows Cycles (°: that of",
         "`scene.cycles` with the same name).\n",
         *(_section(section, listed) for section in SECTIONS),
         _ELSEWHERE,
