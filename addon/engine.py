@@ -53,7 +53,7 @@ class Outcome:
     has_picture: bool = False
 
 
-#: Whether Blender saves what comes of the render that goes on, so that it has to be told if that is nothing.
+#: Whether Blender saves the picture of the render in progress, so that it has to be told if there is none.
 saves_picture = False
 
 

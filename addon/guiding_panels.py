@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of guiding: what is learned, how it is tried, what becomes of it, and what the last render made of it."""
+"""Panels of guiding: what is learned, how it is tried, where it is saved, and what it brought to the last render."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class NEURALGUIDE_PT_training(RenderPanel, bpy.types.Panel):  # noqa: N801
 
 
 class NEURALGUIDE_PT_learned_field(RenderPanel, bpy.types.Panel):  # noqa: N801
-    """What becomes of what a render has learned."""
+    """Says where what a render has learned is saved, and what it starts from."""
 
     bl_label = "Learned Field"
     bl_parent_id = "NEURALGUIDE_PT_guiding"

@@ -95,7 +95,7 @@ def write(path: Path, learned: LearnedField) -> None:
 
 
 class FieldPlan:
-    """What renders of a view layer start from, and what becomes of what they learn.
+    """What renders of a view layer start from, and where they save what they learn.
 
     Parameters
     ----------

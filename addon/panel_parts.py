@@ -41,7 +41,7 @@ def add_shared(row: bpy.types.UILayout, scene: bpy.types.Scene, name: str, **loo
     """Add to a row the property of a shared setting that counts, and a way back to Cycles' where ours was set."""
     owner, own_name = setting_source(scene, name)
     row.prop(owner, own_name, **({"text": SCENE_SETTINGS[name].label} | look))
-    # Ours count unset too, where this Blender's Cycles has no such setting.
+    # NeuralGuide's setting counts even when unset, where this Blender's Cycles has no such setting.
     if owner == scene.neuralguide and owner.is_property_set(name) and follows_cycles(scene):
         row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = name
 

@@ -243,7 +243,7 @@ class RenderSettings:
         ),
     )
     guiding_trial: bool = _declare(
-        True, "Trial", "Render a few samples without guiding too, and go on without it where it does not pay",
+        True, "Trial", "Compare a few unguided samples with guided ones, and stop guiding where it does not pay",
         "Trial and Training",
     )
     training_share: float = _declare(

@@ -24,10 +24,10 @@ measured. `python -m tools.settings_page` writes this page from `engine/settings
 - The scene's Cycles settings, which the panels show.
 - Before them a property of `scene.neuralguide` that a script sets. The panel shows it with a ✕, which leads back to
   Cycles' setting, as does `scene.neuralguide.property_unset("samples")`.
-- With *Use Cycles' Settings* (`use_cycles_settings`) off all of ours.
+- With *Use Cycles' Settings* (`use_cycles_settings`) off NeuralGuide's own settings alone.
   `bpy.ops.neuralguide.copy_cycles_settings()` sets ours to what Cycles' are now.
-- Where the Cycles add-on is off ours, whose defaults are Cycles'.
-- In a file that an older version saved with settings of ours *Use Cycles' Settings* is off, so it keeps its picture.
+- Where the Cycles add-on is off NeuralGuide's own, whose defaults are Cycles'.
+- *Use Cycles' Settings* is off in a file that an older version saved with NeuralGuide's own, so it keeps its picture.
 
 What Cycles' settings ask for and NeuralGuide does not have (the GPU and others) is said once a render.
 

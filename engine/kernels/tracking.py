@@ -64,7 +64,7 @@ _ROULETTE_BELOW = np.float32(0.1)
 #: Possible collisions of a ray: one that has more is in something far too dense.
 MOST_STEPS = 1 << 16
 
-# What becomes of a ray at a possible collision.
+# What a ray does at a possible collision.
 GOES_ON = 0
 COLLIDES = 1
 ENDS = 2
@@ -439,7 +439,7 @@ def read_uniform(scene, paths, lane, medium, sums):
 
 @kernel
 def meet_medium(paths, lane, tracking, row, majorant, sums, may_scatter, u_event, u_roulette):
-    """Decide what becomes of a path at a possible collision, and update its weight.
+    """Decide what a path does at a possible collision, and update its weight.
 
     It scatters, or goes on as after a null collision. The probability is the mean over channels, by what light each of
     them has left, of their own: what is left is divided by that, for all channels alike.

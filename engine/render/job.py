@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One render's threads: they take tasks from its loop, trace them, and bring what comes of them."""
+"""One render's threads: they take tasks from its loop, trace them, and bring the results."""
 
 from __future__ import annotations
 

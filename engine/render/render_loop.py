@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a render does from its first sample to its last, whoever traces it: threads of this process, or a cluster.
 
-It hands out tasks, puts what comes of them on the film, and learns between iterations. Which task is traced where and
+It hands out tasks, adds their results to the film, and learns between iterations. Which task is traced where and
 when changes nothing: a tile's tasks follow each other in the order of their samples, and what was recorded is learned
 from tile by tile.
 """
@@ -198,7 +198,7 @@ class RenderLoop:
             self.has_image = True
         return is_waiting
 
-    # -- what comes of them -------------------------------------------------------------------------------------------
+    # -- their results -------------------------------------------------------------------------------------------------
 
     def records(self, arm: int) -> bool:
         """Whether what units of an arm record is of use now."""

@@ -29,7 +29,7 @@ Pixels = Int32Array
 
 @dataclass(frozen=True)
 class TracedTiles:
-    """What comes of tasks of several tiles.
+    """Results of tasks of several tiles.
 
     sums : FilmTile, rows of all tiles one after the other
     costs : of each tile

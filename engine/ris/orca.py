@@ -66,7 +66,7 @@ def candidate_count(allocation, leaf, throughput_squared, is_recorded, u):
     throughput_squared : float32
         Squared throughput of the path before the vertex, mean over channels, over the squared pixel value for the
         relative error.
-    is_recorded : bool, whether an estimate comes of it
+    is_recorded : bool, whether it yields an estimate
     u : float32 in [0, 1)
     """
     count = FLOOR if is_recorded else np.float32(1.0)

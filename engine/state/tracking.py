@@ -67,7 +67,7 @@ class TrackedLanes(Bundle):
     majorant: Float32Array = column("of what may collide [m^-1]", "R")
     collision: Float32Array = column("where the path is scattered, -1: nowhere [m]", "R")
     step: Int32Array = column("possible collisions so far", "R")
-    u_event: Float32Array = column("random number for what becomes of the ray at `position`", "R")
+    u_event: Float32Array = column("random number that decides on a collision at `position`", "R")
     u_roulette: Float32Array = column("likewise", "R")
     lamp: Int32Array = column("lamp on the ray whose light is seen, -1 = none", "R")
     lamp_count: Int32Array = column("of how many it was picked", "R")

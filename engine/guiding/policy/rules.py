@@ -53,8 +53,8 @@ class Rules:
     #: What an iteration's guided samples count for in the next iteration's variance. Those of a guide that knew little
     #: can have a hundred times the variance, and must be forgotten sooner than what regions have learned.
     variance_decay: float = 0.4
-    #: Of a variance about a mean of the same samples, the share that is not in that mean: a half with two samples, none
-    #: with one. Less than this tells nothing.
+    #: Least share of a variance that is left when it is taken about a mean of the same samples: with n samples of equal
+    #: weight the share is (n - 1) / n. Less tells nothing.
     least_left: float = 0.4
 
     #: An iteration of fewer samples a pixel compares nothing.

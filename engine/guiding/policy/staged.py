@@ -10,7 +10,7 @@ from engine.guiding.policy.rules import RULES, Rules
 
 
 class Verdict(Enum):
-    """What becomes of a challenger."""
+    """How a challenger fared."""
 
     TAKEN = "taken"
     DROPPED = "dropped"
