@@ -37,7 +37,7 @@ slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh in
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
 	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
 		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks \
-		--ignore tests/engine/guiding/networks --ignore tests/engine/guiding/test_guided_sources.py
+		--ignore tests/engine/guiding/neural/networks --ignore tests/engine/guiding/test_guided_sources.py
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

@@ -172,7 +172,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     # -- the work ---------------------------------------------------------------------------------------------------
 
     def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
-        from engine.guiding.trainer import standby
+        from engine.guiding.models import training_process
         from engine.scene.description import Notice
         from engine.scene.limits import check_frame, texture_memory
 
@@ -192,7 +192,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
             # It gets ready while the scene is exported, and stays for the renders after this one.
-            standby.stand_by()
+            training_process.stand_by()
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
@@ -535,9 +535,9 @@ def register() -> None:
 
 def unregister() -> None:
     """Take it away."""
-    from engine.guiding.trainer import standby
+    from engine.guiding.models import training_process
 
-    standby.dismiss()
+    training_process.dismiss()
     material_preview.forget_session()
     if _forget_notices in bpy.app.handlers.render_init:
         bpy.app.handlers.render_init.remove(_forget_notices)

@@ -13,7 +13,7 @@ from .log import logger
 
 if TYPE_CHECKING:
     from engine.guiding.models.source_model import TrainedSource
-    from engine.guiding.sources.sequence_field import SequenceField
+    from engine.guiding.sources.sequence import SequenceField
     from engine.scene.description import Notice, SceneDescription
     from engine.settings import RenderSettings
 

@@ -18,18 +18,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.tables import table
-from engine.guiding.models.network_backend import kernel_call, least_seconds, make_probe, session_call
-from engine.guiding.networks.mixture import shape as mixtures
-from engine.guiding.networks.mixture.inference import (
+from engine.guiding.neural.models.network_backend import kernel_call, least_seconds, make_probe, session_call
+from engine.guiding.neural.networks.mixture import shape as mixtures
+from engine.guiding.neural.networks.mixture.inference import (
     allocate_mixture_scratch,
     evaluate_mixtures,
     make_mixture_network,
 )
-from engine.guiding.networks.mixture.shape import MixtureShape
-from engine.guiding.networks.onnx_files.files import StoredNetwork, network_to_onnx
-from engine.guiding.networks.onnx_session import RadianceSession, RuntimeProviders
-from engine.guiding.networks.radiance import COMPACT_SHAPE, NetworkShape, Snapshot, initial_parameters
-from engine.guiding.networks.radiance_query import make_network_field
+from engine.guiding.neural.networks.mixture.shape import MixtureShape
+from engine.guiding.neural.networks.onnx_files.files import StoredNetwork, network_to_onnx
+from engine.guiding.neural.networks.onnx_session import RadianceSession, RuntimeProviders
+from engine.guiding.neural.networks.radiance import COMPACT_SHAPE, NetworkShape, Snapshot, initial_parameters
+from engine.guiding.neural.networks.radiance_query import make_network_field
 
 #: Rows of a batch; a round of a thread has up to 4096 candidates.
 BATCHES = (16, 64, 256, 1024, 4096)

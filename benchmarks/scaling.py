@@ -171,9 +171,9 @@ def candidate_curves(effort: Effort, threads: int) -> list[Curve]:
 
 def network_curves(effort: Effort, threads: int) -> list[Curve]:
     """Time of asking the radiance network about a direction against its multiplications, on one thread."""
-    from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
-    from engine.guiding.networks.radiance import NetworkShape, Snapshot, initial_parameters
-    from engine.guiding.networks.radiance_query import make_network_field, predict_network
+    from engine.guiding.neural.networks.perceptron import MAX_WIDTH, allocate_scratch
+    from engine.guiding.neural.networks.radiance import NetworkShape, Snapshot, initial_parameters
+    from engine.guiding.neural.networks.radiance_query import make_network_field, predict_network
 
     rng = np.random.default_rng(5)
     vertices, per_vertex = 2048, 8

@@ -2,6 +2,7 @@
 """Guiding methods, a record each: what directions are drawn from, and what weighs them before one is picked.
 
 A new source is a module of `engine.guiding.sources` and a line of SOURCES. A new rung of AUTO is a line of RUNGS.
+Networks (`engine.guiding.neural`) are found by the names of modules that stand here, and in no other way.
 This module imports nothing: Blender's menus are made of it when the add-on is enabled.
 """
 
@@ -38,6 +39,28 @@ class Source:
 
 
 @dataclass(frozen=True)
+class TrainedPredictor:
+    """What weighs directions and is trained by a process of its own beside the render.
+
+    Attributes
+    ----------
+    name : str
+        As `Method.predictor` has it.
+    implementation : str
+        Module that brings it (`engine.guiding.models.predictors.Implementation`), relative to `engine.guiding.models`.
+    part : str
+        Of a learned field, that holds its state.
+    candidate_cost : float
+        Of a candidate that it weighs [rays], before there is anything to measure.
+    """
+
+    name: str
+    implementation: str
+    part: str
+    candidate_cost: float
+
+
+@dataclass(frozen=True)
 class Method:
     """What a user can choose, or AUTO chooses.
 
@@ -70,6 +93,8 @@ class Method:
     rungs: tuple[str, ...] = ()
 
 
+_MIXTURE = "..neural.sources.mixture"
+
 #: Files hold a source's place among these, so new ones go last.
 SOURCES: dict[str, Source] = {
     source.name: source
@@ -77,19 +102,33 @@ SOURCES: dict[str, Source] = {
         Source("VMM", "Mixtures", "Learn lobes of incident light", ".vmm"),
         Source("SDTREE", "SD-Tree", "Learn a tree of space and directions", ".sdtree"),
         Source("SDTREE_VARIANCE", "SD-Tree, Variance-Aware", "Learn a tree for the least variance", ".sdtree"),
-        Source("NPM", "Neural Mixtures", "Train a network for lobes of incident light", ".mixture", True, True),
+        Source("NPM", "Neural Mixtures", "Train a network for lobes of incident light", _MIXTURE, True, True),
         Source(
-            "NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material", ".mixture",
-            True, True,
+            "NPM_PRODUCT", "Neural Mixtures, Product", "Train a network for light times the material", _MIXTURE, True,
+            True,
         ),
         Source(
-            "NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes", ".mixture", True, True
+            "NASG", "Neural Anisotropic Mixtures", "Train a larger network for stretched lobes", _MIXTURE, True, True
         ),
         Source(
-            "FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons", ".flow", True
+            "FLOW", "Neural Flow", "Train a network for any shape; far too slow but for comparisons",
+            "..neural.sources.flow", True,
         ),
     )
 }  # fmt: skip
+
+#: By the name that methods give; what candidates cost: docs/decisions/candidates.md.
+TRAINED_PREDICTORS: dict[str, TrainedPredictor] = {
+    "NETWORK": TrainedPredictor("NETWORK", "..neural.models.network_predictor", "network", 0.4),
+}
+
+#: Module that trains one field for many frames (`engine.guiding.sources.sequence`), relative to
+#: `engine.guiding.sources`.
+SEQUENCE_TRAINING = "..neural.sources.sequence_field"
+
+#: Module of the process that trains networks, as the renderer starts and ends it
+#: (`engine.guiding.models.training_process`), relative to `engine.guiding.models`.
+TRAINING_PROCESS = "..neural.trainer.standby"
 
 #: What AUTO compares, coarsest first. A finer one is tried once those before it have been, where resampling promises
 #: to pay, and as soon as its predictor is ready.

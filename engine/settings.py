@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
-from engine.methods import METHODS, SOURCES, Method, rungs_of
+from engine.methods import METHODS, SOURCES, TRAINED_PREDICTORS, Method, rungs_of
 
 #: Sections of settings for experiments.
 EXPERIMENT_SECTIONS = ("Learning", "Candidates", "Neural Mixtures", "Time and Wavelengths", "Paths")
@@ -527,7 +527,7 @@ class RenderSettings:
     def trains_network(self) -> bool:
         """Whether a process beside the render will train a network; AUTO may, but seldom does."""
         first = METHODS[rungs_of(self.method)[0]]
-        learns = SOURCES[self.source].is_network or first.predictor == "NETWORK"
+        learns = SOURCES[self.source].is_network or first.predictor in TRAINED_PREDICTORS
         return self.is_guided and learns
 
 

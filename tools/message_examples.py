@@ -161,7 +161,7 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "engine/builder/lamps.py": {"', '.join(LAMP_KINDS)": "POINT, SPOT, AREA, SUN"},
     "engine/cluster/job.py": {"sentence": "out of memory", "name": "tcp://10.0.0.6:41307"},
     "engine/denoise/filter.py": {"name": "albedo"},
-    "engine/guiding/models/network_backend.py": {"PROVIDERS[instead]": "CPUExecutionProvider"},
+    "engine/guiding/neural/models/network_backend.py": {"PROVIDERS[instead]": "CPUExecutionProvider"},
     "engine/guiding/saved/file.py": {
         "MOST_BYTES >> 20": "512",
         "size >> 20": "2048",

@@ -32,7 +32,7 @@ class Child:
     ----------
     interpreter : str
     service : str
-        Module of the engine whose `serve(config, stream, answers)` the process calls ('guiding.worker.process').
+        Module of the engine whose `serve(config, stream, answers)` the process calls ('guiding.neural.worker.process').
     config : dict
         For the service; of what JSON has.
     memories : collection of SharedMemory

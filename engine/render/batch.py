@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.accel.scratch import RayScratch
-from engine.guiding.networks.onnx_session import RadianceSession
-from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
+from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.records.taught import TAUGHT_ROWS, allocate_taught_records
 from engine.guiding.records.unit_records import UnitRecords
@@ -19,6 +18,7 @@ from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
+from engine.runtime.bundle import Bundle
 from engine.settings import RenderSettings
 from engine.state.columns import copy_of, rows_of
 from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile, allocate_tile
@@ -74,14 +74,14 @@ class Arm(NamedTuple):
 
     guidance : Guidance or None
     learned : dict, fields of `GuidanceView` but for the thread's own
-    radiance : RadianceView
-    session : RadianceSession or None, what asks the radiance network if not the kernel
+    radiance : RadianceView, without the model
+    model : CandidateModel or None, what weighs candidates if neither a table nor the mixture does
     """
 
     guidance: Guidance | None
     learned: dict[str, Any]
     radiance: RadianceView
-    session: RadianceSession | None = None
+    model: CandidateModel | None = None
 
 
 @dataclass
@@ -170,8 +170,6 @@ class Batch:
             registers=allocate_memory(shaders),
             **{name: allocate_queue(lanes) for name in QUEUES},
             f_cos=np.zeros((lanes, value_width(channel_count)), np.float32),
-            latent=np.zeros((2, MAX_WIDTH), np.float32),
-            hidden=allocate_scratch(MAX_WIDTH),
             paths=allocate_paths(lanes, channel_count),
             points=allocate_points(lanes),
             closures=closures,
@@ -210,6 +208,8 @@ class Batch:
         self.unit_costs = UnitCosts()
         self._arm: Arm | None = None
         self.guidance: GuidanceView | None = None
+        self._model: CandidateModel | None = None
+        self._model_memory: Bundle | None = None
 
     def take(self, shaders: ShaderArrays) -> None:
         """Be ready for another render, of a scene with these programs."""
@@ -219,7 +219,7 @@ class Batch:
         self.work.media.is_lit[:] = 0
         self.work.media.collision_share[:] = 1.0
         self._guide = with_field(self._guide, None)
-        self._arm = self.guidance = None
+        self._arm = self.guidance = self._model = None
         self.statistics, self.unit_costs = Statistics(), UnitCosts()
 
     def take_records(self) -> UnitRecords:
@@ -247,6 +247,14 @@ class Batch:
                 raise TypeError("what was learned is not of the shape that kernels were compiled for")
             self.guidance = guidance
         return self.guidance
+
+    def predict_by(self, arm: Arm) -> RadianceView:
+        """What predicts radiance, and where paths end, with this thread's memory of the arm's model."""
+        if arm.model is None:
+            return arm.radiance
+        if arm.model is not self._model or self._model_memory is None:
+            self._model, self._model_memory = arm.model, arm.model.memory(self._model_memory)
+        return arm.radiance._replace(model=self._model_memory)
 
     def begin(self) -> None:
         """All lanes free, nothing counted, the film black."""

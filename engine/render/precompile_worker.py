@@ -172,10 +172,11 @@ def _compile_cache() -> None:
 def _compile_learning() -> None:
     from engine.settings import LEAST_GUIDED_SAMPLES
 
-    # Choosing looks at all methods in turn, and the network's records are packed for the process that trains it.
-    _render("AUTO", samples=4 * LEAST_GUIDED_SAMPLES)
-    _render("AUTO", samples=4 * LEAST_GUIDED_SAMPLES, spectral="ON")
-    _render("NEURAL_RIS", samples=4 * LEAST_GUIDED_SAMPLES)
+    # Choosing looks at all methods in turn. What AUTO asks a network by once it trains one, a method that names it
+    # loads.
+    for method in ("AUTO", "NEURAL_RIS"):
+        for spectral in ("OFF", "ON"):
+            _render(method, samples=4 * LEAST_GUIDED_SAMPLES, spectral=spectral)
     _render("OFF", use_adaptive_sampling=True, use_denoising=True)
 
 

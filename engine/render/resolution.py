@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from engine.builder.scene import Scene
 from engine.guiding.policy.request import LearningRequest
-from engine.guiding.sources.sequence_field import with_sequence_u
+from engine.guiding.sources.sequence import with_sequence_u
 from engine.render.light_passes import group_pass
 from engine.scene.description import Notice, SceneDescription
 from engine.settings import RenderSettings

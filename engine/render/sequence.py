@@ -21,14 +21,9 @@ from dataclasses import replace
 import numpy as np
 
 from engine.guiding.models.record_sink import RowSink
-from engine.guiding.models.source_model import TrainedSource
-from engine.guiding.networks.mixture.inference import make_mixture_network
-from engine.guiding.networks.mixture.shape import MixtureSettings, MixtureShape, selection_blend
-from engine.guiding.networks.radiance import Snapshot
 from engine.guiding.policy.rules import RULES
-from engine.guiding.sources import network_design
-from engine.guiding.sources.sequence_field import SequenceField, u_span, with_sequence_u
-from engine.guiding.trainer.handle import NetworkTrainer, TrainerState
+from engine.guiding.sources.sequence import SequenceField, begin_training, u_span, with_sequence_u
+from engine.guiding.sources.sequence import TrainingFailed as TrainingFailed
 from engine.methods import SOURCES
 from engine.render.report import Progress
 from engine.render.session import LoadCancelled, Session
@@ -41,16 +36,7 @@ from engine.settings import RenderSettings
 MOST_TRAINING_FRAMES = 32
 #: Pixels of a frame that is visited: of larger pictures a smaller copy is traced, since no more records are kept.
 MOST_PIXELS = RULES.records_per_iteration // 4
-#: Steps of training for each sample a pixel of a visit; fewer if there are too few records for so many.
-_STEPS_PER_SAMPLE = 16
-#: Steps between two looks at whether to stop.
-_STEPS_AT_ONCE = 16
-_POLL_SECONDS = 0.05
 _INT32_MAX = 2**31 - 1
-
-
-class TrainingFailed(Exception):
-    """No field could be trained; the message says why."""
 
 
 def sequence_problem(settings: RenderSettings) -> str:
@@ -149,13 +135,11 @@ def train_sequence(
             done += length
     finally:
         training.close()
-    if training.snapshot is None:
-        raise TrainingFailed("there was no light to learn from")
-    return SequenceField(span, u_dimension, training.shape, training.snapshot, training.samples, len(descriptions))
+    return training.field(span, len(descriptions))
 
 
 class _Training:
-    """The network in training, and the session that renders what it is trained on."""
+    """The field in training, and the session that renders what it is trained on."""
 
     def __init__(
         self, settings: RenderSettings, u_dimension: str, frame_count: int,
@@ -164,27 +148,16 @@ class _Training:
         self._settings = with_sequence_u(training_settings(settings), u_dimension)
         self._settings = replace(self._settings, threads=settings.threads)
         self._seed = settings.seed
-        self._u_dimension = u_dimension
         self._on_progress = on_progress
         self._should_cancel = should_cancel
         self._started = time.perf_counter()
         self._progress = Progress(0.0, 0, 0, 0.0, None, 0.0, "")
-        design = network_design(self._settings)
-        assert isinstance(design.shape, MixtureShape)
-        self.shape = design.shape
-        self.snapshot: Snapshot | None = None
-        self.samples = 0.0
-        self._step_limit = 0
         self._session = Session(self._settings)
-        how = design.training
-        assert isinstance(how, MixtureSettings)
-        # Records of all frames must fit side by side.
-        how = replace(how, submission_rows=max(min(how.submission_rows, how.buffer_rows // frame_count), 1))
-        self._trainer = NetworkTrainer(
-            self.shape, seed=settings.seed, deterministic=settings.deterministic, on_command=True,
-            thread_count=self._session.thread_count, settings=how,
+        self._training = begin_training(
+            self._settings, u_dimension, seed=settings.seed, frame_count=frame_count,
+            thread_count=self._session.thread_count,
         )
-        self._trainer.start()
+        self.field = self._training.field
 
     def announce(self, fraction: float, description: SceneDescription, visit: int, visit_count: int) -> None:
         """Say what is to follow."""
@@ -216,41 +189,18 @@ class _Training:
             on_progress=lambda progress: self._poll("" if number else progress.message),
             should_cancel=self._should_cancel,
         )
-        network = None
-        if self.snapshot is not None:
-            network = make_mixture_network(self.shape, self.snapshot, selection_blend(self.samples), u)
         sink = RowSink(u)
         result = session.render(
             on_progress=lambda _progress: self._poll(), should_cancel=self._should_cancel,
-            source=TrainedSource(network, self._u_dimension), sink=sink,
+            source=self._training.source(u), sink=sink,
         )
         if result.report.cancelled:
             raise LoadCancelled
-        self.samples += samples
-        self._train(np.concatenate(sink.rows or [np.zeros((0, self.shape.row_width), np.float32)]), samples)
-
-    def _train(self, rows: np.ndarray, samples: int) -> None:
-        trainer = self._trainer
-        while trainer.status.state is TrainerState.STARTING:
-            self._poll()
-            time.sleep(_POLL_SECONDS)
-        trainer.submit(rows, len(rows))
-        goal = self._step_limit + _STEPS_PER_SAMPLE * samples
-        while self._step_limit < goal:
-            self._step_limit = min(self._step_limit + _STEPS_AT_ONCE, goal)
-            self.snapshot = trainer.train_until(self._step_limit) or self.snapshot
-            self._poll()
-            status = trainer.status
-            if status.state is TrainerState.DEAD:
-                raise TrainingFailed(status.message)
-            if status.step < self._step_limit:
-                # Too few records for more.
-                self._step_limit = status.step
-                break
+        self._training.train(sink, samples, self._poll)
 
     def close(self) -> None:
         """End the worker and free the scene."""
-        self._trainer.close()
+        self._training.close()
         self._session.close()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.reflected.field import no_reflected
 from engine.guiding.fields.table import no_table
 from engine.guiding.fields.vmm.field import no_field
-from engine.guiding.networks.onnx_session import RadianceSession
-from engine.guiding.networks.radiance import network_shape
-from engine.guiding.networks.radiance_query import no_network
+from engine.guiding.models.candidate_model import CandidateModel
+from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Arm, Batch
+from engine.render.python_stages import python_stages
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
 from engine.runtime.stage_table import StageTable
@@ -47,7 +46,6 @@ from engine.state.shaders import (
 )
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
-    ROWS,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
@@ -65,7 +63,7 @@ from engine.wavefront.columns import (
     SCENE_WORLD_IS_CONSTANT,
     SCENE_WORLD_PROGRAM,
     SCENE_WORLD_VISIBILITY,
-    SHADOW_ROWS,
+    UNIT_ASKS_MODEL,
     UNIT_CATCHES,
     UNIT_DIVIDES_WAVELENGTHS,
     UNIT_FOLLOWS,
@@ -88,12 +86,11 @@ from engine.wavefront.columns import (
     UNIT_USE_FEATURES,
     UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
-    VERTICES,
 )
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.stages import STAGES, Loop, stage_arguments
 from engine.wavefront.trace_rounds import trace_rounds
-from engine.wavefront.work import GuidanceView, LaneQueue, RadianceView, SceneView, UnitView, Work
+from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
@@ -113,6 +110,11 @@ def _with_clearance(scene: Scene) -> np.ndarray:
     real = camera.real.copy()
     real[CAMERA_CLEAR] = clear_distance(camera.motion[0, [3, 7, 11]], scene.geometry, scene.media.has_inside)
     return real
+
+
+def _link_of(model: CandidateModel, batch: Batch) -> object:
+    """What decides whether a stage that asks a model can ask another."""
+    return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
 
 
 class Tracer:
@@ -180,9 +182,11 @@ class Tracer:
             "benefit": nothing,
         }
         self._no_radiance = RadianceView(
-            no_table(channel_count), no_network(network_shape(settings)), no_cells(), no_reflected()
+            no_table(channel_count), NoModel(np.zeros(1, np.uint8)), no_cells(), no_reflected()
         )
         self._settings = settings
+        #: Of the type that will weigh candidates, where that is known before anything is learned.
+        self._unlearned = unlearned_model(settings)
         self.guidance: Guidance | None = None
         if self._linked_for is None:
             self._unlink()
@@ -195,6 +199,8 @@ class Tracer:
         """A new table: the types of the stages' arguments follow from scene and settings."""
         self.stages = StageTable(STAGES)
         self._compiled_loop: BoundKernel | None = None
+        #: What `ask_model` is linked for.
+        self._asked: object = None
 
     def let_go(self) -> None:
         """Hold on to no scene and to nothing learned, for their memory; `take` comes before the next unit."""
@@ -235,7 +241,23 @@ class Tracer:
         if needed != self._linked_for:
             self._linked_for = needed
             self._unlink()
-        return self._compiled_loop is not None
+        return self._compiled_loop is not None and all(
+            self._asked == _link_of(model, batch) for model in self._models
+        )
+
+    @property
+    def _models(self) -> list[CandidateModel]:
+        """What may be asked about candidates in this render, as far as that is known."""
+        found = [self._unlearned, *(arm.model for arm in self._arms.values())]
+        return [model for model in found if model is not None]
+
+    def _link_model(self, model: CandidateModel, batch: Batch) -> None:
+        """Have a stage ask a model. The last render's threads have ended, and this one's have not had one to ask."""
+        if self._asked == _link_of(model, batch):
+            return
+        self._asked = _link_of(model, batch)
+        if not self.stages.plug("ask_model", model.kernel, model.memory(None), batch.work.candidates, 0, 0):
+            self._compiled_loop = None
 
     @property
     def light_clusters(self) -> np.ndarray | None:
@@ -270,18 +292,21 @@ class Tracer:
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,
-            predicts_color=guidance.table is not None or guidance.network is not None,
+            predicts_color=guidance.table is not None or guidance.model is not None,
             probes_only=guidance.probes_only,
         )
         learned = {
             "options": options, "field": guidance.field, "allocation": guidance.allocation,
             "probability": guidance.probability, "light_share": guidance.light_share, "benefit": guidance.benefit,
         }
-        return Arm(guidance, learned, self._radiance_of(guidance), guidance.network_session)
+        if guidance.model is not None and self._batches:
+            self._link_model(guidance.model, self._batches[0])
+        return Arm(guidance, learned, self._radiance_of(guidance), guidance.model)
 
     def _radiance_of(self, guidance: Guidance | None) -> RadianceView:
         """What predicts radiance, and where paths end."""
-        learned = {} if guidance is None else {name: getattr(guidance, name) for name in RadianceView._fields}
+        names = [name for name in RadianceView._fields if name not in RadianceView._opaque]
+        learned = {} if guidance is None else {name: getattr(guidance, name) for name in names}
         radiance = self._no_radiance._replace(**{name: one for name, one in learned.items() if one is not None})
         if radiance._numba_type_ != self._no_radiance._numba_type_:
             raise TypeError("what was learned is not of the shape that kernels were compiled for")
@@ -296,6 +321,8 @@ class Tracer:
             loop.bind(*arguments)
             if is_linked:
                 self._compiled_loop = loop
+        for model in self._models:
+            self._link_model(model, batch)
 
     def _rehearsed_loop(self, batch: Batch) -> Loop:
         """The same, and what decides which stages may be called."""
@@ -371,14 +398,14 @@ class Tracer:
         """
         batch.begin()
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
-        session = self._arms[unit.arm].session
-        asks_session = session is not None and session.provider
-        if self.ray_observer is None and not asks_session and self._compiled_loop is not None:
+        model = self._arms[unit.arm].model
+        ask = None if model is None else model.ask_elsewhere
+        if self.ray_observer is None and ask is None and self._compiled_loop is not None:
             loop: Callable[..., Any] = self._compiled_loop
             arguments = self._arguments(self.stages, batch, unit, stop)
         else:
             loop = self._python_loop
-            arguments = self._arguments(self._python_stages(session), batch, unit, stop)
+            arguments = self._arguments(python_stages(self.stages, self.ray_observer, ask), batch, unit, stop)
         is_finished = loop(*arguments)
         if is_finished and self.layout.has_catchers:
             batch.begin_followers()
@@ -386,8 +413,8 @@ class Tracer:
             arguments[2].header[UNIT_FOLLOWS] = 1
             is_finished = loop(*arguments)
         seconds = time.perf_counter() - started
-        # Who answers for a session does so in threads of its own.
-        cost = seconds if asks_session else _UNIT_CLOCK() - cost_from
+        # Who answers elsewhere does so in threads of its own.
+        cost = seconds if ask is not None else _UNIT_CLOCK() - cost_from
         batch.count(seconds, len(unit.pixels) * unit.sample_count if is_finished else 0, cost)
         return bool(is_finished)
 
@@ -420,40 +447,10 @@ class Tracer:
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_PREDICTS] = guidance is not None and guidance.reflected is not None
         header[UNIT_LEARNS_LIGHTS] = self._guidance is not None and self._guidance.lights is not None
+        header[UNIT_ASKS_MODEL] = arm.model is not None
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)
         return (
-            stages, self.view, view, batch.follow(arm), arm.radiance, batch.work, stop
+            stages, self.view, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
         )  # fmt: skip
-
-    def _python_stages(self, session: RadianceSession | None) -> SimpleNamespace:
-        """The stages for a loop in Python, with an observer of rays if there is one, and what asks the network."""
-        stages = self.stages.as_dict()
-        observer = self.ray_observer
-        if observer is not None:
-            closest, shadow = stages["intersect_closest"], stages["intersect_shadow"]
-
-            def intersect_closest(scene: SceneView, unit: UnitView, work: Work, queue: LaneQueue) -> None:
-                observer("closest", work.paths, queue.lanes, int(queue.count[0]))
-                closest(scene, unit, work, queue)
-
-            def intersect_shadow(scene: SceneView, unit: UnitView, work: Work, queue: LaneQueue) -> None:
-                observer("shadow", work.shadows, work.paths, int(work.counts[SHADOW_ROWS]))
-                shadow(scene, unit, work, queue)
-
-            stages |= {"intersect_closest": intersect_closest, "intersect_shadow": intersect_shadow}
-        if session is not None:
-            ask_kernel = stages["predict_radiance"]
-
-            def predict_radiance(radiance: RadianceView, guidance: GuidanceView, work: Work) -> None:
-                candidates, counts = work.candidates, work.counts
-                is_done = session.predict(
-                    candidates.position, candidates.time, candidates.hero, candidates.vertex, candidates.direction,
-                    int(counts[VERTICES]), int(counts[ROWS]), candidates.radiance,
-                )
-                if not is_done:
-                    ask_kernel(radiance, guidance, work)
-
-            stages["predict_radiance"] = predict_radiance
-        return SimpleNamespace(**stages)

@@ -52,6 +52,8 @@ class Bundle:
     _fields: ClassVar[tuple[str, ...]] = ()
     #: Fields whose inner dimensions vary from scene to scene: they must not be part of the type.
     _dynamic: ClassVar[frozenset[str]] = frozenset()
+    #: Fields that hold bundles of any class, which is no part of the type: kernels only pass them on (`OpaqueType`).
+    _opaque: ClassVar[frozenset[str]] = frozenset()
     #: Whether fields are `RowsType` in kernels.
     _rows: ClassVar[bool] = False
 
@@ -117,7 +119,10 @@ class Bundle:
     def _describe(self) -> BundleType:
         """The type; that of the last bundle whose fields are alike, since making one takes long."""
         alike: list[Any] = [type(self)]
-        for value in (self.__dict__[name] for name in self._fields):
+        for name in self._fields:
+            value = self.__dict__[name]
+            if name in self._opaque:
+                continue
             if isinstance(value, np.ndarray):
                 alike.append((value.dtype, value.shape[1:], value.strides if self._rows else None))
             elif isinstance(value, Bundle):
@@ -136,7 +141,9 @@ class Bundle:
         described: list[tuple[str, Any]] = []
         for name in self._fields:
             value = self.__dict__[name]
-            if isinstance(value, tuple):
+            if name in self._opaque:
+                described.append((name, OPAQUE))
+            elif isinstance(value, tuple):
                 described.append((name, typeof(value) if hasattr(value, "_fields") else value))
             elif isinstance(value, Bundle):
                 described.append((name, value._numba_type_))
@@ -190,6 +197,16 @@ class FieldType(types.Type):
         return Conversion.safe if other == self.array_type else None
 
 
+class OpaqueType(types.Type):
+    """Numba's type of a bundle that kernels pass on without knowing its class."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Opaque")
+
+
+OPAQUE = OpaqueType()
+
+
 class BundleType(types.Type):
     """Numba's type of a bundle: its name; by field a tuple, or the type of a named tuple, bundle, rows or field."""
 
@@ -216,6 +233,7 @@ def _is_tuple_field(described: Any) -> bool:
     return isinstance(described, tuple)
 
 
+@register_model(OpaqueType)
 @register_model(BundleType)
 class AddressModel(models.PrimitiveModel):
     """In kernels an object is the address it has in Python."""
@@ -262,7 +280,7 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
     first = _word(builder, value, index * _FIELD_WORDS)
     if isinstance(described, RowsType):
         return builder.inttoptr(first, context.get_value_type(described))
-    if isinstance(described, BundleType):
+    if isinstance(described, (BundleType, OpaqueType)):
         return first
     values = []
     for position, number_type in enumerate(described.types):

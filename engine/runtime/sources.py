@@ -31,6 +31,9 @@ def _module_file(name: str) -> Path | None:
 #: Import statements, in functions too; text of a docstring that reads like one does no harm.
 _IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 _COMMENT = re.compile(r"#[^\n]*")
+#: What a module that imports others by name says of them: their packages.
+_FOUND_BY_NAME = re.compile(r"^FOUND_BY_NAME = \(([^)]*)\)", re.MULTILINE)
+_STRING = re.compile(r'"([^"]*)"')
 
 
 @cache
@@ -49,9 +52,12 @@ def imported_modules(name: str, file: Path) -> frozenset[str]:
         base = importlib.util.resolve_name(source, package) if source.startswith(".") else source
         found.add(base)
         found.update(f"{base}.{item}" for item in imported)
-    if file.name == "__init__.py" and b"import_module(" in _text(file):
-        # A package that looks its modules up by name.
-        found.update(f"{name}.{module.stem}" for module in file.parent.glob("*.py") if module != file)
+    for names in _FOUND_BY_NAME.findall(_text(file).decode()):
+        for given in _STRING.findall(names):
+            base = importlib.util.resolve_name(given, package)
+            folder = _module_file(base)
+            assert folder is not None, f"{name} finds modules by name in {base}, which is no package of the engine"
+            found.update(f"{base}.{module.stem}" for module in folder.parent.glob("*.py") if module != file)
     return frozenset(module for module in found if _module_file(module) is not None)
 
 

@@ -118,6 +118,33 @@ class StageTable:
         """Stages to be called from Python."""
         return dict(self._stages)
 
+    def plug(self, name: str, stage: Callable[..., Any], *arguments: Any) -> bool:
+        """Have a stage called in the place of the one of that name; no thread may be calling that.
+
+        Parameters
+        ----------
+        name : str
+        stage : callable
+            Takes what the loop passes; of a bundle that is opaque to the loop it may know the class.
+        arguments
+            Values of the types that it is to be compiled for.
+
+        Returns
+        -------
+        bool
+            False if it is no kernel: compiled code must not reach it.
+        """
+        self._stages[name] = bound = BoundKernel(stage) if isinstance(stage, Kernel) else stage
+        if isinstance(bound, BoundKernel):
+            self._link(name, bound, arguments)
+        return isinstance(bound, BoundKernel)
+
+    def _link(self, name: str, stage: BoundKernel, arguments: tuple[Any, ...]) -> None:
+        stage.bind(*arguments)
+        if stage.signature.return_type != types.none:
+            raise TypeError(f"stage {name} returns {stage.signature.return_type}, not nothing")
+        self._pointers[list(self._stages).index(name)] = stage.address
+
     def link(self, arguments: Mapping[str, tuple[Any, ...]]) -> bool:
         """Load or compile stages and make the table usable in kernels; False if one of them is no kernel.
 
@@ -133,14 +160,11 @@ class StageTable:
             If a stage returns anything.
         """
         is_compiled = True
-        for index, (name, stage) in enumerate(self._stages.items()):
+        for name, stage in self._stages.items():
             if name not in arguments:
                 continue
             if not isinstance(stage, BoundKernel):
                 is_compiled = False
                 continue
-            stage.bind(*arguments[name])
-            if stage.signature.return_type != types.none:
-                raise TypeError(f"stage {name} returns {stage.signature.return_type}, not nothing")
-            self._pointers[index] = stage.address
+            self._link(name, stage, arguments[name])
         return is_compiled

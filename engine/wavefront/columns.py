@@ -47,7 +47,8 @@ UNIT_SHOWS_BACKGROUND = 17  # the Environment pass is asked for: it has what a t
 UNIT_PREDICTS = 18  # roulette goes by what surfaces were found to send back
 UNIT_LEARNS_LIGHTS = 19  # recorded paths say which lights they have sampled
 UNIT_GUIDES_MEDIA = 20  # recorded paths make records of collisions with media, and guided ones are guided there
-UNIT_HEADER_WIDTH = 21
+UNIT_ASKS_MODEL = 21  # what weighs candidates is a model (`RadianceView.model`)
+UNIT_HEADER_WIDTH = 22
 
 # Work.counts: where a unit stands, then, from REJECTS on, what has been counted in it.
 NEXT_PATH = 0

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: incident radiance along candidates, by the finest of what has been learned."""
+"""Stages: incident radiance along candidates, by the finest of what has been learned."""
 
 import numpy as np
 
 from engine.guiding.fields.table import predict_table
-from engine.guiding.networks.radiance_query import predict_network
 from engine.guiding.sampling.guide import predict_guide
 from engine.kernels.constants import FLOAT_MAX
 from engine.kernels.vector import load
@@ -15,20 +14,14 @@ from engine.wavefront.columns import ROWS
 
 @kernel
 def predict_radiance(radiance, guidance, work):
-    """Fill `candidates.radiance` from the network, else from the region's table, else from the (grey) mixture.
+    """Fill `candidates.radiance` from the region's table, else from the (grey) mixture.
 
     Parameters
     ----------
     radiance : RadianceView
     """
-    table, network = radiance.table, radiance.network
+    table = radiance.table
     guide, guided, candidates, row_count = guidance.guide, work.guided, work.candidates, work.counts[ROWS]
-    if network.is_ready[0] != 0:
-        predict_network(
-            network, candidates.position, candidates.time, candidates.hero, candidates.vertex, candidates.direction,
-            row_count, work.latent, work.hidden, candidates.radiance,
-        )
-        return
     has_table = table.values.shape[0] > 0
     for row in range(row_count):
         lane = candidates.lane[candidates.vertex[row]]
@@ -38,6 +31,11 @@ def predict_radiance(radiance, guidance, work):
         mean = predict_guide(guide, lane, load(candidates.direction, row), candidates.guide_pdf[row])
         for c in range(candidates.radiance.shape[1]):
             candidates.radiance[row, c] = mean
+
+
+@kernel
+def ask_model(memory, candidates, vertex_count, row_count):
+    """Stands for the kernel of a model (`CandidateModel.kernel`), which fills `candidates.radiance`."""
 
 
 @kernel

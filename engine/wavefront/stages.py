@@ -53,7 +53,7 @@ from engine.wavefront.move_media import move_media
 from engine.wavefront.occlusion import aim_occlusion, keep_occlusion
 from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
 from engine.wavefront.play_roulette import play_roulette
-from engine.wavefront.predict_radiance import blend_with_mixture, predict_radiance
+from engine.wavefront.predict_radiance import ask_model, blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.resample_collisions import draw_collision_candidates, resample_collisions
@@ -267,6 +267,8 @@ _STAGES = (
     Stage(sample_source, "sample_source", _is_guided, _guided),
     Stage(draw_candidates, "draw_candidates", _is_guided, _guided),
     Stage(predict_radiance, "predict_radiance", _is_guided, lambda loop: (loop.radiance, loop.guidance, loop.work)),
+    # Linked by who knows the model (`Tracer`).
+    Stage(ask_model, "predict_radiance", lambda loop: False),
     Stage(blend_with_mixture, "predict_radiance", _is_guided, lambda loop: (loop.guidance, loop.work)),
     Stage(guide_resample, "guide_resample", _is_guided, _guided),
     Stage(cross_boundaries, "sample_medium", _MEDIA),

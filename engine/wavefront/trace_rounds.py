@@ -11,6 +11,7 @@ from engine.state.shaders import MODE_EMISSION, MODE_MEDIUM, MODE_TRANSPARENCY
 from engine.wavefront.columns import (
     CLOCK,
     NEXT_LANE,
+    ROWS,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
@@ -19,6 +20,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
+    UNIT_ASKS_MODEL,
     UNIT_CATCHES,
     UNIT_FOLLOWS,
     UNIT_GUIDES_MEDIA,
@@ -31,6 +33,7 @@ from engine.wavefront.columns import (
     UNIT_USE_FEATURES,
     UNIT_USE_OCCLUSION,
     UNIT_USES_CACHE,
+    VERTICES,
 )
 
 
@@ -169,9 +172,13 @@ def _light_segments(stages, scene, unit, guidance, work):
 
 
 @kernel
-def _predict(stages, guidance, radiance, work):
+def _predict(stages, unit, guidance, radiance, work):
     """Say what arrives along candidates."""
-    stages.predict_radiance(radiance, guidance, work)
+    if unit.header[UNIT_ASKS_MODEL] != 0:
+        counts = work.counts
+        stages.ask_model(radiance.model, work.candidates, counts[VERTICES], counts[ROWS])
+    else:
+        stages.predict_radiance(radiance, guidance, work)
     if guidance.options.blends_mixture != 0:
         stages.blend_with_mixture(guidance, work)
     mark(work.clock, CLOCK.predict_radiance)
@@ -185,7 +192,7 @@ def _resample(stages, scene, unit, guidance, radiance, work):
     while counts[NEXT_LANE] < work.several.count[0]:
         stages.draw_candidates(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.draw_candidates)
-        _predict(stages, guidance, radiance, work)
+        _predict(stages, unit, guidance, radiance, work)
         stages.guide_resample(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.guide_resample)
 
@@ -200,7 +207,7 @@ def _guide_collisions(stages, scene, unit, guidance, radiance, work):
     while counts[NEXT_LANE] < work.several.count[0]:
         stages.draw_collision_candidates(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.draw_candidates)
-        _predict(stages, guidance, radiance, work)
+        _predict(stages, unit, guidance, radiance, work)
         stages.resample_collisions(scene, unit, guidance, work, work.several)
         mark(clock, CLOCK.guide_resample)
 

@@ -9,7 +9,6 @@ from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.reflected.field import ReflectedField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
-from engine.guiding.networks.radiance_query import NetworkField
 from engine.guiding.records.taught import TaughtRecords
 from engine.guiding.records.vertices import VertexLog, VertexRecords
 from engine.kernels.bsdf.tables import BsdfTables
@@ -62,15 +61,27 @@ class SceneView(Bundle):
     options: IntegratorOptions
 
 
+class NoModel(Bundle):
+    """In the place of a model's memory where there is none; nobody reads it.
+
+    nothing : uint8 (1,)
+    """
+
+    nothing: np.ndarray
+
+
 class RadianceView(Bundle):
     """What predicts radiance along candidates, if it is not the mixture, and where paths end; where there is none, its
     shape and never read, or cells that know nothing; and what roulette goes by.
 
-    Apart from `GuidanceView`: a network's shape depends on settings, and only one stage is to be compiled for it.
+    model : `engine.guiding.models.candidate_model.CandidateModel.memory`, of any class: only the stage that asks it is
+        compiled for that
     """
 
+    _opaque = frozenset({"model"})
+
     table: TableField
-    network: NetworkField
+    model: Bundle
     cells: CellField
     reflected: ReflectedField
 
@@ -146,7 +157,6 @@ class Work(Bundle):
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
     tracking : how far their rays have been followed through media that vary
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
-    latent, hidden : float32, activations of a network (`engine.guiding.networks.radiance_query.predict_network`)
     """
 
     counts: np.ndarray
@@ -168,8 +178,6 @@ class Work(Bundle):
     single: LaneQueue
     several: LaneQueue
     f_cos: np.ndarray
-    latent: np.ndarray
-    hidden: np.ndarray
     paths: PathState
     points: ShadePoints
     closures: Closures

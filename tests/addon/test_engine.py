@@ -280,7 +280,7 @@ def test_the_file_says_how_it_was_made(cube_scene: Any, fake: FakeEngine, tmp_pa
 def test_a_worker_stands_by_for_renders_that_train_a_network(
     cube_scene: Any, fake: FakeEngine, tmp_path: Path, monkeypatch: Any, method: str, source: str, stands_by: bool
 ) -> None:
-    from engine.guiding.trainer import standby
+    from engine.guiding.neural.trainer import standby
 
     calls: list[str] = []
     monkeypatch.setattr(standby, "stand_by", lambda: calls.append("stand by"))
@@ -294,7 +294,7 @@ def test_a_worker_stands_by_for_renders_that_train_a_network(
 
 def test_the_worker_goes_with_the_add_on(monkeypatch: Any) -> None:
     import addon
-    from engine.guiding.trainer import standby
+    from engine.guiding.neural.trainer import standby
 
     calls: list[str] = []
     monkeypatch.setattr(standby, "dismiss", lambda: calls.append("dismiss"))

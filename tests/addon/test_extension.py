@@ -73,7 +73,7 @@ facts["numba"] = sys.modules["numba"].__file__
 facts["origins"] = sys.modules["bl_ext.user_default.neuralguide.engine.runtime.kernel_cache"].describe_kernels()
 
 from importlib import import_module
-networks = "bl_ext.user_default.neuralguide.engine.guiding.networks."
+networks = "bl_ext.user_default.neuralguide.engine.guiding.neural.networks."
 radiance, sessions = import_module(networks + "radiance"), import_module(networks + "onnx_session")
 bounds, shape = np.array([[-1.0] * 3, [1.0] * 3], np.float32), radiance.COMPACT_SHAPE
 snapshot = radiance.Snapshot(1, 1, 0.0, 1.0, bounds, radiance.initial_parameters(shape, 0))

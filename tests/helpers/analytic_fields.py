@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from engine.guiding.networks.mixture.shape import MixtureShape
+from engine.guiding.neural.networks.mixture.shape import MixtureShape
 from engine.guiding.records.training_rows import make_rows
 from tests.helpers.guiding_harness import uniform_directions
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.guiding.fields.vmm.field import GUIDE_KAPPA, GUIDE_WEIGHT, GUIDE_X, GUIDE_Z, allocate_guide
 from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, sample_vmm
-from engine.guiding.networks.lobes.nasg import (
+from engine.guiding.neural.networks.lobes.nasg import (
     LOG_A_HIGH,
     NASG_A,
     NASG_COS_TAU,
@@ -26,7 +26,7 @@ from engine.guiding.networks.lobes.nasg import (
     predict_nasg,
     sample_nasg,
 )
-from engine.guiding.networks.lobes.vmf import (
+from engine.guiding.neural.networks.lobes.vmf import (
     LOG_KAPPA_HIGH,
     VMF_LOG_KAPPA,
     VMF_LOGIT,

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.guiding.networks.mixture import shape as shapes
-from engine.guiding.networks.mixture.shape import MixtureShape, initial_parameters
-from engine.guiding.networks.radiance import Snapshot
+from engine.guiding.neural.networks.mixture import shape as shapes
+from engine.guiding.neural.networks.mixture.shape import MixtureShape, initial_parameters
+from engine.guiding.neural.networks.radiance import Snapshot
 from tests.helpers.guiding_harness import random_directions
 
 #: Of the snapshots below [m].

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.guiding.networks.encoding import encode_directions, encode_positions, make_encoding
-from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
-from engine.guiding.networks.radiance import NetworkShape, Snapshot, TrainingSettings, initial_parameters
-from engine.guiding.networks.radiance_query import make_network_field, predict_network
+from engine.guiding.neural.networks.encoding import encode_directions, encode_positions, make_encoding
+from engine.guiding.neural.networks.perceptron import MAX_WIDTH, allocate_scratch
+from engine.guiding.neural.networks.radiance import NetworkShape, Snapshot, TrainingSettings, initial_parameters
+from engine.guiding.neural.networks.radiance_query import make_network_field, predict_network
 from tests.helpers.guiding_harness import random_directions
 
 SHAPE = NetworkShape(table_size=1 << 12)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from engine.guiding.trainer import standby
+from engine.guiding.neural.trainer import standby
 from engine.processes.child import ENTRY
 
 

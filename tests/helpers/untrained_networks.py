@@ -9,15 +9,15 @@ import numpy as np
 
 from engine.guiding.models.predictors import PREDICTORS, Predictions, Predictor
 from engine.guiding.models.source_model import SourceModel
-from engine.guiding.networks.flow.field import make_flow_field
-from engine.guiding.networks.flow.shape import FlowShape, initial_flow_parameters
-from engine.guiding.networks.mixture.inference import make_mixture_network
-from engine.guiding.networks.mixture.shape import initial_parameters
-from engine.guiding.networks.radiance import NETWORK_SHAPES, Snapshot, network_shape
-from engine.guiding.networks.radiance_query import make_network_field, no_network
-from engine.guiding.sources import network_design
-from engine.wavefront.columns import ROWS
-from engine.wavefront.stages import STAGES
+from engine.guiding.neural.models import network_predictor
+from engine.guiding.neural.models.radiance_model import RadianceModel
+from engine.guiding.neural.networks.flow.field import make_flow_field
+from engine.guiding.neural.networks.flow.shape import FlowShape, initial_flow_parameters
+from engine.guiding.neural.networks.mixture.inference import make_mixture_network
+from engine.guiding.neural.networks.mixture.shape import initial_parameters
+from engine.guiding.neural.networks.radiance import NETWORK_SHAPES, Snapshot, network_shape
+from engine.guiding.neural.networks.radiance_query import make_network_field, no_network
+from engine.guiding.neural.sources import network_design
 
 #: Of what the networks are to see [m].
 BOUNDS = np.array(((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)), np.float32)
@@ -45,9 +45,8 @@ class BadNetwork:
         self._kind = kind
         self._random = np.random.default_rng(1)
 
-    def __call__(self, radiance, guidance, work):
-        row_count = work.counts[ROWS]
-        rows, directions = work.candidates.radiance[:row_count], work.candidates.direction[:row_count]
+    def __call__(self, memory, candidates, vertex_count, row_count):
+        rows, directions = candidates.radiance[:row_count], candidates.direction[:row_count]
         if self._kind == "random":
             rows[:] = 10.0 ** self._random.uniform(-2.0, 2.0, rows.shape)
         elif self._kind == "inverted":
@@ -62,18 +61,18 @@ class Fixed(Predictor):
 
     has_begun = is_ready = True
 
-    def __init__(self, field, settings, report, notices):
+    def __init__(self, model, settings, report, notices):
         super().__init__(settings, report, notices)
-        self.predictions = Predictions(network=field)
+        self.predictions = Predictions(model=model)
 
     predictions = Predictions()
 
 
 def ask(network, monkeypatch):
     """Have renders ask `network`, from the first iteration on."""
-    field = no_network(NETWORK_SHAPES["COMPACT"])
-    monkeypatch.setitem(PREDICTORS, "NETWORK", partial(Fixed, field))
-    monkeypatch.setitem(STAGES, "predict_radiance", network)
+    model = RadianceModel(no_network(NETWORK_SHAPES["COMPACT"]))
+    model.kernel = network
+    monkeypatch.setitem(PREDICTORS, "NETWORK", partial(Fixed, model))
 
 
 def guess(monkeypatch):
@@ -87,7 +86,7 @@ def guess(monkeypatch):
         parameters = rng.normal(0.0, 0.5, shape.parameter_count).astype(np.float32)
         bounds = np.array(((-5.0, -5.0, -5.0), (5.0, 5.0, 5.0)), np.float32)
         field = make_network_field(shape, Snapshot(1, 1, 0.0, 1.0, bounds, parameters))
-        return Fixed(field, settings, report, notices)
+        return Fixed(RadianceModel(field), settings, report, notices)
 
-    monkeypatch.setitem(PREDICTORS, "NETWORK", make)
+    monkeypatch.setattr(network_predictor, "make_predictor", make)
     return seen

@@ -1,51 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What weighs candidates better than the guide's own lobes: a table by region, or the radiance network."""
+"""What weighs candidates better than the guide's own lobes: a table by region, or what a process beside it trains."""
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import Protocol, cast
 
-import numpy as np
-
-from engine.guiding.fields.state import State, StateError, take
+from engine.guiding.fields.state import State
 from engine.guiding.fields.table import TableField, TableModel
 from engine.guiding.fields.vmm.model import VmmModel
-from engine.guiding.models.network_backend import NetworkBackend
+from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.networks.onnx_files.files import (
-    NetworkFileError,
-    StoredNetwork,
-    network_from_onnx,
-    network_to_onnx,
-)
-from engine.guiding.networks.onnx_session import RadianceSession
-from engine.guiding.networks.radiance import Snapshot, network_shape
-from engine.guiding.networks.radiance_query import NetworkField, make_network_field, no_network
-from engine.guiding.records.vertices import VertexRecords, as_records, as_records_by_quarter
-from engine.guiding.trainer.handle import NetworkTrainer, TrainerState, TrainerStatus
+from engine.guiding.records.vertices import VertexRecords
+from engine.methods import METHODS, TRAINED_PREDICTORS, TrainedPredictor, rungs_of
 from engine.ris.orca import CandidateCosts
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
-#: The state's array that holds the bytes of an `.onnx` file.
-_FILE = "onnx"
-#: Of a candidate that a network weighs, in rays (docs/decisions/candidates.md).
-_NEURAL_CANDIDATE_COST = 0.4
+#: Packages whose modules are found by name: kernels that were compiled for one are compiled anew when it changes
+#: (`engine.runtime.sources`).
+FOUND_BY_NAME = ("..neural.models",)
 
 
 @dataclass(frozen=True)
 class Predictions:
     """What weighs the candidates of an iteration; without both the guide's own lobes do.
 
-    table : TableField or None; network : NetworkField or None
-    session : RadianceSession or None, what asks the same network if not the kernel
+    table : TableField or None; model : CandidateModel or None
     """
 
     table: TableField | None = None
-    network: NetworkField | None = None
-    session: RadianceSession | None = None
+    model: CandidateModel | None = None
 
 
 class Predictor:
@@ -174,139 +163,115 @@ class TablePredictor(Predictor):
         self._table = None
 
 
-def stored_network(state: State) -> StoredNetwork:
-    """The network that `NetworkPredictor.state` holds.
+class Implementation(Protocol):
+    """A module that `engine.methods.TRAINED_PREDICTORS` names."""
+
+    def make_predictor(self, settings: RenderSettings, report: GuidingReport, notices: list[Notice]) -> Predictor:
+        """What learns; it has not begun."""
+
+    def unlearned_model(self, settings: RenderSettings) -> CandidateModel:
+        """What knows nothing, of the type that it will have."""
+
+    def check_state(self, state: State) -> None:
+        """Raise `StateError` unless `Predictor.resume` can read it."""
+
+
+def _implementation(name: str) -> Implementation:
+    return cast(Implementation, import_module(TRAINED_PREDICTORS[name].implementation, __package__))
+
+
+class DeferredPredictor(Predictor):
+    """Stands for a predictor that a process trains until that begins: only then its modules are loaded."""
+
+    is_asynchronous = True
+
+    def __init__(
+        self, record: TrainedPredictor, settings: RenderSettings, report: GuidingReport, notices: list[Notice]
+    ) -> None:
+        super().__init__(settings, report, notices)
+        self._record = record
+        self._made: Predictor | None = None
+        self.part, self.candidate_costs = record.part, CandidateCosts(per_candidate=record.candidate_cost)
+
+    def _make(self) -> Predictor:
+        if self._made is None:
+            made = _implementation(self._record.name).make_predictor
+            self._made = made(self._settings, self._report, self._notices)
+        return self._made
+
+    @property
+    def has_begun(self) -> bool:
+        return self._made is not None and self._made.has_begun
+
+    @property
+    def is_ready(self) -> bool:
+        return self._made is not None and self._made.is_ready
+
+    @property
+    def predictions(self) -> Predictions:
+        return Predictions() if self._made is None else self._made.predictions
+
+    def begin(self, region_count: int) -> None:
+        self._make().begin(region_count)
+
+    def resume(self, state: State, region_count: int) -> bool:
+        return bool(state) and self._make().resume(state, region_count)
+
+    def state(self) -> State:
+        return {} if self._made is None else self._made.state()
+
+    def learn(self, records: VertexRecords, row_count: int, samples: float, iteration: int) -> None:
+        if self._made is not None:
+            self._made.learn(records, row_count, samples, iteration)
+
+    def training_share(self, thread_count: int) -> float:
+        return 0.0 if self._made is None else self._made.training_share(thread_count)
+
+    def drop(self) -> None:
+        if self._made is not None:
+            self._made.drop()
+
+    def close(self) -> None:
+        if self._made is not None:
+            self._made.close()
+
+
+def _make_trained(
+    record: TrainedPredictor, settings: RenderSettings, report: GuidingReport, notices: list[Notice]
+) -> Predictor:
+    # Who names it has its kernels loaded before the first sample, with all others.
+    if _names(settings, record.name):
+        return _implementation(record.name).make_predictor(settings, report, notices)
+    return DeferredPredictor(record, settings, report, notices)
+
+
+def _names(settings: RenderSettings, predictor: str) -> bool:
+    """Whether the method weighs by a predictor from its first sample on."""
+    return settings.is_guided and METHODS[rungs_of(settings.method)[0]].predictor == predictor
+
+
+def unlearned_model(settings: RenderSettings) -> CandidateModel | None:
+    """What a render that trains what predicts links its kernels for before it has learned; None: it may never train."""
+    for name in TRAINED_PREDICTORS:
+        if _names(settings, name):
+            return _implementation(name).unlearned_model(settings)
+    return None
+
+
+def check_trained(name: str, state: State) -> None:
+    """Raise unless the predictor of TRAINED_PREDICTORS can go on from arrays.
 
     Raises
     ------
     StateError
-        If the arrays hold none.
+        If the arrays are no state of it.
     """
-    try:
-        return network_from_onnx(take(state, _FILE, np.uint8, (None,)).tobytes())
-    except NetworkFileError as error:
-        raise StateError(f"its network cannot be used: {error}") from error
-
-
-class NetworkPredictor(Predictor):
-    """The radiance network, trained in a process of its own; begun once in a render."""
-
-    is_asynchronous = True
-    part = "network"
-    candidate_costs = CandidateCosts(per_candidate=_NEURAL_CANDIDATE_COST)
-
-    _trainer: NetworkTrainer | None = None
-    _snapshot: Snapshot | None = None
-    _field: NetworkField | None = None
-    _session: RadianceSession | None = None
-    #: When training was last asked for its time, and that time.
-    _asked = 0.0, 0.0
-
-    def __init__(self, settings: RenderSettings, report: GuidingReport, notices: list[Notice]) -> None:
-        super().__init__(settings, report, notices)
-        self._shape = network_shape(settings)
-        self._backend = NetworkBackend(settings, self._shape)
-
-    @property
-    def has_begun(self) -> bool:
-        return self._report.has_trained
-
-    @property
-    def is_ready(self) -> bool:
-        return self._field is not None
-
-    @property
-    def predictions(self) -> Predictions:
-        return Predictions(network=self._field, session=self._session)
-
-    def begin(self, region_count: int) -> None:
-        self._report.has_trained = True
-        settings = self._settings
-        self._trainer = NetworkTrainer(
-            self._shape, seed=settings.seed, training_share=settings.training_share,
-            deterministic=settings.deterministic, first=self._snapshot,
-        )
-        self._trainer.start()
-        self._asked = time.perf_counter(), 0.0
-
-    def resume(self, state: State, region_count: int) -> bool:
-        if not state:
-            return False
-        stored = stored_network(state)
-        if stored.shape != self._shape:
-            return False
-        self._take(stored.snapshot)
-        return True
-
-    def state(self) -> State:
-        if self._snapshot is None:
-            return {}
-        return {_FILE: np.frombuffer(network_to_onnx(StoredNetwork(self._shape, self._snapshot)), np.uint8)}
-
-    def _take(self, snapshot: Snapshot) -> None:
-        """Weigh candidates by a snapshot from now on."""
-        self._snapshot = snapshot
-        self._field = make_network_field(self._shape, snapshot)
-        self._session = self._backend.take(snapshot, self._field)
-
-    def learn(self, records: VertexRecords, row_count: int, samples: float, iteration: int) -> None:
-        trainer = self._trainer
-        if trainer is None:
-            return
-        if row_count:
-            light = as_records_by_quarter(records, row_count) if self._shape.by_quarter else as_records(records)
-            trainer.submit(light, row_count)
-        if self._settings.deterministic:
-            snapshot = trainer.train_until(iteration * self._settings.training_steps)
-        else:
-            snapshot = trainer.poll()
-        if snapshot is not None:
-            self._take(snapshot)
-            self._report.snapshot_count += 1
-            self._report.network_loss = snapshot.loss
-            self._report.network_step = snapshot.step
-        status = self._note()
-        if status.state is TrainerState.DEAD:
-            # What it has taught stays in use.
-            effect = "the statistical field weighs the candidates"
-            if self._field is not None:
-                effect = "what it had learned stays in use"
-            self._notices.append(Notice("Guiding / radiance network", status.message, effect))
-            trainer.close()
-            self._trainer = None
-
-    def _note(self) -> TrainerStatus:
-        """Put the worker's state into the report."""
-        assert self._trainer is not None
-        status = self._trainer.status
-        self._report.training_seconds = status.seconds
-        self._report.worker = f"{status.state.value} {status.message}".strip()
-        if self._field is not None:
-            self._report.network_backend = self._backend.words
-        self._notices.extend(self._backend.take_notices())
-        return status
-
-    def rehearsal(self, mixture: VmmModel) -> Predictions:
-        return Predictions(network=no_network(network_shape(self._settings)))
-
-    def training_share(self, thread_count: int) -> float:
-        if self._trainer is None:
-            return 0.0
-        now, seconds = time.perf_counter(), self._trainer.status.seconds
-        since, before = self._asked
-        self._asked = now, seconds
-        return min((seconds - before) / max((now - since) * thread_count, 1e-9), 1.0)
-
-    def drop(self) -> None:
-        self.close()
-        self._field = self._session = self._snapshot = None
-
-    def close(self) -> None:
-        if self._trainer is not None:
-            self._note()
-            self._trainer.close()
-            self._trainer = None
+    _implementation(name).check_state(state)
 
 
 #: By the names that `engine.methods.Method.predictor` gives.
-PREDICTORS: dict[str, type[Predictor]] = {"": Predictor, "TABLE": TablePredictor, "NETWORK": NetworkPredictor}
+PREDICTORS: dict[str, Callable[[RenderSettings, GuidingReport, list[Notice]], Predictor]] = {
+    "": Predictor,
+    "TABLE": TablePredictor,
+    **{name: partial(_make_trained, record) for name, record in TRAINED_PREDICTORS.items()},
+}

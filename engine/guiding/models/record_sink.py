@@ -8,8 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from engine.array_types import Float32Array
-from engine.guiding.networks.mixture.shape import SHUTTER_SPAN
-from engine.guiding.records.training_rows import make_rows
+from engine.guiding.records.training_rows import SHUTTER_SPAN, make_rows
 from engine.guiding.records.vertices import VertexRecords
 
 

@@ -11,8 +11,7 @@ from engine.guiding.fields.cells.field import CellField
 from engine.guiding.fields.reflected.field import ReflectedField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
-from engine.guiding.networks.onnx_session import RadianceSession
-from engine.guiding.networks.radiance_query import NetworkField
+from engine.guiding.models.candidate_model import CandidateModel
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.settings import RenderSettings
@@ -31,15 +30,14 @@ class Guidance:
     benefit : float32 (R,), of guiding by region (`engine.guiding.models.selection`)
     candidate_count : int, of every guided vertex; 0 = as `allocation` says
     allocation : Allocation
-    source : SdTreeField, MixtureNetwork, FlowField or None, what to draw directions from if not from `field`
+    source : Bundle or None, what to draw directions from if not from `field` (`engine.methods.SOURCES`)
     challenger : Guidance or None, what a part of the iteration's samples goes by instead, to compare
     probes_only : bool, whether it is tried at some vertices of recorded paths, and all others take one candidate
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
     reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
-    table : TableField or None; network : NetworkField or None. Without both the mixture predicts
-    network_session : RadianceSession or None, what asks the same network if not the kernel
+    table : TableField or None; model : CandidateModel or None. Without both the mixture predicts
     lights : LightSelection or None, which lights to sample, of guided and unguided paths alike; None: the light tree
         chooses, and recorded paths do not say which they have sampled
     guides_media : bool, whether collisions with media are guided and recorded, in scenes that have any
@@ -55,8 +53,7 @@ class Guidance:
     allocation: Allocation | None = None
     pixel_weight: np.ndarray | None = None
     table: TableField | None = None
-    network: NetworkField | None = None
-    network_session: RadianceSession | None = None
+    model: CandidateModel | None = None
     probes_only: bool = False
     source: Bundle | None = None
     challenger: Guidance | None = None

@@ -31,8 +31,6 @@ from engine.guiding.fields.vmm.field import VmmField, allocate_guide
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_vmm
 from engine.guiding.models.predictors import Predictions
-from engine.guiding.networks.perceptron import MAX_WIDTH, allocate_scratch
-from engine.guiding.networks.radiance_query import predict_network
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.collisions import is_collision
 from engine.guiding.records.vertices import VertexRecords
@@ -75,7 +73,7 @@ def predict(predictions: Predictions, field: VmmField, records: VertexRecords, l
     Parameters
     ----------
     predictions : Predictions
-        Without table and network the mixture alone predicts.
+        Without table and model the mixture alone predicts.
     field : VmmField
     records : VertexRecords, R rows
     leaf : int32 (R,)
@@ -84,17 +82,14 @@ def predict(predictions: Predictions, field: VmmField, records: VertexRecords, l
     Returns
     -------
     float32 (R,)
-        Not negative and finite, whatever a network says.
+        Not negative and finite, whatever a model says.
     """
     count = len(leaf)
     mixture = np.zeros(count, np.float32)
     _predict_mixtures(field, leaf, records.position, records.normal, records.direction, allocate_guide(1), mixture)
     out = np.zeros((count, records.radiance.shape[1]), np.float32)
-    if predictions.network is not None:
-        predict_network(
-            predictions.network, records.position, records.time, records.hero, np.arange(count), records.direction,
-            count, np.zeros((2, MAX_WIDTH), np.float32), allocate_scratch(MAX_WIDTH), out,
-        )
+    if predictions.model is not None:
+        predictions.model.predict(records.position, records.time, records.hero, records.direction, out)
     elif predictions.table is not None:
         _predict_tables(predictions.table, leaf, records.direction, out)
     else:

@@ -23,6 +23,9 @@ ROW_GUIDE_PDF = 17  #: density of the guide at wi [sr^-1]; 0 where nothing was g
 ROW_U = 18  #: in [0, 1], of the shutter or of the wavelengths, see `settings.U_DIMENSIONS`
 ROW_WIDTH = 19
 
+#: u at the shutter's opening and closing, where it is the time of the shutter and nothing else.
+SHUTTER_SPAN = (0.0, 1.0)
+
 _SCALARS = {
     "roughness": ROW_ROUGHNESS,
     "radiance": ROW_RADIANCE,

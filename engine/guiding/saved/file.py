@@ -31,10 +31,10 @@ import numpy as np
 
 from engine.guiding.fields.state import MOST, State, part
 from engine.guiding.fields.table import TableModel
-from engine.guiding.models.predictors import NetworkPredictor, TablePredictor, stored_network
+from engine.guiding.models.predictors import TablePredictor, check_trained
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.saved.learned import VERDICTS, LearnedField
-from engine.methods import METHODS
+from engine.methods import METHODS, TRAINED_PREDICTORS
 from engine.runtime.plain_files import read_plain
 from engine.settings import RenderSettings
 
@@ -232,6 +232,6 @@ def _check(state: State) -> None:
     for channel_count in (3, 4):
         if TableModel.is_state(table, channel_count):
             TableModel.of_state(table, regions.mixture.region_count, channel_count)
-    network = part(state, NetworkPredictor.part)
-    if network:
-        stored_network(network)
+    for name, record in TRAINED_PREDICTORS.items():
+        if found := part(state, record.part):
+            check_trained(name, found)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
-from engine.guiding.models.network_source import NetworkDesign
 from engine.guiding.models.source_model import SourceModel
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
@@ -47,7 +46,7 @@ class GuideFace(NamedTuple):
 
 
 class Implementation(Protocol):
-    """A module of `engine.guiding.sources`."""
+    """A module that `engine.methods.SOURCES` names."""
 
     #: By class of lanes.
     FACES: Mapping[type[Bundle], GuideFace]
@@ -60,9 +59,6 @@ class Implementation(Protocol):
 
     def target(self, settings: RenderSettings, *, is_diffuse: bool) -> str:
         """What its directions come closest to: 'RADIANCE', or 'PRODUCT' with the BSDF and the cosine."""
-
-    def design(self, settings: RenderSettings) -> NetworkDesign:
-        """Shape and training of a network; other sources have none."""
 
 
 @kernel

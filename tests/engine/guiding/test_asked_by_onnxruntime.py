@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictions, Predictor
-from engine.guiding.networks.onnx_session import RadianceSession, RuntimeProviders
-from engine.guiding.networks.radiance import Snapshot, network_shape
-from engine.guiding.networks.radiance_query import make_network_field
+from engine.guiding.neural.models.radiance_model import RadianceModel
+from engine.guiding.neural.networks.onnx_session import RadianceSession, RuntimeProviders
+from engine.guiding.neural.networks.radiance import Snapshot, network_shape
+from engine.guiding.neural.networks.radiance_query import make_network_field
 from tests.helpers.failing_runtime import CPU, CUDA, FailingRuntime
 from tests.helpers.seeded_renders import render
 from tests.helpers.small_scenes import pit_scene
@@ -39,7 +40,7 @@ def asked_by(monkeypatch, *, uses_session):
             providers = RuntimeProviders()
             seen.append(providers)
             session = RadianceSession(providers, shape, snapshot) if uses_session else None
-            self.predictions = Predictions(network=make_network_field(shape, snapshot), session=session)
+            self.predictions = Predictions(model=RadianceModel(make_network_field(shape, snapshot), session))
 
     monkeypatch.setitem(PREDICTORS, "NETWORK", Guess)
     return seen

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.predictors import PREDICTORS, Predictor
+from engine.guiding.neural.models import network_predictor
 from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.sets import make_learner
 from engine.methods import METHODS
@@ -87,7 +88,7 @@ LATER = Rules(least_paths_left=1.0)
 def later(monkeypatch):
     """Networks that know nothing, and say so from the moment on in which they are begun; rendered by `LATER`."""
     guess(monkeypatch)
-    made = PREDICTORS["NETWORK"]
+    made = network_predictor.make_predictor
 
     def begin_later(*arguments):
         predictor = made(*arguments)
@@ -95,7 +96,7 @@ def later(monkeypatch):
         predictor.begin = lambda region_count: setattr(predictor, "has_begun", True)
         return predictor
 
-    monkeypatch.setitem(PREDICTORS, "NETWORK", begin_later)
+    monkeypatch.setattr(network_predictor, "make_predictor", begin_later)
 
 
 def test_bad_networks_are_given_up(later):

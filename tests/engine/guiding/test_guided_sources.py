@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.guiding.neural.sources import network_design
 from engine.guiding.policy import sets
 from engine.guiding.records.vertices import allocate_vertex_records, compensate
-from engine.guiding.sources import network_design
 from engine.methods import SOURCES
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene

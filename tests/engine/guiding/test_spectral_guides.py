@@ -15,19 +15,19 @@ import pytest
 
 from benchmarks.bias import find_bias
 from engine.guiding.models.record_sink import training_rows
-from engine.guiding.networks.mixture.guide import (
+from engine.guiding.neural.networks.mixture.guide import (
     allocate_mixture_guide,
     eval_mixture,
     eval_mixture_wavelengths,
     query_mixtures,
 )
-from engine.guiding.networks.mixture.inference import make_mixture_network
-from engine.guiding.networks.mixture.shape import MixtureShape, initial_parameters
-from engine.guiding.networks.radiance import Snapshot
+from engine.guiding.neural.networks.mixture.inference import make_mixture_network
+from engine.guiding.neural.networks.mixture.shape import MixtureShape, initial_parameters
+from engine.guiding.neural.networks.radiance import Snapshot
+from engine.guiding.neural.sources import network_design
 from engine.guiding.policy import sets
 from engine.guiding.records.training_rows import ROW_RADIANCE, ROW_U
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
-from engine.guiding.sources import network_design
 from engine.render.session import Session
 from engine.runtime.jit import kernel
 from engine.scene.description import Frame, SceneDescription, World

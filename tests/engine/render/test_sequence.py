@@ -11,11 +11,11 @@ import pytest
 from benchmarks.bias import find_bias
 from engine.guiding.fields.vmm.field import allocate_guide
 from engine.guiding.models import network_source, record_sink
-from engine.guiding.networks.lobes.vmf import decode_vmf
-from engine.guiding.networks.mixture.inference import allocate_mixture_scratch, evaluate_mixtures
+from engine.guiding.neural.networks.lobes.vmf import decode_vmf
+from engine.guiding.neural.networks.mixture.inference import allocate_mixture_scratch, evaluate_mixtures
 from engine.guiding.records.training_rows import ROW_U
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
-from engine.guiding.sources.sequence_field import u_span
+from engine.guiding.sources.sequence import u_span
 from engine.render import sequence
 from engine.render.sequence import LoadCancelled, TrainingFailed, train_sequence
 from engine.render.session import Session

@@ -272,7 +272,7 @@ def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
 
 def test_rows_of_other_strata_are_forgotten():
     require_torch()
-    from engine.guiding.worker.mixture_training import MixtureTraining
+    from engine.guiding.neural.worker.mixture_training import MixtureTraining
     from tests.helpers.analytic_fields import BOUNDS, NPM, rows_of, settings_of
 
     training = MixtureTraining(NPM, settings_of(NPM, follows_u=True), 1, BOUNDS)
@@ -290,7 +290,7 @@ def test_rows_of_other_strata_are_forgotten():
 
 def test_rows_of_other_wavelengths_are_forgotten_in_every_piece():
     require_torch()
-    from engine.guiding.worker.mixture_training import MixtureTraining
+    from engine.guiding.neural.worker.mixture_training import MixtureTraining
     from tests.helpers.analytic_fields import BOUNDS, NPM, rows_of, settings_of
 
     training = MixtureTraining(NPM, settings_of(NPM, follows_u=True, u_pieces=4), 1, BOUNDS)

@@ -58,6 +58,45 @@ def _both(stages, values):
     stages.double(values)
 
 
+class _Numbers(Bundle):
+    values: np.ndarray
+
+
+class _Pair(Bundle):
+    first: np.ndarray
+    second: np.ndarray
+
+
+class _Holder(Bundle):
+    _opaque = frozenset({"held"})
+
+    before: np.ndarray
+    held: Bundle
+    after: np.ndarray
+
+
+@kernel
+def _take_nothing(held, values):
+    """In the place of a stage that is plugged in."""
+
+
+@kernel
+def _take_numbers(held, values):
+    for k in range(values.shape[0]):
+        values[k] = held.values[k]
+
+
+@kernel
+def _take_pair(held, values):
+    for k in range(values.shape[0]):
+        values[k] = held.first[k] + held.second[k]
+
+
+@kernel
+def _pass_on(stages, holder):
+    stages.take(holder.held, holder.after)
+
+
 @kernel
 def _loop(stages, values, turns):
     for _ in range(turns):
@@ -125,6 +164,24 @@ def _fill_with_fog(graph: NodeGraph) -> None:
     graph.volume = Link(len(graph.nodes) - 1, "Volume")
 
 
+def test_a_loop_passes_on_bundles_that_it_does_not_know() -> None:
+    """It is compiled once; the stage that is plugged in knows what it gets."""
+    one, two, out = np.arange(3.0, dtype=np.float32), np.full(3, 10.0, np.float32), np.zeros(3, np.float32)
+    table = StageTable({"take": _take_nothing})
+    first = _Holder(two, _Numbers(one), out)
+    second = first._replace(held=_Pair(one, two))
+    assert first._numba_type_ == second._numba_type_
+    loop = BoundKernel(_pass_on)
+    loop.bind(table, first)
+    assert table.plug("take", _take_numbers, first.held, out)
+    loop(table, first)
+    np.testing.assert_array_equal(out, one)
+    assert table.plug("take", _take_pair, second.held, out)
+    loop(table, second)
+    np.testing.assert_array_equal(out, one + two)
+    assert not table.plug("take", lambda held, values: None, second.held, out)
+
+
 @pytest.mark.parametrize(
     ("method", "spectral", "roulette"),
     [
@@ -173,8 +230,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene.
-    unused = {"fill_background"} | _OF_UNIFORM_MEDIA
+    # The world is not constant in this scene, and no model weighs candidates.
+    unused = {"fill_background", "ask_model"} | _OF_UNIFORM_MEDIA
     if spectral == "OFF":
         unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":

@@ -87,7 +87,7 @@ class LearnedPredictors(Learnable):
         predictions = self.of(way.rung).predictions
         return replace(
             guidance, candidate_count=self._fixed_count(way.rung), probes_only=way.probes_only,
-            table=predictions.table, network=predictions.network, network_session=predictions.session,
+            table=predictions.table, model=predictions.model,
         )
 
     def _fixed_count(self, rung: str) -> int:

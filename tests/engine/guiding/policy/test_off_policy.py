@@ -11,8 +11,9 @@ import pytest
 
 from engine.guiding.fields.table import TABLE_SIDE, TableField, direction_to_cell
 from engine.guiding.models.predictors import Predictions
-from engine.guiding.networks.radiance import NetworkShape, Snapshot
-from engine.guiding.networks.radiance_query import make_network_field
+from engine.guiding.neural.models.radiance_model import RadianceModel
+from engine.guiding.neural.networks.radiance import NetworkShape, Snapshot
+from engine.guiding.neural.networks.radiance_query import make_network_field
 from engine.guiding.policy.off_policy import HeldOut, Moments, hold_out, moments, predict, promised_efficiency
 from engine.guiding.policy.rules import RULES
 from engine.guiding.records.vertices import allocate_vertex_records
@@ -112,7 +113,8 @@ def test_every_predictor_is_asked_as_resampling_asks_it() -> None:
     snapshot = Snapshot(1, 10, 0.5, 2.0, BOUNDS, random_parameters(shape))
     said = np.zeros((500, 3), np.float32)
     network_radiance(shape, snapshot, np.zeros((500, 3), np.float32), np.arange(500), directions[:500], said)
-    found = predict(Predictions(network=make_network_field(shape, snapshot)), FIELD, held.records, held.leaf)
+    model = RadianceModel(make_network_field(shape, snapshot))
+    found = predict(Predictions(model=model), FIELD, held.records, held.leaf)
     np.testing.assert_allclose(found[:500], 0.5 * said.mean(axis=1) + 0.5 * mixture[:500], rtol=1e-3)
 
 

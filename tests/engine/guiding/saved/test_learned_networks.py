@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from engine.guiding.fields.state import StateError, part
-from engine.guiding.models.predictors import NetworkPredictor, stored_network
 from engine.guiding.models.report import GuidingReport
-from engine.guiding.networks.onnx_files.files import StoredNetwork, network_from_onnx, network_to_onnx
-from engine.guiding.networks.radiance import Snapshot
+from engine.guiding.neural.models.network_predictor import NetworkPredictor, stored_network
+from engine.guiding.neural.networks.onnx_files.files import StoredNetwork, network_from_onnx, network_to_onnx
+from engine.guiding.neural.networks.radiance import Snapshot
 from engine.guiding.saved.file import FieldFileError, load_field, save_field
 from engine.guiding.saved.learned import LearnedField
 from engine.render.session import Session
@@ -77,16 +77,16 @@ def test_the_first_sample_is_weighed_by_it(session: Session) -> None:
     learned = session.render(keep=True).learned
     session.settings = replace(session.settings, samples=1)
     started = session.render(start=learned)
-    assert started.guidance is not None and started.guidance.network is not None
+    assert started.guidance is not None and started.guidance.model is not None
     anew = session.render()
-    assert anew.guidance is not None and anew.guidance.network is None
+    assert anew.guidance is not None and anew.guidance.model is None
 
 
 def test_a_network_of_another_shape_is_left_out(session: Session) -> None:
     learned = session.render(keep=True).learned
     session.settings = replace(session.settings, samples=1, network_size="PAPER")
     result = session.render(start=learned)
-    assert result.guidance is not None and result.guidance.network is None and result.report.guiding.started_from
+    assert result.guidance is not None and result.guidance.model is None and result.report.guiding.started_from
     assert result.report.notices == []
 
 
@@ -105,8 +105,8 @@ def test_the_mean_is_right_from_its_own_network(session: Session) -> None:
 
 def test_training_goes_on_from_a_snapshot() -> None:
     require_torch()
-    from engine.guiding.networks.radiance import TrainingSettings
-    from engine.guiding.worker.radiance_training import RadianceTraining
+    from engine.guiding.neural.networks.radiance import TrainingSettings
+    from engine.guiding.neural.worker.radiance_training import RadianceTraining
 
     snapshot = random_snapshot()
     training = RadianceTraining(SHAPE, TrainingSettings(), seed=3)
